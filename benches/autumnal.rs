@@ -231,12 +231,12 @@ fn read(path: &str) -> Outcome<()> {
     let mut go = [0];
     io::stdin().read_exact(&mut go)?;
     let start = Instant::now();
-    let mut answered = 0;
+    let mut queries = 0;
     while start.elapsed() < Duration::from_secs(3) {
         pass(100_000)?;
-        answered += 100_000;
+        queries += 100_000;
     }
-    let rate = answered as f64 / start.elapsed().as_secs_f64();
+    let rate = queries as f64 / start.elapsed().as_secs_f64();
     println!("rate {rate}");
     io::stdin().read_exact(&mut go)?;
     let maps = std::fs::read_to_string("/proc/self/smaps_rollup")?;

@@ -75,7 +75,7 @@ fn fractal(x: u64, y: u64, octaves: u32) -> f64 {
 
 /// Rows of a raster in memory.
 struct Rows<'p> {
-    picture: &'p [u8],
+    samples: &'p [u8],
     width: u64,
     next: u64,
 }
@@ -93,15 +93,15 @@ impl Slabs for Rows<'_> {
         slab.size = [SIDE, 256, 1];
         let bytes = |row: u64| (row * SIDE * self.width) as usize;
         slab.bytes.clear();
-        slab.bytes.extend_from_slice(&self.picture[bytes(self.next)..bytes(self.next + 256)]);
+        slab.bytes.extend_from_slice(&self.samples[bytes(self.next)..bytes(self.next + 256)]);
         self.next += 256;
         Ok(true)
     }
 }
 
-fn build(picture: &[u8], sample: SampleType, kind: DataKind, path: &Path) -> Outcome<()> {
+fn build(samples: &[u8], sample: SampleType, kind: DataKind, path: &Path) -> Outcome<()> {
     let form = TreeType::new(Dimension::Quad, ValueType::new(sample, 1));
-    let mut rows = Rows { picture, width: form.width() as u64, next: 0 };
+    let mut rows = Rows { samples, width: form.width() as u64, next: 0 };
     let options = BuildOptions::new(kind, depth_for(rows.extent()));
     build_slabs(form, &mut rows, None, &options, Output::create(path)?, &())?;
     Ok(())
@@ -113,25 +113,28 @@ fn main() -> Outcome<()> {
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--bench" => {}
-            "--keep" => keep = Some(PathBuf::from(arguments.next().ok_or("--keep: a folder is missing")?)),
+            "--keep" => {
+                keep =
+                    Some(PathBuf::from(arguments.next().ok_or("--keep: got no value, expected a directory")?))
+            }
             _ => only.push(argument),
         }
     }
     let memory = Path::new("/dev/shm");
-    let folder = if memory.is_dir() { tempfile::tempdir_in(memory)? } else { tempfile::tempdir()? };
+    let directory = if memory.is_dir() { tempfile::tempdir_in(memory)? } else { tempfile::tempdir()? };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     println!("case        Mcells per CPU s       MB");
     for (name, sample, kind, cell) in CASES {
         if !only.is_empty() && !only.iter().any(|only| only == name) {
             continue;
         }
-        let mut picture = Vec::new();
-        (0..SIDE * SIDE).for_each(|i| cell(i % SIDE, i / SIDE, &mut picture));
-        let path = keep.as_deref().unwrap_or(folder.path()).join(name).with_extension("goblin");
+        let mut samples = Vec::new();
+        (0..SIDE * SIDE).for_each(|i| cell(i % SIDE, i / SIDE, &mut samples));
+        let path = keep.as_deref().unwrap_or(directory.path()).join(name).with_extension("goblin");
         let mut best = f64::INFINITY;
         for _ in 0..RUNS {
             let took = pool.install(|| {
-                let took = seconds(|| build(&picture, sample, kind, &path));
+                let took = seconds(|| build(&samples, sample, kind, &path));
                 took.map_err(|error| error.to_string())
             })?;
             best = best.min(took);

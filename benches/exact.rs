@@ -18,7 +18,7 @@ use spinney::raw::brep::is_model_file;
 use spinney::raw::brep::query::Visited;
 use spinney::{ExactModel, OpenOptions, Output};
 
-const QUESTIONS: usize = 20_000;
+const QUERIES: usize = 20_000;
 
 fn main() -> Outcome<()> {
     let mut only = None;
@@ -27,17 +27,19 @@ fn main() -> Outcome<()> {
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--bench" => {}
-            "--only" => only = Some(arguments.next().ok_or("--only: a question is missing")?),
+            "--only" => {
+                only = Some(arguments.next().ok_or("--only: got no value, expected the name of a query")?)
+            }
             _ => files.push(PathBuf::from(argument)),
         }
     }
     if files.is_empty() {
         println!("exact: no files given, nothing to measure");
     }
-    let folder = tempfile::tempdir()?;
+    let directory = tempfile::tempdir()?;
     for file in &files {
         println!("{}", file.file_name().unwrap_or_default().to_string_lossy());
-        let model = open(file, folder.path())?;
+        let model = open(file, directory.path())?;
         for (name, measure) in [
             ("measures", measures as fn(&ExactModel) -> Outcome<()>),
             ("nearest", nearest),
@@ -53,11 +55,11 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-fn open(file: &Path, folder: &Path) -> Outcome<ExactModel> {
+fn open(file: &Path, directory: &Path) -> Outcome<ExactModel> {
     if is_model_file(file, &Default::default())? {
         return Ok(ExactModel::open(file, &OpenOptions::new())?);
     }
-    let path = folder.join("model.goblin");
+    let path = directory.join("model.goblin");
     import_exact(
         open_all(&[file.to_path_buf()], 1 << 30)?,
         &ExactOptions::new(),
@@ -69,17 +71,17 @@ fn open(file: &Path, folder: &Path) -> Outcome<ExactModel> {
 
 /// Points in grid units: distributed over the bounds, or within about 2^-12 of the space's width
 /// from the surface.
-struct Places {
+struct PointSampler {
     random: Random,
     bounds: [[f64; 3]; 2],
     side: f64,
 }
 
-impl Places {
-    fn of(model: &ExactModel) -> Outcome<Places> {
+impl PointSampler {
+    fn of(model: &ExactModel) -> Outcome<PointSampler> {
         let bounds = MassProperties::of(model, &())?.bounds.ok_or("no faces")?;
         let bounds = bounds.map(|corner| model.grid().to_grid(corner));
-        Ok(Places { random: Random(1), bounds, side: (1u64 << model.grid().bits) as f64 })
+        Ok(PointSampler { random: Random(1), bounds, side: (1u64 << model.grid().bits) as f64 })
     }
 
     fn share(&mut self) -> f64 {
@@ -129,10 +131,10 @@ fn add(sum: &mut Visited, visited: Visited) {
 }
 
 fn nearest(model: &ExactModel) -> Outcome<()> {
-    let mut places = Places::of(model)?;
+    let mut sampler = PointSampler::of(model)?;
     for is_near in [false, true] {
-        let points: Vec<[f64; 3]> = (0..QUESTIONS)
-            .map(|_| if is_near { places.near(model) } else { Ok(places.anywhere()) })
+        let points: Vec<[f64; 3]> = (0..QUERIES)
+            .map(|_| if is_near { sampler.near(model) } else { Ok(sampler.anywhere()) })
             .collect::<Outcome<_>>()?;
         let mut visited = Visited::default();
         let time = seconds(|| {
@@ -143,16 +145,16 @@ fn nearest(model: &ExactModel) -> Outcome<()> {
             Ok(())
         })?;
         let name = if is_near { "nearest points, near the surface" } else { "nearest points, anywhere" };
-        report(name, QUESTIONS, time, visited);
+        report(name, QUERIES, time, visited);
     }
     Ok(())
 }
 
 fn rays(model: &ExactModel) -> Outcome<()> {
-    let mut places = Places::of(model)?;
-    let ways: Vec<[[f64; 3]; 2]> = (0..QUESTIONS)
+    let mut sampler = PointSampler::of(model)?;
+    let ways: Vec<[[f64; 3]; 2]> = (0..QUERIES)
         .map(|_| {
-            let (from, to) = (places.anywhere(), places.anywhere());
+            let (from, to) = (sampler.anywhere(), sampler.anywhere());
             // From outside of the bounds.
             [[0, 1, 2].map(|axis| from[axis] - 3.0 * (to[axis] - from[axis])), to]
         })
@@ -167,15 +169,15 @@ fn rays(model: &ExactModel) -> Outcome<()> {
         }
         Ok(())
     })?;
-    report(&format!("rays, {} % of which meet it", 100 * met / QUESTIONS), QUESTIONS, time, visited);
+    report(&format!("rays, {} % of which meet it", 100 * met / QUERIES), QUERIES, time, visited);
     Ok(())
 }
 
 fn boxes(model: &ExactModel) -> Outcome<()> {
-    let mut places = Places::of(model)?;
-    let half = places.side / 128.0;
+    let mut sampler = PointSampler::of(model)?;
+    let half = sampler.side / 128.0;
     let centres: Vec<[f64; 3]> =
-        (0..QUESTIONS).map(|_| Ok(places.near(model)?.map(|at| at + 0.7 * half))).collect::<Outcome<_>>()?;
+        (0..QUERIES).map(|_| Ok(sampler.near(model)?.map(|at| at + 0.7 * half))).collect::<Outcome<_>>()?;
     let mut visited = Visited::default();
     let time = seconds(|| {
         for centre in &centres {
@@ -186,17 +188,17 @@ fn boxes(model: &ExactModel) -> Outcome<()> {
         }
         Ok(())
     })?;
-    report("boxes", QUESTIONS, time, visited);
+    report("boxes", QUERIES, time, visited);
     Ok(())
 }
 
 fn cells(model: &ExactModel) -> Outcome<()> {
-    let mut places = Places::of(model)?;
+    let mut sampler = PointSampler::of(model)?;
     for level in [6, 9] {
-        let width = places.side / f64::from(1u32 << level);
-        let count = QUESTIONS / 10;
+        let width = sampler.side / f64::from(1u32 << level);
+        let count = QUERIES / 10;
         let cells: Vec<[u32; 3]> = (0..count)
-            .map(|_| Ok(places.near(model)?.map(|at| ((at / width).max(0.0) as u32).min((1 << level) - 1))))
+            .map(|_| Ok(sampler.near(model)?.map(|at| ((at / width).max(0.0) as u32).min((1 << level) - 1))))
             .collect::<Outcome<_>>()?;
         let mut visited = Visited::default();
         let time = seconds(|| {

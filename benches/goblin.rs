@@ -20,7 +20,7 @@ const FORM: TreeType = TreeType::new(Dimension::Quad, ValueType::new(SampleType:
 
 /// Rasters of `SIDE` cells per axis.
 #[derive(Clone, Copy)]
-enum Picture {
+enum TestRaster {
     Uniform,
     /// Two classes and a fractal border between them.
     Coastline,
@@ -36,28 +36,28 @@ fn mix(x: u64, y: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-fn sample(picture: Picture, x: u64, y: u64) -> u8 {
-    match picture {
-        Picture::Uniform => 7,
-        Picture::Coastline => {
+fn sample(raster: TestRaster, x: u64, y: u64) -> u8 {
+    match raster {
+        TestRaster::Uniform => 7,
+        TestRaster::Coastline => {
             let wave =
                 |period: f64, size: f64| ((x as f64 / period).sin() + (y as f64 / period * 1.3).cos()) * size;
             (wave(700.0, 1.0) + wave(150.0, 0.4) + wave(31.0, 0.15) + wave(7.0, 0.06) > 0.4) as u8
         }
-        Picture::Speckle => (mix(x, y) % 12) as u8,
-        Picture::Photograph => ((x / 37 + y / 23) % 200 + mix(x, y) % 5) as u8,
+        TestRaster::Speckle => (mix(x, y) % 12) as u8,
+        TestRaster::Photograph => ((x / 37 + y / 23) % 200 + mix(x, y) % 5) as u8,
     }
 }
 
 struct Rows {
-    picture: Vec<u8>,
+    samples: Vec<u8>,
     next: u64,
 }
 
 impl Rows {
-    fn new(picture: Picture) -> Rows {
-        let picture = (0..SIDE * SIDE).map(|i| sample(picture, i % SIDE, i / SIDE)).collect();
-        Rows { picture, next: 0 }
+    fn new(raster: TestRaster) -> Rows {
+        let samples = (0..SIDE * SIDE).map(|i| sample(raster, i % SIDE, i / SIDE)).collect();
+        Rows { samples, next: 0 }
     }
 }
 
@@ -74,26 +74,26 @@ impl Slabs for Rows {
         slab.size = [SIDE, 256, 1];
         let start = (self.next * SIDE) as usize;
         slab.bytes.clear();
-        slab.bytes.extend_from_slice(&self.picture[start..start + 256 * SIDE as usize]);
+        slab.bytes.extend_from_slice(&self.samples[start..start + 256 * SIDE as usize]);
         self.next += 256;
         Ok(true)
     }
 }
 
 fn build(rows: &mut Rows, kind: DataKind) -> Vec<u8> {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let path = folder.path().join("bench.goblin");
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let path = directory.path().join("bench.goblin");
     let options = BuildOptions::new(kind, depth_for(rows.extent()));
     let output = Output::create(&path).expect("a file");
     build_slabs(FORM, rows, None, &options, output, &()).expect("built");
     std::fs::read(&path).expect("read")
 }
 
-const PICTURES: [(&str, Picture, DataKind); 4] = [
-    ("uniform", Picture::Uniform, DataKind::Categorical),
-    ("coastline", Picture::Coastline, DataKind::Categorical),
-    ("speckle", Picture::Speckle, DataKind::Categorical),
-    ("photograph", Picture::Photograph, DataKind::Continuous),
+const RASTERS: [(&str, TestRaster, DataKind); 4] = [
+    ("uniform", TestRaster::Uniform, DataKind::Categorical),
+    ("coastline", TestRaster::Coastline, DataKind::Categorical),
+    ("speckle", TestRaster::Speckle, DataKind::Categorical),
+    ("photograph", TestRaster::Photograph, DataKind::Continuous),
 ];
 
 /// Time per raster of 256 blocks, on one thread.
@@ -101,11 +101,11 @@ fn building(c: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
     let mut group = c.benchmark_group("build");
     group.sample_size(10).throughput(Throughput::Elements(SIDE * SIDE));
-    for (name, picture, kind) in PICTURES {
-        let rows = Rows::new(picture);
+    for (name, raster, kind) in RASTERS {
+        let rows = Rows::new(raster);
         group.bench_function(name, |b| {
             b.iter_batched_ref(
-                || Rows { picture: rows.picture.clone(), next: 0 },
+                || Rows { samples: rows.samples.clone(), next: 0 },
                 |rows| pool.install(|| build(rows, kind)),
                 BatchSize::PerIteration,
             );
@@ -114,8 +114,8 @@ fn building(c: &mut Criterion) {
 }
 
 fn reading(c: &mut Criterion) {
-    for (name, picture, kind) in PICTURES.into_iter().skip(1) {
-        let file = Goblin::from_bytes(build(&mut Rows::new(picture), kind)).expect("open");
+    for (name, raster, kind) in RASTERS.into_iter().skip(1) {
+        let file = Goblin::from_bytes(build(&mut Rows::new(raster), kind)).expect("open");
         let depth = depth_for([SIDE, SIDE, 1]);
         let mut n = 0u64;
         let mut random = move || {

@@ -72,14 +72,14 @@ def tiff(path, pixels, nodata=None, alpha=False):
         *([(42113, "s", f"{nodata}\0".encode())] if nodata is not None else []),
     ]  # fmt: skip
     # The directory, its out-of-line values, the strips.
-    behind = 8 + 2 + 12 * len(tags) + 4
+    strips_at = 8 + 2 + 12 * len(tags) + 4
     directory, rest = len(tags).to_bytes(2, "little"), b""
     size = {"H": 2, "I": 4, "s": 1}
     wanted = {tag: size[kind] * len(values if values is not None else strips) for tag, kind, values in tags}
-    data = behind + sum(length + length % 2 for length in wanted.values() if length > 4)
-    places = [data + sum(len(strip) for strip in strips[:index]) for index in range(len(strips))]
+    data = strips_at + sum(length + length % 2 for length in wanted.values() if length > 4)
+    offsets = [data + sum(len(strip) for strip in strips[:index]) for index in range(len(strips))]
     for tag, kind, values in tags:
-        values = places if values is None else values
+        values = offsets if values is None else values
         if kind == "s":
             field = values
         else:
@@ -89,7 +89,7 @@ def tiff(path, pixels, nodata=None, alpha=False):
         if len(field) <= 4:
             directory += field.ljust(4, b"\0")
         else:
-            directory += (behind + len(rest)).to_bytes(4, "little")
+            directory += (strips_at + len(rest)).to_bytes(4, "little")
             rest += field + b"\0" * (len(field) % 2)
     head = b"II*\0" + (8).to_bytes(4, "little")
     path.write_bytes(head + directory + (0).to_bytes(4, "little") + rest + b"".join(strips))
@@ -145,9 +145,9 @@ def colours(side, shift=0):
     """A drawing with large areas of one colour, and a photograph in it; its sky is white."""
     x, y = cells(side, shift)
     grey = photograph(side, shift).astype("i8")
-    picture = numpy.stack([grey, 255 - grey // 2, (grey + x // 64) % 256], axis=2)
+    image = numpy.stack([grey, 255 - grey // 2, (grey + x // 64) % 256], axis=2)
     flat = numpy.stack([x // 128 * 30 % 256, y // 128 * 50 % 256, (x + y) // 256 * 70 % 256], axis=2)
-    drawn = numpy.where((waves(3 * x, 3 * y) > 0)[:, :, None], flat, picture)
+    drawn = numpy.where((waves(3 * x, 3 * y) > 0)[:, :, None], flat, image)
     return numpy.where((waves(3 * y, 4 * x) > 0.9)[:, :, None], 255, drawn).astype("u1")
 
 
@@ -172,7 +172,7 @@ def measured(side, shift=0):
 
 # Name: samples, side, options of `build`, options of `tiff`. Those with `shift` exist twice, the
 # second as `NAME_b`.
-PICTURES = {
+RASTERS = {
     "uniform": (lambda side: numpy.full((side, side), 7, "u1"), 2048, "--kind categorical", {}),
     "coastline": (coastline, 2048, "--kind categorical", {}),
     "land": (land, 2048, "--kind categorical", {"nodata": 0}),
@@ -302,9 +302,9 @@ class Bench:
             self.made.add(name)
         return name
 
-    def picture(self, name):
+    def image(self, name):
         base, shift = name.removesuffix("_b"), int(name.endswith("_b"))
-        make, side, _, more = PICTURES[base]
+        make, side, _, more = RASTERS[base]
         shifted = (side, shift) if shift else (side,)
         return self.once(f"{name}.tif", lambda path: tiff(path, make(*shifted), **more))
 
@@ -315,7 +315,7 @@ class Bench:
         if name.startswith("solid"):
             mesh, cells, *boundary = SOLIDS[name]
             return [DATA / "mesh" / mesh, "--cells", cells, *(["--edge", *boundary] if boundary else [])]
-        return [self.picture(name), *PICTURES[name.removesuffix("_b")][2].split()]
+        return [self.image(name), *RASTERS[name.removesuffix("_b")][2].split()]
 
     def tree(self, name):
         """Returns a tree by its name: `rgb.goblin`, `rgb.autumn`, `rgb.share.autumn`."""
@@ -356,10 +356,10 @@ class Bench:
         took = time.perf_counter() - start
         if done.returncode:
             raise Failure(done.stderr.decode().strip()[-300:])
-        answer = hashlib.sha256(done.stdout).hexdigest()[:16]
+        digest = hashlib.sha256(done.stdout).hexdigest()[:16]
         if self.options.native:
-            return int(took * 1e6), answer
-        return int(re.search(r"I\s+refs:\s+([\d,]+)", log.read_text())[1].replace(",", "")), answer
+            return int(took * 1e6), digest
+        return int(re.search(r"I\s+refs:\s+([\d,]+)", log.read_text())[1].replace(",", "")), digest
 
     def idle(self, *command):
         """Returns the instructions of a run that only starts and stops."""
@@ -405,14 +405,14 @@ def program(*words, trees=(), makes=None, edits=None):
                 bench.fresh(edits)
             command = [bench.program, "-q", "--threads", "1", *spelt]
             try:
-                count, answer = bench.count(command)
+                count, digest = bench.count(command)
             except Failure as error:
                 failure = failure or error
                 continue
             count -= bench.idle(bench.program, "--version")
             made = bench.path(makes or "edited.autumn")
             size = made.stat().st_size if makes or edits else 0
-            return {"instructions": count, "answer": answer, "bytes": size}
+            return {"instructions": count, "digest": digest, "bytes": size}
         raise failure
 
     return row
@@ -427,7 +427,7 @@ def build(name, output, *more):
 
 def paste(name, target, *more):
     """Pastes an unchanged raster."""
-    return lambda bench: program("edit", "{edited}", "paste", bench.picture(name), *more, edits=target)(bench)
+    return lambda bench: program("edit", "{edited}", "paste", bench.image(name), *more, edits=target)(bench)
 
 
 def set_cells(target, side, axes, channels, count):
@@ -459,11 +459,11 @@ def fill_volume(name):
     return row
 
 
-def ask(job, tree, count):
+def query(job, tree, count):
     def row(bench):
         name = bench.tree(tree)
-        instructions, answer = bench.count([bench.bench, job, name, count])
-        return {"instructions": instructions - bench.idle(bench.bench, "open", name), "answer": answer}
+        instructions, digest = bench.count([bench.bench, job, name, count])
+        return {"instructions": instructions - bench.idle(bench.bench, "open", name), "digest": digest}
 
     return row
 
@@ -509,7 +509,7 @@ def rows():
 
     has_meshes = (DATA / "mesh").is_dir()
     solids = list(SOLIDS) if has_meshes else []
-    for name in [*PICTURES, *solids]:
+    for name in [*RASTERS, *solids]:
         add(f"build {name}", build(name, "out.goblin"))
     for name in ["coastline", "land", "photograph", "rgb", "f64", *solids[:2]]:
         add(f"build {name}.autumn", build(name, "out.autumn"))
@@ -606,7 +606,7 @@ def rows():
         for how, more in [("", []), (" --at", ["--at", "301,203"]), (" --void", ["--void"])]:
             row = program("edit", "{edited}", "paste", "{0}", *more, trees=[patch], edits=f"{name}.autumn")
             add(f"edit paste{how} {name}", row)
-    add("edit paste picture land", paste("land_b", "land.autumn"))
+    add("edit paste image land", paste("land_b", "land.autumn"))
     polygon = "100.5,100.5 900.2,150.3 700.9,800.1; 300,300 400,300 400,400"
     add("edit fill --polygon land", program("edit", "{edited}", "fill", "--polygon", polygon, "--value", "2", edits="land.autumn"))
     add("edit fill --block land", program("edit", "{edited}", "fill", "--block", "/0312", "--void", edits="land.autumn"))
@@ -647,20 +647,20 @@ def rows():
         add(f"render {name}", row)
     add("export volume_u8", program("export", "{0}", "out.obj", trees=["volume_u8.goblin"]))
 
-    for name in PICTURES:
+    for name in RASTERS:
         for job, count in JOBS.items():
-            add(f"ask {job} {name}", ask(job, f"{name}.goblin", count * (MANY.get(name, 1) if job != "points" else 1)))
+            add(f"query {job} {name}", query(job, f"{name}.goblin", count * (MANY.get(name, 1) if job != "points" else 1)))
     for name in [*solid, *coverage, *VOLUMES]:
         for job, count in JOBS.items():
             if job != "coarse":
-                add(f"ask {job} {name}", ask(job, f"{name}.goblin", count))
-        add(f"ask solid {name}", ask("solid", f"{name}.goblin", 1))
+                add(f"query {job} {name}", query(job, f"{name}.goblin", count))
+        add(f"query solid {name}", query("solid", f"{name}.goblin", 1))
     for name in ["land", "rgb", "f64", "land.share", *solid, "volume_f32"]:
         for job, count in JOBS.items():
             if job != "coarse":
-                add(f"ask {job} {name}.autumn", ask(job, f"{name}.autumn", count // 3))
+                add(f"query {job} {name}.autumn", query(job, f"{name}.autumn", count // 3))
     for tree in ["land.goblin", "land.autumn", "f64.goblin"]:
-        add(f"ask open {tree}", ask("open", tree, 300))
+        add(f"query open {tree}", query("open", tree, 300))
     return table
 
 
@@ -692,17 +692,17 @@ def compare(before, after, only):
     good = [name for name in a if name in b and "failed" not in a[name] and "failed" not in b[name]]
     bad = False
     for name in [name for name in {**a, **b} if name not in good]:
-        told = [rows.get(name, {"failed": "not there"}).get("failed", "good") for rows in (a, b)]
-        bad |= told[0] != told[1]
-        print(f"NOT COMPARED {name}: before {told[0]}; after {told[1]}")
+        outcomes = [rows.get(name, {"failed": "not there"}).get("failed", "good") for rows in (a, b)]
+        bad |= outcomes[0] != outcomes[1]
+        print(f"NOT COMPARED {name}: before {outcomes[0]}; after {outcomes[1]}")
     ratios = {name: max(b[name]["instructions"], 1) / max(a[name]["instructions"], 1) for name in good}
     print(f"{'before':>16} {'after':>16} {'ratio':>7}  job")
     for name in sorted(good, key=lambda name: -ratios[name]):
         marks = []
         if ratios[name] > MOST and b[name]["instructions"] - a[name]["instructions"] > FEW:
             marks.append("SLOWER")
-        if a[name]["answer"] != b[name]["answer"]:
-            marks.append("OTHER ANSWER")
+        if a[name]["digest"] != b[name]["digest"]:
+            marks.append("OTHER RESULT")
         bad |= bool(marks)
         counts = f"{a[name]['instructions']:>16,} {b[name]['instructions']:>16,}"
         print(f"{counts} {ratios[name]:7.4f}  {'  '.join([name, *marks])}")
@@ -721,7 +721,7 @@ def main():
     parser.add_argument("--bench", type=Path, help="the bench program `instructions`")
     parser.add_argument("--out", type=Path, help="the JSON file to make")
     parser.add_argument("--only", default="", metavar="REGEX", help="rows to count or to compare")
-    parser.add_argument("--work", type=Path, default=WORK, help="folder for inputs and outputs")
+    parser.add_argument("--work", type=Path, default=WORK, help="directory for inputs and outputs")
     parser.add_argument("--compare", type=Path, nargs=2, metavar=("BEFORE", "AFTER"), help="compare two JSON files")
     parser.add_argument("--list", action="store_true", help="print the names of all rows")
     parser.add_argument("--native", action="store_true", help="take microseconds instead of counting")

@@ -33,15 +33,15 @@ use spinney::query::{Condition, PointSamples};
 use spinney::{Bounds, Dataset, Number};
 
 /// A job, and its default number of queries.
-type Job = (&'static str, u64, fn(&Dataset, u64, &mut Answers) -> Outcome<()>);
+type Job = (&'static str, u64, fn(&Dataset, u64, &mut Digest) -> Outcome<()>);
 
 const JOBS: [Job; 10] = [
     ("descent", 200_000, descent),
     ("coarse", 200_000, coarse),
     ("points", 500_000, points),
-    ("tiles", 400, |tree, count, answers| windows(tree, count, true, false, answers)),
-    ("unaligned", 300, |tree, count, answers| windows(tree, count, false, false, answers)),
-    ("tiles-valid", 400, |tree, count, answers| windows(tree, count, true, true, answers)),
+    ("tiles", 400, |tree, count, digest| windows(tree, count, true, false, digest)),
+    ("unaligned", 300, |tree, count, digest| windows(tree, count, false, false, digest)),
+    ("tiles-valid", 400, |tree, count, digest| windows(tree, count, true, true, digest)),
     ("walk", 300, walk),
     ("histogram", 100, histogram),
     ("find", 100, find),
@@ -59,17 +59,17 @@ fn main() -> Outcome<()> {
         [job, file, count] => (job.as_str(), Path::new(file), Some(count.parse::<u64>()?)),
         _ => return Err("expected JOB FILE [COUNT]".into()),
     };
-    let mut answers = Answers(0);
+    let mut digest = Digest(0);
     if job == "open" {
         for _ in 0..count.unwrap_or(1) {
-            answers.add(opened(file)?.header().extent[0]);
+            digest.add(opened(file)?.header().extent[0]);
         }
     } else {
         let known = JOBS.iter().find(|(name, _, _)| *name == job);
         let (_, usual, run) = known.ok_or_else(|| format!("{job}: no such job"))?;
-        run(&opened(file)?, count.unwrap_or(*usual), &mut answers)?;
+        run(&opened(file)?, count.unwrap_or(*usual), &mut digest)?;
     }
-    println!("{:016x}", answers.0);
+    println!("{:016x}", digest.0);
     Ok(())
 }
 
@@ -79,11 +79,11 @@ fn opened(path: &Path) -> spinney::Result<Dataset> {
 }
 
 /// A checksum of all results that depends on their order.
-struct Answers(u64);
+struct Digest(u64);
 
-impl Answers {
-    fn add(&mut self, answer: u64) {
-        self.0 = (self.0.rotate_left(5) ^ answer).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+impl Digest {
+    fn add(&mut self, value: u64) {
+        self.0 = (self.0.rotate_left(5) ^ value).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     }
 
     fn add_numbers(&mut self, numbers: &[f64]) {
@@ -101,30 +101,30 @@ fn cell(extent: [u64; 3], random: &mut Random) -> [u64; 3] {
     extent.map(|cells| if cells > 1 { random.below(cells) } else { 0 })
 }
 
-fn descent(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn descent(tree: &Dataset, count: u64, digest: &mut Digest) -> Outcome<()> {
     let (extent, depth) = (tree.header().extent, tree.depth());
     let mut random = Random(1);
     let mut value = [Number::default(); 4];
     for _ in 0..count {
         let found = tree.point(cell(extent, &mut random), depth, &mut value)?;
-        answers.add(if found { value[0].to_f64().to_bits() } else { 1 });
+        digest.add(if found { value[0].to_f64().to_bits() } else { 1 });
     }
     Ok(())
 }
 
-fn coarse(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn coarse(tree: &Dataset, count: u64, digest: &mut Digest) -> Outcome<()> {
     let extents: Vec<_> = (0..=tree.depth()).map(|level| tree.extent_at(level).max).collect();
     let mut random = Random(2);
     let mut value = [Number::default(); 4];
     for _ in 0..count {
         let level = random.below(extents.len() as u64) as usize;
         let found = tree.point(cell(extents[level], &mut random), level as u8, &mut value)?;
-        answers.add(if found { value[0].to_f64().to_bits() } else { 1 });
+        digest.add(if found { value[0].to_f64().to_bits() } else { 1 });
     }
     Ok(())
 }
 
-fn points(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn points(tree: &Dataset, count: u64, digest: &mut Digest) -> Outcome<()> {
     let extent = tree.header().extent;
     let mut random = Random(3);
     let cells: Vec<_> = (0..count).map(|_| cell(extent, &mut random)).collect();
@@ -132,20 +132,14 @@ fn points(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     tree.points(&cells, tree.depth(), &mut samples)?;
     for index in (0..cells.len()).step_by(101) {
         match samples.get(index) {
-            Some(numbers) => numbers.iter().for_each(|number| answers.add(number.to_f64().to_bits())),
-            None => answers.add(1),
+            Some(numbers) => numbers.iter().for_each(|number| digest.add(number.to_f64().to_bits())),
+            None => digest.add(1),
         }
     }
     Ok(())
 }
 
-fn windows(
-    tree: &Dataset,
-    count: u64,
-    aligned: bool,
-    with_flags: bool,
-    answers: &mut Answers,
-) -> Outcome<()> {
+fn windows(tree: &Dataset, count: u64, aligned: bool, with_flags: bool, digest: &mut Digest) -> Outcome<()> {
     let axes = tree.header().form.axes();
     let log: u8 = if axes == 2 { 8 } else { 5 };
     let side = 1u64 << log;
@@ -165,9 +159,9 @@ fn windows(
         });
         let bounds = Bounds { min, max: std::array::from_fn(|axis| min[axis] + sides[axis]) };
         tree.window(level, &bounds, 0.0, &mut bytes, with_flags.then_some(&mut flags[..]))?;
-        answers.add_some(&bytes);
+        digest.add_some(&bytes);
         if with_flags {
-            flags.iter().step_by(1021).for_each(|flag| answers.add(u64::from(*flag)));
+            flags.iter().step_by(1021).for_each(|flag| digest.add(u64::from(*flag)));
         }
     }
     Ok(())
@@ -181,35 +175,35 @@ fn cuboid(tree: &Dataset, random: &mut Random) -> Bounds {
     Bounds { min: ends.map(|(min, _)| min), max: ends.map(|(_, max)| max) }
 }
 
-fn walk(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn walk(tree: &Dataset, count: u64, digest: &mut Digest) -> Outcome<()> {
     let mut random = Random(5);
     for _ in 0..count {
         let statistics = tree.statistics(Some(cuboid(tree, &mut random)), &())?;
-        answers.add(statistics.cells);
+        digest.add(statistics.cells);
         for channel in &statistics.channels {
-            answers.add_numbers(&[
+            digest.add_numbers(&[
                 channel.min.to_f64(),
                 channel.max.to_f64(),
                 channel.mean,
                 channel.standard_deviation,
             ]);
         }
-        statistics.classes.iter().for_each(|(_, cells)| answers.add(*cells));
+        statistics.classes.iter().for_each(|(_, cells)| digest.add(*cells));
     }
     Ok(())
 }
 
-fn histogram(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn histogram(tree: &Dataset, count: u64, digest: &mut Digest) -> Outcome<()> {
     let mut random = Random(6);
     let (low, high) = tree.value_bounds()?.first().copied().unwrap_or_default();
     for _ in 0..count {
         let bins = tree.histogram(&cuboid(tree, &mut random), low, high, 16, &())?;
-        bins.into_iter().for_each(|cells| answers.add(cells));
+        bins.into_iter().for_each(|cells| digest.add(cells));
     }
     Ok(())
 }
 
-fn find(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn find(tree: &Dataset, count: u64, digest: &mut Digest) -> Outcome<()> {
     let mut random = Random(7);
     let (low, high) = tree.value_bounds()?.first().copied().unwrap_or_default();
     let condition = Condition::Above(((low + high) / 2.0).into());
@@ -217,7 +211,7 @@ fn find(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
         // At most this many, since each has a string.
         let mut left = 1000;
         tree.find(condition, Some(cuboid(tree, &mut random)), &(), &mut |block| {
-            answers.add(block.bounds.min[0] ^ block.bounds.max[1] << 32 ^ u64::from(block.level));
+            digest.add(block.bounds.min[0] ^ block.bounds.max[1] << 32 ^ u64::from(block.level));
             left -= 1;
             Ok(left > 0)
         })?;
@@ -225,14 +219,14 @@ fn find(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     Ok(())
 }
 
-fn solid(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn solid(tree: &Dataset, count: u64, digest: &mut Digest) -> Outcome<()> {
     for _ in 0..count {
         let solid = tree.solid(tree.depth(), &())?;
         let surface = tree.solid_surface(tree.depth(), &())?;
-        answers.add(solid.cells);
-        answers.add_numbers(&[solid.volume, surface.smooth_area()]);
-        answers.add_numbers(&solid.centre.unwrap_or_default());
-        surface.faces.into_iter().for_each(|faces| answers.add(faces));
+        digest.add(solid.cells);
+        digest.add_numbers(&[solid.volume, surface.smooth_area()]);
+        digest.add_numbers(&solid.centre.unwrap_or_default());
+        surface.faces.into_iter().for_each(|faces| digest.add(faces));
     }
     Ok(())
 }

@@ -27,7 +27,7 @@ const SIDE: u64 = 8192;
 const VOID: u64 = 1 << 40;
 
 /// Cells of a raster, row by row.
-struct Picture<T> {
+struct Raster<T> {
     form: TreeType,
     kind: DataKind,
     size: [u64; 3],
@@ -36,7 +36,7 @@ struct Picture<T> {
     value: fn(T) -> Option<Value>,
 }
 
-impl<T: Copy + Eq + Sync> Picture<T> {
+impl<T: Copy + Eq + Sync> Raster<T> {
     fn options(&self) -> BuildOptions {
         BuildOptions::new(self.kind, depth_for(self.size))
     }
@@ -59,7 +59,7 @@ impl<T: Copy + Eq + Sync> Picture<T> {
     }
 
     /// Measures a row of the table.
-    fn measure(&self, name: &str, folder: &Path) -> Outcome<()> {
+    fn measure(&self, name: &str, directory: &Path) -> Outcome<()> {
         let value = |cell: &T| (self.value)(*cell);
         let width = self.form.width();
         let bytes: Vec<u8> = self
@@ -69,7 +69,7 @@ impl<T: Copy + Eq + Sync> Picture<T> {
             .collect();
         let valid: Vec<bool> = self.cells.iter().map(|cell| value(cell).is_some()).collect();
         let valid = Some(&valid[..]).filter(|valid| valid.contains(&false));
-        let [ours, theirs] = ["predicted.goblin", "built.goblin"].map(|name| folder.join(name));
+        let [ours, theirs] = ["predicted.goblin", "built.goblin"].map(|name| directory.join(name));
         let mut best = [f64::INFINITY; 3];
         let mut nodes = 0;
         for _ in 0..RUNS {
@@ -124,9 +124,9 @@ impl Slabs for Rows<'_> {
     }
 }
 
-fn fixture(name: &str) -> Outcome<Picture<u64>> {
-    let folder = tempfile::tempdir()?;
-    let built = folder.path().join("built.goblin");
+fn fixture(name: &str) -> Outcome<Raster<u64>> {
+    let directory = tempfile::tempdir()?;
+    let built = directory.path().join("built.goblin");
     spinney::build(Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name), &built)?;
     let file = spinney::open(&built)?;
     let (header, tree) = (file.header(), file.in_memory(1 << 20)?);
@@ -141,12 +141,12 @@ fn fixture(name: &str) -> Outcome<Picture<u64>> {
         }
     }
     let value = |cell| (cell != VOID).then(|| Value::from(u64::to_le_bytes(cell)));
-    Ok(Picture { form: header.form, kind: header.kind, size: header.extent, cells, outside: VOID, value })
+    Ok(Raster { form: header.form, kind: header.kind, size: header.extent, cells, outside: VOID, value })
 }
 
 /// Returns land cover: patches of some classes with borders as rough as a shoreline, and `speckles`
 /// cells of other classes per million.
-fn classes(speckles: u64) -> Picture<u8> {
+fn classes(speckles: u64) -> Raster<u8> {
     let cell = |i: u64| {
         let (x, y) = (i % SIDE, i / SIDE);
         let chance = mix(x, y);
@@ -154,7 +154,7 @@ fn classes(speckles: u64) -> Picture<u8> {
         if chance % 1_000_000 < speckles { (chance >> 40) as u8 % 8 } else { class }
     };
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
-    Picture {
+    Raster {
         form,
         kind: DataKind::Categorical,
         size: [SIDE, SIDE, 1],
@@ -189,10 +189,10 @@ fn fractal(x: u64, y: u64) -> f64 {
 
 fn main() -> Outcome<()> {
     let memory = Path::new("/dev/shm");
-    let folder = if memory.is_dir() { tempfile::tempdir_in(memory)? } else { tempfile::tempdir()? };
-    let path = folder.path();
+    let directory = if memory.is_dir() { tempfile::tempdir_in(memory)? } else { tempfile::tempdir()? };
+    let path = directory.path();
     let print = || -> Outcome<()> {
-        println!("| picture | cells | nodes | predicted tree, ms | and its file | file by the builder |");
+        println!("| raster | cells | nodes | predicted tree, ms | and its file | file by the builder |");
         println!("| --- | --- | --- | --- | --- | --- |");
         for name in ["classic.png", "island_classes.tif", "island_elevation.tif", "island_rgb.png"] {
             fixture(name)?.measure(&format!("`{name}`"), path)?;

@@ -42,10 +42,13 @@ fn main() -> Outcome<()> {
         match argument.as_str() {
             "--bench" => {}
             "--windows" => {
-                listed = Some(read_list(&arguments.next().ok_or("--windows: a file is missing")?)?)
+                listed =
+                    Some(read_list(&arguments.next().ok_or("--windows: got no value, expected a file")?)?)
             }
             "--cold" => is_cold = true,
-            "--only" => only = Some(arguments.next().ok_or("--only: a question is missing")?),
+            "--only" => {
+                only = Some(arguments.next().ok_or("--only: got no value, expected the name of a query")?)
+            }
             _ => files.push(argument),
         }
     }
@@ -98,32 +101,32 @@ fn forget_unpacked() {
 }
 
 fn measure_windows(tree: &Drawn<'_>, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Outcome<()> {
-    let asked = |question: &str| only.is_none_or(|only| only == question);
+    let is_selected = |query: &str| only.is_none_or(|only| only == query);
     let depth = tree.header.depth();
-    if asked("windows") {
+    if is_selected("windows") {
         let listed = listed.map(|listed| {
             listed.iter().map(|[up, column, row]| (depth - *up as u8, window_from([*column, *row]))).collect()
         });
         windows(tree, "aligned", &listed.unwrap_or_else(|| random_windows(tree.header, true)))?;
     }
-    if asked("unaligned") {
+    if is_selected("unaligned") {
         windows(tree, "unaligned", &random_windows(tree.header, false))?;
     }
     Ok(())
 }
 
 fn measure(tree: &Goblin, listed: Option<&[[u64; 3]]>, only: Option<&str>, is_cold: bool) -> Outcome<()> {
-    let asked = |question: &str| only.is_none_or(|only| only == question);
+    let is_selected = |query: &str| only.is_none_or(|only| only == query);
     let draw =
         |level, bounds: &Bounds, bytes: &mut [u8]| tree.window(level, bounds, Value::ZERO, bytes, None);
     measure_windows(&Drawn { header: tree.header(), draw: &draw, is_cold }, listed, only)?;
-    if asked("cells") {
+    if is_selected("cells") {
         cells(tree, is_cold)?;
     }
-    if asked("points") {
+    if is_selected("points") {
         points(tree)?;
     }
-    if asked("statistics") {
+    if is_selected("statistics") {
         statistics(tree)?;
     }
     Ok(())
@@ -176,18 +179,18 @@ struct Level {
     segments: usize,
 }
 
-fn windows(tree: &Drawn<'_>, name: &str, places: &[(u8, Bounds)]) -> Outcome<()> {
+fn windows(tree: &Drawn<'_>, name: &str, positions: &[(u8, Bounds)]) -> Outcome<()> {
     let depth = tree.header.depth();
-    let places = &places[..if tree.is_cold { COLD.min(places.len()) } else { places.len() }];
-    let first = places.iter().map(|(level, _)| *level).min().unwrap_or(depth);
+    let positions = &positions[..if tree.is_cold { COLD.min(positions.len()) } else { positions.len() }];
+    let first = positions.iter().map(|(level, _)| *level).min().unwrap_or(depth);
     let mut bytes = vec![0; (SIDE * SIDE) as usize * tree.header.form.width()];
     let mut rates = Vec::new();
     // A window's time is the median of the passes, since other processes interrupt occasionally.
-    let mut times = vec![[0.0; PASSES]; places.len()];
+    let mut times = vec![[0.0; PASSES]; positions.len()];
     let mut levels: Vec<Level> = (first..=depth).map(|_| Level::default()).collect();
     for pass in 0..=PASSES {
         let took = seconds(|| {
-            for ((level, bounds), times) in places.iter().zip(&mut times) {
+            for ((level, bounds), times) in positions.iter().zip(&mut times) {
                 if tree.is_cold {
                     forget_unpacked();
                 }
@@ -203,10 +206,10 @@ fn windows(tree: &Drawn<'_>, name: &str, places: &[(u8, Bounds)]) -> Outcome<()>
             Ok(())
         })?;
         if pass > 0 {
-            rates.push(places.len() as f64 / took);
+            rates.push(positions.len() as f64 / took);
         }
     }
-    for ((level, _), times) in places.iter().zip(&mut times) {
+    for ((level, _), times) in positions.iter().zip(&mut times) {
         levels[usize::from(level - first)].micros.push(median(times));
     }
     let mut all: Vec<f64> = levels.iter().flat_map(|level| level.micros.iter().copied()).collect();
@@ -241,12 +244,12 @@ fn cells(tree: &Goblin, is_cold: bool) -> Outcome<()> {
     let [width, height] = extent(tree.header(), depth);
     let mut random = Random(2);
     let count = if is_cold { COLD } else { CELLS };
-    let places: Vec<[u32; 3]> =
+    let positions: Vec<[u32; 3]> =
         (0..count).map(|_| [random.below(width) as u32, random.below(height) as u32, 0]).collect();
     let mut nanos = Vec::new();
     for pass in 0..=PASSES {
         let took = seconds(|| {
-            for cell in &places {
+            for cell in &positions {
                 if is_cold {
                     forget_unpacked();
                 }
@@ -267,26 +270,26 @@ fn points(tree: &Goblin) -> Outcome<()> {
     let (dimension, depth) = (tree.header().form.dimension, tree.header().depth());
     let space = Bounds::space(dimension, depth).max;
     let mut random = Random(4);
-    let places: Vec<[u32; 3]> =
+    let positions: Vec<[u32; 3]> =
         (0..POINTS).map(|_| std::array::from_fn(|axis| random.below(space[axis]) as u32)).collect();
     let mut values = vec![None; POINTS];
     let (mut single, mut many) = (Vec::new(), Vec::new());
     for pass in 0..=PASSES {
         let took = seconds(|| {
-            for cell in &places[..CELLS] {
+            for cell in &positions[..CELLS] {
                 let code = Code::from_cell(dimension, depth, *cell).ok_or("inside")?;
                 black_box(tree.value_at(code)?);
             }
             Ok(())
         })?;
-        let bulk = seconds(|| Ok(tree.values_at(depth, &places, &mut values)?))?;
+        let bulk = seconds(|| Ok(tree.values_at(depth, &positions, &mut values)?))?;
         black_box(&values);
         if pass > 0 {
             single.push(CELLS as f64 / took * 1e-6);
             many.push(POINTS as f64 / bulk * 1e-6);
         }
     }
-    for (cell, value) in places.iter().zip(&values).step_by(97) {
+    for (cell, value) in positions.iter().zip(&values).step_by(97) {
         let expected = tree.value_at(Code::from_cell(dimension, depth, *cell).ok_or("inside")?)?;
         assert_eq!(expected, *value, "{cell:?}");
     }
@@ -299,7 +302,7 @@ fn statistics(tree: &Goblin) -> Outcome<()> {
     let [width, height] = extent(tree.header(), tree.header().depth());
     let side = BOX_SIDE.min(width / 2).min(height / 2);
     let mut random = Random(3);
-    let places: Vec<Bounds> = (0..BOXES)
+    let positions: Vec<Bounds> = (0..BOXES)
         .map(|_| {
             let min = [random.below(width - side + 1), random.below(height - side + 1), 0];
             Bounds { min, max: [min[0] + side, min[1] + side, 1] }
@@ -308,7 +311,7 @@ fn statistics(tree: &Goblin) -> Outcome<()> {
     let mut rates = Vec::new();
     for pass in 0..=PASSES {
         let took = seconds(|| {
-            for bounds in &places {
+            for bounds in &positions {
                 black_box(tree.statistics(Some(*bounds), &())?);
             }
             Ok(())

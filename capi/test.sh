@@ -24,7 +24,7 @@ fixtures=fixtures/v1
 
 say 'the header is the one that cbindgen makes'
 CARGO_TARGET_DIR=$target cargo run --quiet --locked --manifest-path capi/header/Cargo.toml > "$work/spinney.h"
-diff -u capi/include/spinney.h "$work/spinney.h" || fail 'capi/include/spinney.h is not that of the sources'
+diff -u capi/include/spinney.h "$work/spinney.h" || fail 'capi/include/spinney.h differs from the sources'
 
 say 'installing'
 PROFILE=dev FEATURES=program CARGO_TARGET_DIR=$target capi/install.sh "$work/prefix" > /dev/null
@@ -34,7 +34,7 @@ export PKG_CONFIG_PATH=$work/prefix/lib/pkgconfig LD_LIBRARY_PATH=$work/prefix/l
 command -v pkg-config > /dev/null || install pkg-config || fail 'pkg-config is needed'
 read -ra flags <<< "$(pkg-config --cflags --libs spinney)"
 
-readelf -d "$work/prefix/lib/libspinney.so" | grep -q 'SONAME.*\[libspinney\.so\.0\]' || fail 'the library does not tell its ABI'
+readelf -d "$work/prefix/lib/libspinney.so" | grep -q 'SONAME.*\[libspinney\.so\.0\]' || fail 'the library has no ABI in its name'
 
 say 'C11 and C++17, without a warning, under AddressSanitizer'
 strict=(-Wall -Wextra -Werror -pedantic -g -fsanitize=address,undefined)
@@ -51,7 +51,7 @@ done
 say 'the program in docs/c.md'
 awk '/^```c$/ { inside = 1; next } /^```$/ { inside = 0 } inside' docs/c.md > "$work/page.c"
 ${CC:-cc} -std=c11 "${strict[@]}" "$work/page.c" -o "$work/page" "${flags[@]}"
-"$work/page" | grep -qE '^[0-9.]+ [0-9.]+$' || fail 'the program in docs/c.md tells no numbers'
+"$work/page" | grep -qE '^[0-9.]+ [0-9.]+$' || fail 'the program in docs/c.md prints no numbers'
 
 say 'a tile is that of the program'
 "$work/tile" $fixtures/classes.goblin 6 3 5 40 30 > "$work/tile.pgm" 2> /dev/null
@@ -77,15 +77,15 @@ for file in $fixtures/stack.goblin $fixtures/stack.autumn $fixtures/stack.autumn
 import json, subprocess, sys
 work, spinney, file = sys.argv[1:]
 layers = json.load(open(f"{work}/layers.json"))["layers"]
-told = [line.split() for line in open(f"{work}/layers.txt")]
-assert [(line[1], int(line[2])) for line in told] == [(layer["layer"], layer["depth"]) for layer in layers], told
-for number, (line, layer) in enumerate(zip(told, layers)):
+found = [line.split() for line in open(f"{work}/layers.txt")]
+assert [(line[1], int(line[2])) for line in found] == [(layer["layer"], layer["depth"]) for layer in layers], found
+for number, (line, layer) in enumerate(zip(found, layers)):
     stats = json.loads(subprocess.check_output([spinney, "stats", "--json", f"{file}:{layer['layer']}"]))
     assert int(line[0]) == number and float(line[3]) == stats["channels"][0]["mean"], (line, stats)
 END
 done
 "$work/levels" $fixtures/stack.goblin:height | grep -q '^level 6: 64 x 50' || fail 'no layer by its path'
-if "$work/levels" $fixtures/stack.goblin:depth 2> "$work/error.txt"; then fail 'a layer that is not there was opened'; fi
+if "$work/levels" $fixtures/stack.goblin:depth 2> "$work/error.txt"; then fail 'a missing layer was opened'; fi
 grep -q '`height`' "$work/error.txt" || fail 'no names of layers'
 
 say 'an exact model says what the program says'
@@ -93,9 +93,9 @@ say 'an exact model says what the program says'
 "$spinney" stats --json $model > "$work/body.json"
 python3 - "$work/body.txt" "$work/body.json" << 'END'
 import json, sys
-told, stats = open(sys.argv[1]).read().split(), json.load(open(sys.argv[2]))
-assert [float(told[1]), float(told[3])] == [stats["volume"], stats["surface"]], (told, stats)
-assert told[5] == "inside" and float(told[7]) < 0, told
+found, stats = open(sys.argv[1]).read().split(), json.load(open(sys.argv[2]))
+assert [float(found[1]), float(found[3])] == [stats["volume"], stats["surface"]], (found, stats)
+assert found[5] == "inside" and float(found[7]) < 0, found
 END
 for file in missing.goblin $fixtures/ball.goblin; do
     if "$work/body" "$file" 2> "$work/error.txt"; then fail "$file: opened as an exact model"; fi
@@ -112,13 +112,13 @@ ring 0 of polygon 0: 9 points, area 4
 END
 "$spinney" verify -q "$work/made.goblin"
 "$spinney" combine -q xor "$work/made.goblin" "$work/cube.goblin" -o "$work/nothing.goblin"
-"$spinney" stats --json "$work/nothing.goblin" | grep -q '"volume": *0.0*[,}]' || fail 'a cube of arrays is not that of a file'
+"$spinney" stats --json "$work/nothing.goblin" | grep -q '"volume": *0.0*[,}]' || fail 'a cube from arrays differs from that of a file'
 if "$work/cube" "$work/open.goblin" open 2> "$work/error.txt"; then fail 'an open surface was taken for a body'; fi
-grep -q 'a boundary of 3 edges from' "$work/error.txt" || fail 'no places of an open surface'
-[ ! -e "$work/open.goblin" ] || fail 'there is a file of what is no body'
+grep -q 'a boundary of 3 edges from' "$work/error.txt" || fail 'no positions of an open surface'
+[ ! -e "$work/open.goblin" ] || fail 'a surface that is not a solid left a file'
 "$work/cube" "$work/twice.goblin" twice > "$work/cube.txt" 2> "$work/error.txt"
 grep -q '^volume 8$' "$work/cube.txt" || fail 'two cubes without what is in both have another volume'
-grep -q '^cube: .*: the volume is .* percent of what cells' "$work/error.txt" || fail 'no warning of a changed volume'
+grep -q '^cube: .*: the volume differs by .* percent from that of cells' "$work/error.txt" || fail 'no warning of a changed volume'
 "$work/cube" "$work/made.goblin" 2>&1 | grep -q '^cube: ' && fail 'a warning of a cube'
 
 say 'statically'
@@ -127,7 +127,7 @@ ${CC:-cc} -std=c11 capi/examples/tile.c -I"$work/prefix/include" -o "$work/stati
 
 say 'GDAL'
 if ! command -v gdalinfo > /dev/null && ! install gdal-bin; then
-    say 'skipped: GDAL is not there, and cannot be installed'
+    say 'skipped: GDAL is missing, and cannot be installed'
     exit 0
 fi
 if ! command -v gdal-config > /dev/null && ! install libgdal-dev; then
@@ -158,7 +158,7 @@ for name in classes.goblin stack.goblin stack.goblin:height history.autumn@1; do
     raw "$url/$name" "$work/far.img"
     cmp "$work/near.img" "$work/far.img" || fail "$name: other samples from a server through GDAL"
 done
-if gdalinfo "$url/missing.goblin" > /dev/null 2>&1; then fail 'a file that is not there was opened'; fi
+if gdalinfo "$url/missing.goblin" > /dev/null 2>&1; then fail 'a missing file was opened'; fi
 for name in classes elevation rgb; do
     "$spinney" get -q $fixtures/$name.goblin "$work/$name.tif"
     raw $fixtures/$name.goblin "$work/ours.img"
@@ -173,24 +173,24 @@ done
 python3 - "$work" "$spinney" << 'END'
 import json, subprocess, sys
 work, spinney = sys.argv[1:]
-def told(name):
+def found(name):
     with open(f"{work}/{name}.json") as file:
         ours = json.load(file)
     theirs = json.loads(subprocess.check_output(["gdalinfo", "-json", f"{work}/{name}.tif"]))
     stats = json.loads(subprocess.check_output([spinney, "stats", "--json", f"fixtures/v1/{name}.goblin"]))
     return ours, theirs, stats
 for name in ["classes", "elevation", "rgb"]:
-    ours, theirs, stats = told(name)
+    ours, theirs, stats = found(name)
     assert ours["size"] == theirs["size"], name
     assert ours.get("geoTransform") == theirs.get("geoTransform"), name
     assert [band["type"] for band in ours["bands"]] == [band["type"] for band in theirs["bands"]], name
     assert [band.get("noDataValue") for band in ours["bands"]] == [band.get("noDataValue") for band in theirs["bands"]], name
     # (A TIFF file has 256 colours, used or not.)
-    colours = lambda told: told["bands"][0].get("colorTable", {"entries": []})["entries"]
+    colours = lambda found: found["bands"][0].get("colorTable", {"entries": []})["entries"]
     assert colours(ours) == colours(theirs)[: len(colours(ours))], name
     assert bool(colours(ours)) == bool(colours(theirs)), name
     # (The name, and the number at the end: PROJ and GeoTIFF describe datums differently.)
-    system = lambda told: [told.get("coordinateSystem", {}).get("wkt", "-").splitlines()[at] for at in [0, -1]]
+    system = lambda found: [found.get("coordinateSystem", {}).get("wkt", "-").splitlines()[at] for at in [0, -1]]
     assert system(ours) == system(theirs), (name, system(ours), system(theirs))
     for band, known in zip(ours["bands"], stats["channels"]):
         told_mean = float(band["metadata"][""]["STATISTICS_MEAN"])
@@ -248,8 +248,8 @@ for definition in '+proj=laea +lat_0=45 +lon_0=-100 +R=6370997' \
     '+proj=stere +lat_0=-90 +lat_ts=-70 +a=6378273 +rf=298.279411123064'; do
     "$spinney" build -q "$work/elevation.tif" -o "$work/own.goblin" --crs "$definition" 2> /dev/null
     place() { echo '10 50' | gdaltransform -s_srs EPSG:4326 -t_srs "$1"; }
-    told=$(gdalinfo -json "$work/own.goblin" | python3 -c 'import json, sys; print(json.load(sys.stdin)["coordinateSystem"]["wkt"])')
-    [ "$(place "$told")" = "$(place "$definition")" ] || fail "$definition: another system through GDAL: $told"
+    found=$(gdalinfo -json "$work/own.goblin" | python3 -c 'import json, sys; print(json.load(sys.stdin)["coordinateSystem"]["wkt"])')
+    [ "$(place "$found")" = "$(place "$definition")" ] || fail "$definition: another coordinate system through GDAL: $found"
 done
 # An unknown definition is reported.
 "$spinney" build -q "$work/elevation.tif" -o "$work/own.goblin" --crs '{"type":"OtherCRS","name":"a yard"}' 2> /dev/null

@@ -27,7 +27,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let line = line?;
         let mut words = line.trim_end().rsplitn(3, char::is_whitespace);
         let (Some(latitude), Some(longitude), Some(name)) = (words.next(), words.next(), words.next()) else {
-            return Err(format!("{line}: expected a system, a longitude and a latitude").into());
+            return Err(format!(
+                "{line}: expected a coordinate reference system, a longitude and a latitude"
+            )
+            .into());
         };
         let place = [longitude.parse()?, latitude.parse()?];
         let (_, projection) = match &open {

@@ -63,8 +63,8 @@ fn length(vector: &[f64]) -> f64 {
     vector.iter().map(|number| number * number).sum::<f64>().sqrt()
 }
 
-fn store(folder: &Path, name: &str, depth: u8, distance: impl Fn([f64; 3]) -> f64 + Sync) -> Result<()> {
-    let path = folder.join(name).with_extension("goblin");
+fn store(directory: &Path, name: &str, depth: u8, distance: impl Fn([f64; 3]) -> f64 + Sync) -> Result<()> {
+    let path = directory.join(name).with_extension("goblin");
     let mut metadata = Metadata::default();
     let side = 2.0 / (1u64 << depth) as f64;
     for (axis, row) in metadata.frame.matrix.iter_mut().enumerate() {
@@ -80,14 +80,14 @@ fn store(folder: &Path, name: &str, depth: u8, distance: impl Fn([f64; 3]) -> f6
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let folder = arguments.next().unwrap_or_else(|| ".".into());
+    let directory = arguments.next().unwrap_or_else(|| ".".into());
     let depth = arguments.next().and_then(|depth| depth.parse().ok()).unwrap_or(8);
-    let folder = Path::new(&folder);
-    std::fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
-    store(folder, "ball", depth, |point| length(&point) - 0.8)?;
-    store(folder, "torus", depth, |[x, y, z]| length(&[length(&[x, y]) - 0.62, z]) - 0.24)?;
+    let directory = Path::new(&directory);
+    std::fs::create_dir_all(directory).map_err(Error::io(directory, "create"))?;
+    store(directory, "ball", depth, |point| length(&point) - 0.8)?;
+    store(directory, "torus", depth, |[x, y, z]| length(&[length(&[x, y]) - 0.62, z]) - 0.24)?;
     // A box with rounded edges, hollowed by a gyroid.
-    store(folder, "cave", depth, |[x, y, z]| {
+    store(directory, "cave", depth, |[x, y, z]| {
         let out = [x, y, z].map(|number: f64| (number.abs() - 0.7).max(0.0));
         let [u, v, w] = [x, y, z].map(|number| number * 7.0);
         let gyroid = u.sin() * v.cos() + v.sin() * w.cos() + w.sin() * u.cos();

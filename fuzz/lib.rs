@@ -7,7 +7,7 @@ pub mod targets;
 /// and no thread waits.
 pub fn use_one_thread() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
-    pool.build_global().expect("nobody has used the pool");
+    pool.build_global().expect("the pool has not been used");
 }
 
 /// Makes a target the program.

@@ -49,21 +49,21 @@ fn tree(form: TreeType, size: [u64; 3], rule: Rule) -> MemTree {
 fn main() -> Result<()> {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let put = |target: &str, name: &str, bytes: &[u8]| {
-        let folder = root.join("corpus").join(target);
-        fs::create_dir_all(&folder).unwrap();
-        fs::write(folder.join(name), bytes).unwrap();
+        let directory = root.join("corpus").join(target);
+        fs::create_dir_all(&directory).unwrap();
+        fs::write(directory.join(name), bytes).unwrap();
     };
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let project = root.join("..");
-    goblins(&put, &project, folder.path())?;
-    autumnals(&put, &project, folder.path())?;
-    layers(&put, folder.path())?;
-    pictures(&put, &project, folder.path())?;
+    goblins(&put, &project, directory.path())?;
+    autumnals(&put, &project, directory.path())?;
+    layers(&put, directory.path())?;
+    images(&put, &project, directory.path())?;
     meshes(&put);
-    features(&put, folder.path())?;
-    models(&put, folder.path())?;
-    line_trees(&put, folder.path())?;
-    texts(&put);
+    features(&put, directory.path())?;
+    models(&put, directory.path())?;
+    line_trees(&put, directory.path())?;
+    text_formats(&put);
     Ok(())
 }
 
@@ -82,9 +82,9 @@ fn build(
     Ok(fs::read(path).unwrap())
 }
 
-fn goblins(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
+fn goblins(put: Put<'_>, project: &Path, directory: &Path) -> Result<()> {
     put("goblin_read", "classic", &fs::read(project.join("fixtures/v1/classic.goblin")).unwrap());
-    let path = folder.join("t.goblin");
+    let path = directory.join("t.goblin");
     let continuous = (Rule::Mean, DataKind::Continuous);
     put("goblin_read", "octree", &build(&path, OCT, [5, 4, 6], continuous, false)?);
     let floats = form(Dimension::Quad, SampleType::F32, 2);
@@ -120,9 +120,9 @@ fn goblins(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
+fn autumnals(put: Put<'_>, project: &Path, directory: &Path) -> Result<()> {
     let history = fs::read(project.join("fixtures/v1/history.autumn")).unwrap();
-    let path = folder.join("t.autumn");
+    let path = directory.join("t.autumn");
     let small = build(&path, OCT, [5, 4, 3], (Rule::Mean, DataKind::Continuous), true)?;
     let floats = form(Dimension::Quad, SampleType::F64, 1);
     build(&path, floats, [6, 7, 1], (Rule::Mean, DataKind::Continuous), false)?;
@@ -157,7 +157,7 @@ fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         fs::write(&path, &files[from].1).unwrap();
         let region = FillRegion::Box(Bounds { min: [0; 3], max: [64; 3] });
         edit(&path, [Ok(Edit::Fill(region, Some(vec![9.0.into()])))], Note::default(), 1 << 20, &())?;
-        let to = folder.join("packed.autumn");
+        let to = directory.join("packed.autumn");
         let options = CompactOptions::new(&Keep::Last(2), 1 << 20).pack(true);
         compact(&path, &options, Output::create(&to)?, &())?;
         files.push((name, fs::read(&to).unwrap()));
@@ -176,16 +176,16 @@ fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
 }
 
 /// Files of several layers of different types, depths and cells.
-fn layers(put: Put<'_>, folder: &Path) -> Result<()> {
+fn layers(put: Put<'_>, directory: &Path) -> Result<()> {
     let continuous = (Rule::Mean, DataKind::Continuous);
     let pairs = form(Dimension::Quad, SampleType::U16, 2);
     for (name, first, second, size) in
         [("quadtrees", QUAD, pairs, [13, 10, 1]), ("octrees", OCT, OCT, [5, 4, 6])]
     {
-        let other = folder.join("other.goblin");
+        let other = directory.join("other.goblin");
         build(&other, second, size, (Rule::Max, DataKind::Continuous), false)?;
         for extension in ["goblin", "autumn"] {
-            let path = folder.join(format!("layers.{extension}"));
+            let path = directory.join(format!("layers.{extension}"));
             build(&path, first, size, continuous, false)?;
             for layer in ["b", "c"] {
                 add_layer(
@@ -207,7 +207,7 @@ fn layers(put: Put<'_>, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
+fn images(put: Put<'_>, project: &Path, directory: &Path) -> Result<()> {
     let samples: Vec<u8> = (0..=255).map(|byte: u8| byte / 3 * 2).collect();
     for (target, name, file, sample, channels) in [
         ("png", "rgb", "a.png", SampleType::U8, 3),
@@ -217,7 +217,7 @@ fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         ("exr", "floats", "a.exr", SampleType::F32, 1),
         ("exr", "rgb", "a.exr", SampleType::F32, 3),
     ] {
-        let path = folder.join(file);
+        let path = directory.join(file);
         let (width, height) = (5, 4);
         let value = ValueType::new(sample, channels);
         let spec = ImageSpec {
@@ -249,7 +249,7 @@ fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         Ifd::grey(9, 3, vec![0xfc, 0x12, 0x04, 1, 2, 3, 4, 5, 0xfc, 9]).short(258, &[4]).short(259, &[32773]);
     put("tiff", "tiles", &tiff_file::file(&[tiles]));
     put("tiff", "packbits", &tiff_file::file(&[packbits]));
-    let made = project.join("tests/import/pictures");
+    let made = project.join("tests/import/images");
     for (target, name) in [
         ("png", "adam7.png"),
         ("png", "adam7_grey2.png"),
@@ -313,7 +313,7 @@ fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-fn features(put: Put<'_>, folder: &Path) -> Result<()> {
+fn features(put: Put<'_>, directory: &Path) -> Result<()> {
     let geometries = [
         r#"{"type":"Polygon","coordinates":[[[0,0],[9,0],[9,9],[0,0]],[[4,1],[5,1],[5,2],[4,1]]]}"#,
         r#"{"type":"MultiLineString","coordinates":[[[1,2,3],[4,5.5e1]],[]]}"#,
@@ -345,7 +345,7 @@ fn features(put: Put<'_>, folder: &Path) -> Result<()> {
             crs: Some(Crs::epsg(25832)),
             bounds: [[0.0, 0.0], [9.0, 9.0]],
         };
-        let path = folder.join(format!("a.{ending}"));
+        let path = directory.join(format!("a.{ending}"));
         let mut writer = VectorWriter::create(Output::create(&path)?, ending.parse()?, layer)?;
         let ring = |at: f64| vec![[at, 1.0, 0.0], [at + 5.0, 1.0, 0.0], [at, 6.0, 0.0], [at, 1.0, 0.0]];
         let hole = vec![[1.0, 2.0, 0.0], [1.0, 3.0, 0.0], [2.0, 2.0, 0.0], [1.0, 2.0, 0.0]];
@@ -355,7 +355,7 @@ fn features(put: Put<'_>, folder: &Path) -> Result<()> {
         put(target, "polygons", &fs::read(&path).unwrap());
     }
     // (As long as the only shape of the target: one row.)
-    let mut table = fs::read(folder.join("a.dbf")).unwrap();
+    let mut table = fs::read(directory.join("a.dbf")).unwrap();
     table[4] = 1;
     put("shapefile_table", "row", &table);
     Ok(())
@@ -443,8 +443,8 @@ fn meshes(put: Put<'_>) {
 }
 
 /// Exact models of a few grid units, so that there are cells of all kinds and few of them.
-fn models(put: Put<'_>, folder: &Path) -> Result<()> {
-    let (mesh, path) = (folder.join("mesh.off"), folder.join("model.goblin"));
+fn models(put: Put<'_>, directory: &Path) -> Result<()> {
+    let (mesh, path) = (directory.join("mesh.off"), directory.join("model.goblin"));
     let tetrahedron = "OFF\n4 4 0\n0 0 0\n3 0 0\n0 3 0\n0 0 3\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
     // A slanted beam and a separate box.
     let bodies = "COFF\n12 10 0\n0 0 0 1 2 3\n6 0 2 1 2 3\n0 4 1 1 2 3\n1 1 7 1 2 3\n\
@@ -467,8 +467,8 @@ fn models(put: Put<'_>, folder: &Path) -> Result<()> {
 
 /// Line trees of a few segments: with all kinds of values, in leaves and inner nodes, and empty
 /// ones.
-fn line_trees(put: Put<'_>, folder: &Path) -> Result<()> {
-    let path = folder.join("lines.goblin");
+fn line_trees(put: Put<'_>, directory: &Path) -> Result<()> {
+    let path = directory.join("lines.goblin");
     for (name, count) in [("some", 12), ("none", 0)] {
         let (attributes, features) = line_features::some(count);
         let options = LineBuildOptions { leaf_size: 4, ..LineBuildOptions::default() };
@@ -480,7 +480,7 @@ fn line_trees(put: Put<'_>, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-fn texts(put: Put<'_>) {
+fn text_formats(put: Put<'_>) {
     for (name, text) in [
         ("numbers", "EPSG:2056+5773"),
         (

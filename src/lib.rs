@@ -45,7 +45,7 @@
 //! | build a tree from blocks of samples | [`tree::Slabs`] |
 //! | build a tree from a hierarchical source | [`tree::Source`] |
 //! | write a tree in another format, draw it | `export`, `style` |
-//! | crop, scale, rotate, reproject, calculate | [`transform`], [`ViewStep`], [`Dataset::view`] |
+//! | crop, scale, rotate, reproject, calculate | [`transform`], [`ViewOperation`], [`Dataset::view`] |
 //! | merge or compare trees | [`combine`], [`SetOperation`], [`CombineOperation`] |
 //! | edit a file, and read its history | [`edit`](mod@edit), [`convert`] |
 //! | query and combine exact models | `ExactModel`, `brep` |
@@ -104,7 +104,7 @@ pub use spinney_container::{Codec, Header, Metadata, OpenOptions};
 pub use spinney_crs::{CellLocator, Coordinates, Crs, Frame, WorldLocator};
 pub use spinney_engine::dataset::Dataset;
 pub use spinney_engine::ops::{
-    CombineOperation, CombineOptions, FileView, Resampling, Universe, ViewStep, WarpOptions, combine,
+    CombineOperation, CombineOptions, FileView, Resampling, Universe, ViewOperation, WarpOptions, combine,
     convert, transform,
 };
 pub use spinney_engine::store::{BuildOptions, WriteOptions};

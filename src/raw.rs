@@ -4,7 +4,7 @@
 
 /// Node codes and boxes, and the georeferencing of cells.
 pub mod space {
-    pub use spinney_base::space::{Cell, CodeRun, Cover, Up};
+    pub use spinney_base::space::{Cell, CodeRange, Cover, Up};
     pub use spinney_crs::{
         ControlPoint, ControlPoints, Epsg, GeoKeys, PROJECTION_METHODS, PolygonParts, Projection,
         WEB_MERCATOR, WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator, web_mercator_depth,
@@ -23,7 +23,7 @@ pub mod value {
 pub mod io {
     pub use spinney_base::io::{
         CachedBytes, CompletionRecord, DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileStat, FileVersion,
-        Mapped, OutputFolder, Positioned, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter,
+        Mapped, OutputDirectory, Positioned, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter,
         WriteBackend, any_file, redacted, shown, url_of, without_query,
     };
 
@@ -48,7 +48,7 @@ pub mod tree {
 /// Trees on disk: the two formats, their common code, and the builders.
 pub mod store {
     pub use spinney_container::{
-        ByteSource, FileReference, Finding, LevelCounts, PieceSummary, ScopedTags, Shape, ShardSummary, Tag,
+        ByteSource, FileReference, Finding, LevelCounts, RangeSummary, ScopedTags, Shape, ShardSummary, Tag,
         TagScope, TreeFormat, Unit, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
@@ -58,7 +58,7 @@ pub mod store {
     /// The compact, read-only format.
     pub mod goblin {
         pub use spinney_engine::store::goblin::{
-            Entry, Goblin, GoblinNode, LevelBytes, MergeOutput, Segment, Shard, ShardPiece, merge_shards,
+            Entry, Goblin, GoblinNode, LevelBytes, MergeOutput, Segment, Shard, ShardRange, merge_shards,
         };
     }
 
@@ -89,7 +89,8 @@ pub mod store {
 #[cfg(feature = "shards")]
 pub mod shards {
     pub use spinney_shards::{
-        Built, GivenLayers, Job, JobSpec, MergeOptions, Merged, Planned, merge, plan, plan_given,
+        ArrayLayers, Job, JobSpec, MergeOptions, MergeOutcome, PlanOutcome, ShardOutcome, merge, plan,
+        plan_arrays,
     };
 }
 
@@ -118,10 +119,10 @@ pub mod ops {
         ClassMatching, Coarse, CoarseNode, Combined, CombinedNode, CompareReport, Connectivity, Conversion,
         Converted, Difference, Differences, FdRange, FillPatch, LayerInfo, MAX_ZOOM, MadeOperand, MemoryTree,
         Outcome, OutputExtent, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer, ReconcileOptions,
-        Regions, Sampling, Sieve, TreeFile, TreeFileNode, Turn, View, ViewNode, ViewSource, ViewSourceNode,
-        WarpGrid, WarpTarget, Warped, add_layer, apply_edits, blame, build, combine_with, crosstab,
-        crosstab_files, data_box, diff, diff_files, differences, drop_layer, layer_paths, only_layer,
-        transform_to, warp,
+        Regions, RotationAxis, Sampling, Sieve, TreeFile, TreeFileNode, View, ViewNode, ViewSource,
+        ViewSourceNode, WarpGrid, WarpTarget, Warped, add_layer, apply_edits, blame, build, combine_with,
+        crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer, layer_paths,
+        only_layer, transform_to, warp,
     };
 }
 
@@ -140,10 +141,10 @@ pub mod dataset {
 #[cfg(feature = "brep")]
 pub mod brep {
     pub use spinney_brep::{
-        AttributedFaceVisitor, Attributes, BoundaryPart, BuildReport, ChosenParts, ColumnValues,
+        AttributedFaceVisitor, Attributes, BoundaryClass, BuildReport, ChosenParts, ColumnValues,
         CombineReport, ContactKind, ContactVisitor, Defect, DefectKind, FaceList, InsideRule, LEAF_SIZE,
         LeafRule, MAX_BITS, ModelBuilder, ModelNode, ModelNodeState, ModelView, NodeCounts, NodeKind,
-        ObjectContact, Repair, TransformReport, Triangulated, ViewRays, boundary_parts, divide_faces,
+        ObjectContact, Repair, TransformReport, Triangulated, ViewRays, boundary_classes, divide_faces,
         is_model_file, object_contacts,
     };
 
@@ -176,9 +177,10 @@ pub mod points {
     pub use spinney_points::las::{LasFiles, LasReader};
     pub use spinney_points::{
         BuildSummary, ChosenPoints, ColumnSummary, GriddedPoints, NearPoint, POSITION_BYTES, PointAttribute,
-        PointBuildOptions, PointColumns, PointCondition, PointFormat, PointGrid, PointPart, PointRows,
-        PointSchema, PointSource, PointStatistics, Relation, RowField, RowLayout, WorldPoints, build,
-        export_points, has_points, is_las_file, is_point_file, ordered_number, plan_points, position,
+        PointBuildOptions, PointColumns, PointCondition, PointFormat, PointGrid, PointRows, PointSchema,
+        PointSource, PointStatistics, PointSubset, Relation, RowField, RowLayout, WorldPoints,
+        attribute_index, build, export_points, has_points, is_las_file, is_point_file, ordered_number,
+        plan_points,
     };
     #[cfg(feature = "vector")]
     pub use spinney_vector::{CellRule, PointRaster, rasterize_points, region_of_polygons};
@@ -225,7 +227,9 @@ pub mod geometry {
 #[cfg(feature = "brep")]
 pub mod partitions {
     pub use spinney_partitions::bintree::{Bintree, BintreeNode, Halving, MAX_CELLS};
-    pub use spinney_partitions::bsp::{Bsp, BspBlocks, BspNode, BspPiece, Division, MAX_PIECES, Seen};
+    pub use spinney_partitions::bsp::{
+        Bsp, BspBlocks, BspFragment, BspItem, BspNode, Division, MAX_FRAGMENTS,
+    };
     pub use spinney_partitions::preorder::BinaryNode;
 }
 
@@ -345,8 +349,8 @@ pub mod export {
     #[cfg(feature = "raster")]
     pub mod tiles {
         pub use spinney_raster::tile_archives::{
-            Pmtiles, SourceState, TileArchiveSummary, TileFolder, TilePart, TileProvenance, TileTarget,
-            TileUpdate, UpdateOptions, draw_tiles, encode_tile, is_tile_archive, is_tile_folder,
+            Pmtiles, SourceState, TileArchiveSummary, TileDirectory, TileProvenance, TileShard, TileTarget,
+            TileUpdate, UpdateOptions, draw_tiles, encode_tile, is_tile_archive, is_tile_directory,
             verify_tiles,
         };
         pub use spinney_tiles::{

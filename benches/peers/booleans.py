@@ -24,7 +24,7 @@ import time
 import zlib
 from pathlib import Path
 
-from common import SPINNEY, WORK, runs, start, table
+from common import SPINNEY, WORK, record, row, runs, start, table
 from exact import MESH, PYTHON, READ, TORUS, install, python, spinney
 
 PAIRS = Path(os.environ.get("PAIRS", WORK / "booleans"))
@@ -50,11 +50,11 @@ OTHERS = [
     *((NASTY[i], NASTY[i + 1]) for i in range(0, 12, 2)),
     (NASTY[11], NASTY[12]),
 ]
-# Position of the second solid: `turned` is also rotated, `slid` is moved only along x, `beside` is
-# moved by its width along x, `same` is at the same position, `within` is smaller and inside.
+# Position of the second solid: `turned` is also rotated, `slid` is moved only along x, `adjacent`
+# is moved by its width along x, `same` is at the same position, `within` is smaller and inside.
 MADE = [
     ("cube", "cube", "turned"),
-    ("cube", "cube", "beside"),
+    ("cube", "cube", "adjacent"),
     ("cube", "cube", "within"),
     ("cube", "cube", "same"),
     ("torus", "torus", "turned"),
@@ -250,13 +250,13 @@ def make(name, first, second, how, ending=".off", fraction=None):
             b_faces = b_faces[:, ::-1]
     if how in ("turned", "scaled", "within"):
         b = b * (extent(a) / extent(b) * (0.37 if how == "within" else rng.uniform(0.6, 1.1)))
-    room = (2 if how == "beside" else 1.4) * max(extent(a), extent(b))
+    space = (2 if how == "adjacent" else 1.4) * max(extent(a), extent(b))
     # A surface may be resolvable on one grid, and not on another.
     for step in range(4):
-        width = 2.0 ** (math.ceil(math.log2(room / STEPS)) + step)
+        width = 2.0 ** (math.ceil(math.log2(space / STEPS)) + step)
         try:
             first = body(a, a_faces, width)
-            second = first if how in ("moved", "slid", "beside", "same") else body(b, b_faces, width)
+            second = first if how in ("moved", "slid", "adjacent", "same") else body(b, b_faces, width)
             break
         except subprocess.SubprocessError:
             if step == 3:
@@ -265,7 +265,7 @@ def make(name, first, second, how, ending=".off", fraction=None):
     middle = (a.min(0) + a.max(0) - b.min(0) - b.max(0)) / 2
     away = (3 if how == "turned" else 1) * rng.uniform(0.02, 0.12, 3) * rng.choice([-1, 1], 3) * np.minimum(np.ptp(a, 0), np.ptp(b, 0))
     along = np.array([1, 0, 0])
-    shift = {"slid": middle + along * away, "beside": along * np.ptp(a, 0), "same": 0 * middle, "within": middle}.get(how, middle + away)
+    shift = {"slid": middle + along * away, "adjacent": along * np.ptp(a, 0), "same": 0 * middle, "within": middle}.get(how, middle + away)
     b = b + np.round(shift / width) * width
     both = np.concatenate([a, b])
     assert extent(both) <= STEPS * width and (both / width == np.round(both / width)).all()
@@ -376,12 +376,12 @@ def inside(*words, timeout=None):
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True, timeout=timeout).stdout)
 
 
-def prepared(asked):
+def prepared(requested):
     """Returns all pairs, with the reference volumes."""
     PAIRS.mkdir(parents=True, exist_ok=True)
     known = json.loads(VOLUMES.read_text()) if VOLUMES.exists() else {}
     for name, words in pairs_of().items():
-        if name in known or (asked and name not in asked):
+        if name in known or (requested and name not in requested):
             continue
         if any("." in mesh and not (MESH / mesh).exists() for mesh in words[:2]):
             continue
@@ -397,7 +397,7 @@ def prepared(asked):
             facts.update(found if peer == "libigl" else {"manifold": found})
         known[name] = facts
         VOLUMES.write_text(json.dumps(known, indent=1))
-    return {name: known[name] for name in pairs_of() if name in known and (not asked or name in asked)}
+    return {name: known[name] for name in pairs_of() if name in known and (not requested or name in requested)}
 
 
 def model_of(mesh, width):
@@ -423,9 +423,9 @@ def residual(of, a, b):
     return max(abs(of["both"] + of["a_only"] - a), abs(of["both"] + of["b_only"] - b)) / whole
 
 
-def pairs(asked):
-    facts = prepared(asked)
-    rows, failed, disputes, worst = [], {"open": 0, "refused": 0, "off": 0}, [], 0.0
+def pairs(requested):
+    facts = prepared(requested)
+    rows, failed, disputes, worst, theirs_worst = [], {"open": 0, "refused": 0, "off": 0}, [], 0.0, 0.0
     for name, of in facts.items():
         a, b = (PAIRS / f"{name}_{side}.off" for side in "ab")
         out = WORK / "result.goblin"
@@ -456,14 +456,15 @@ def pairs(asked):
             for peer, found in known.items()
         }
         # A and B together are their union plus their intersection.
-        told, whole, parts = [facts_of(model)["volume"] for model in (a, b)], volumes.get(7, math.nan), (1, 2, 4)
+        volumes_of_inputs, whole, parts = [facts_of(model)["volume"] for model in (a, b)], volumes.get(7, math.nan), (1, 2, 4)
         ours = {key: volumes.get(code, math.nan) for key, code in zip(("both", "a_only", "b_only"), parts)}
-        sums = [abs(whole + ours["both"] - sum(told)) / union, residual(ours, *told), abs(sum(ours.values()) - whole) / union]
+        sums = [abs(whole + ours["both"] - sum(volumes_of_inputs)) / union, residual(ours, *volumes_of_inputs), abs(sum(ours.values()) - whole) / union]
         sums += [abs(volumes[code] + volumes[15 - code]) / union for code in range(8) if {code, 15 - code} <= volumes.keys()]
         theirs = {peer: residual(found, found["a"], found["b"]) for peer, found in known.items()}
         error = errors.get("libigl", errors.get("manifold", math.nan))
         if len(known) == 2 and volumes:
             differ = max(abs(known["libigl"][key] - known["manifold"][key]) for key in ("both", "a_only", "b_only")) / union
+            theirs_worst = max(theirs_worst, differ)
             if differ > GOAL:
                 near = min(errors, key=errors.get)
                 sound = min(theirs, key=theirs.get)
@@ -484,6 +485,12 @@ def pairs(asked):
     print(f"{len(rows)} pairs, {16 * len(rows)} operations: {failed['open']} not closed, {failed['refused']} refused;", end=" ")
     print(f"volumes of {failed['off']} pairs are off by more than {GOAL:g}, the largest by {worst:.1e} of A or B")
     print()
+    if len(rows) == 40:
+        record("exact models", [
+            row("forty pairs, sixteen operations: refused or open results", f"of {16 * len(rows)}", failed["refused"] + failed["open"]),
+            row("forty pairs, sixteen operations: maximum error of volumes", "of the volume", worst, "manifold3d", theirs_worst,
+                note="Against sums of libigl's minterms."),
+        ])
     if disputes:
         table(["libigl and manifold3d differ", "by", "ours is nearer to", "off by", "sums are right by", "off by"], disputes)
 
@@ -500,32 +507,40 @@ def peer_median(peer, code, a, b, times):
 
 def operations(bodies, peers=("manifold3d", "libigl"), codes=SHOWN):
     """Prints a table row for each operation: solids are names, mesh files and the grid unit."""
-    rows, times = [], int(os.environ.get("RUNS", 3))
+    rows, results, times = [], [], int(os.environ.get("RUNS", 3))
     for name, a, b, width in bodies:
         first, second, out = model_of(a, width), model_of(b, width), WORK / "result.goblin"
         slow = set()
         for code in codes:
-            cpu, _, peak = runs([SPINNEY, "-q", "--threads", 1, "combine", code, first, second, "--memory", "3G", "-o", out])
+            cpu, wall, peak = runs([SPINNEY, "-q", "--threads", 1, "combine", code, first, second, "--memory", "3G", "-o", out])
             ours = facts_of(out)["volume"] or 0.0
-            row = [name, NAMES[code], f"{cpu:.2f}", f"{peak:.0f}"]
+            shown, job = [name, NAMES[code], f"{cpu:.2f}", f"{peak:.0f}"], f"{name}: {NAMES[code]}"
+            if len(codes) == 1:
+                job = name
+                results.append(row(f"{job}, wall", "s", wall))
             for peer in ("manifold3d", "libigl"):
                 theirs = peer_median(peer, code, a, b, times) if peer in peers and peer not in slow else None
                 if theirs is None:
-                    row += [f"over {PLENTY}" if peer in peers else "-"] + ["-"] * (6 if peer == "manifold3d" else 3)
+                    shown += [f"over {PLENTY}" if peer in peers else "-"] + ["-"] * (6 if peer == "manifold3d" else 3)
                     slow.add(peer)
                     continue
                 alone, total = theirs["seconds"][-1], sum(theirs["seconds"])
                 differ = f"{abs(ours - theirs['volume']) / abs(theirs['volume'] or math.nan):.1e}"
+                known = "manifold3d, with import" if peer == "manifold3d" else peer
+                results.append(row(job, "CPU s", cpu, known, total if peer == "manifold3d" else alone))
+                results.append(row(f"{job}: memory", "MiB", peak, known, theirs["peak"]))
                 if peer == "manifold3d":
-                    row += [f"{alone:.2f}", f"{total:.2f}", f"{theirs['peak']:.0f}", f"{cpu / alone:.2f}", f"{cpu / total:.2f}"]
-                    row += [f"{peak / theirs['peak']:.2f}", differ]
+                    results.append(row(job, "CPU s", cpu, "manifold3d, in memory", alone, note="Ours is from file to file."))
+                    shown += [f"{alone:.2f}", f"{total:.2f}", f"{theirs['peak']:.0f}", f"{cpu / alone:.2f}", f"{cpu / total:.2f}"]
+                    shown += [f"{peak / theirs['peak']:.2f}", differ]
                 else:
-                    row += [f"{alone:.2f}", f"{theirs['peak']:.0f}", f"{cpu / alone:.2f}", differ]
-            rows.append(row)
+                    shown += [f"{alone:.2f}", f"{theirs['peak']:.0f}", f"{cpu / alone:.2f}", differ]
+            rows.append(shown)
         for model in (first, second, out):
             model.unlink(missing_ok=True)
     head = ["bodies", "operation", "ours, CPU s", "MiB", "manifold3d, CPU s", "with import", "MiB", "CPU ours / theirs", "/ with import"]
     table([*head, "MiB ours / theirs", "volumes differ", "libigl, CPU s", "MiB", "CPU ours / theirs", "volumes differ"], rows)
+    record("exact models", results)
 
 
 def armadillo():
@@ -544,7 +559,7 @@ def coplanar():
         if "." in mesh and not (MESH / mesh).exists():
             continue
         facts = inside("make", f"coplanar_{name}", mesh, mesh, how, ".ply")
-        bodies.append((name, *(PAIRS / f"coplanar_{name}_{side}.ply" for side in "ab"), facts["grid"]))
+        bodies.append((f"{name}, {how}", *(PAIRS / f"coplanar_{name}_{side}.ply" for side in "ab"), facts["grid"]))
     operations(bodies)
 
 
@@ -553,7 +568,7 @@ def large():
     a, b = PAIRS / "torus_large_a.ply", PAIRS / "torus_large_b.ply"
     python(TORUS, 4000, 1600, a)
     width = inside("tori", a, b)
-    operations([("bumpy tori of 12.8 million", a, b, width)], ("manifold3d",), (7,))
+    operations([("union of two tori of 12.8 million triangles", a, b, width)], ("manifold3d",), (7,))
     a.unlink()
     b.unlink()
 
@@ -568,10 +583,10 @@ def main():
     words = [word for word in sys.argv[1:] if not word.startswith("--")]
     parts = {"pairs": lambda: pairs([word for word in words if word not in parts]), "armadillo": armadillo}
     parts.update(coplanar=coplanar, large=large)
-    asked = [part for part in parts if part in words] or ["pairs", "armadillo", "coplanar"]
-    if "--large" in sys.argv and "large" not in asked:
-        asked.append("large")
-    for part in asked:
+    requested = [part for part in parts if part in words] or ["pairs", "armadillo", "coplanar"]
+    if "--large" in sys.argv and "large" not in requested:
+        requested.append("large")
+    for part in requested:
         parts[part]()
 
 

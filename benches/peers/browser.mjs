@@ -5,8 +5,9 @@
 //
 // 1,000 unaligned windows of 256 x 256 cells at random positions of random levels, the same for
 // both; and the size of the module. The COG may be written by `spinney export TREE.goblin COG.tif
-// --tile-size 256`.
+// --tile-size 256`. RECORD=1 records the figures, see common.py.
 
+import { execFileSync } from "node:child_process";
 import { readFileSync } from "node:fs";
 import { fileURLToPath, pathToFileURL } from "node:url";
 import { gzipSync } from "node:zlib";
@@ -18,7 +19,9 @@ const SIDE = 256;
 const COUNT = 1000;
 
 const module = readFileSync(fileURLToPath(new URL("../../crates/site/page/spinney/module_bg.wasm", import.meta.url)));
-console.log(`module: ${module.length} bytes, gzip ${gzipSync(module, { level: 9 }).length}`);
+const packed = gzipSync(module, { level: 9 }).length;
+console.log(`module: ${module.length} bytes, gzip ${packed}`);
+const rows = [{ job: "module by gzip", unit: "bytes", ours: packed }];
 
 let state = 3;
 const random = () => {
@@ -76,4 +79,10 @@ if (cog) {
     return sum;
   });
   console.log(`geotiff.js takes ${(other / own).toFixed(1)} times as long`);
+  const job = `${COUNT.toLocaleString("en")} windows of ${SIDE} x ${SIDE}, ${tree.split("/").at(-1).split(/[._]/)[0]}, ${tree.includes("packed") ? "packed" : "plain"}`;
+  rows.push({ job, unit: "s", ours: own, peer: "geotiff.js", peer_figure: other });
+}
+if (process.env.RECORD === "1") {
+  const common = fileURLToPath(new URL("common.py", import.meta.url));
+  execFileSync("python3", [common, "JavaScript package", ...process.argv.slice(1)], { input: JSON.stringify(rows) });
 }

@@ -1,4 +1,10 @@
-"""Common code of these scripts: paths, measured runs, tables."""
+"""Common code of these scripts: paths, measured runs, tables, recorded results.
+
+With RECORD=1 in the environment, a script also merges its figures into benches/results.json, and
+writes benches/RESULTS.md. A script in another language passes its rows (JSON) on standard input:
+
+    RECORD=1 python3 benches/peers/common.py AREA SCRIPT [ARGUMENT...]
+"""
 
 import datetime
 import json
@@ -16,6 +22,8 @@ WORK = ROOT / "benches" / "peers" / "work"
 RESULTS = ROOT / "benches" / "results.json"
 # Fields of a row of results; those without a value are not stored.
 FIELDS = ["area", "job", "peer", "peer_figure", "ours", "ratio", "unit", "command", "machine", "date", "commit", "note"]
+# Variables that change what a script measures: a row's command has them.
+SETTINGS = ["RUNS", "CODEC", "SIDE", "FILES", "SECONDS", "REQUESTS"]
 SPINNEY = Path(os.environ.get("SPINNEY", ROOT / "target" / "release" / "spinney"))
 SHORELINE = DATA / "shoreline_43200x21600_u8.tif"
 CLASSES = DATA / "classes12_8192x4096_u8.tif"
@@ -86,19 +94,39 @@ def tree(source, target, *options):
         once([SPINNEY, "-q", "build", source, "-o", target, *options])
 
 
-def record(rows):
-    """Merges rows into benches/results.json by (area, job, peer), and writes benches/RESULTS.md.
+def row(job, unit, ours, peer=None, theirs=None, **more):
+    """Returns a row for `record`."""
+    return {"job": job, "peer": peer, "peer_figure": theirs, "ours": ours, "unit": unit, **more}
 
-    A row needs area, job, ours and unit. The ratio is ours / peer_figure, of rates (units ending
-    in /s) the inverse. COMMIT is the commit SPINNEY was built from; the default is HEAD.
+
+def costs(job, ours, peer=None, theirs=(None,) * 3, wall=True, memory=True, **more):
+    """Returns rows of CPU seconds, wall seconds and peak MiB, which `once` and `runs` return."""
+    columns = [("", "CPU s", True), (", wall", "s", wall), (": memory", "MiB", memory)]
+    return [row(job + end, unit, own, peer, other, **more) for (end, unit, used), own, other in zip(columns, ours, theirs) if used]
+
+
+def rounded(value):
+    return value if not isinstance(value, float) else round(value) if value >= 100 else float(f"{value:.3g}")
+
+
+def record(area, rows):
+    """With RECORD=1, merges rows into benches/results.json by (area, job, peer), and writes
+    benches/RESULTS.md.
+
+    The ratio is ours / peer_figure, of rates (units ending in /s) the inverse. COMMIT is the commit
+    SPINNEY was built from; the default is HEAD.
     """
+    if os.environ.get("RECORD") != "1":
+        return
 
     def key(row):
         return row["area"], row["job"], row.get("peer")
 
     head = ["git", "rev-parse", "--short=8", "HEAD"]
+    settings = [f"{name}={os.environ[name]}" for name in SETTINGS if name in os.environ]
     common = {
-        "command": " ".join(["benches/peers/" + Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "area": area,
+        "command": " ".join([*settings, "benches/peers/" + Path(sys.argv[0]).name, *sys.argv[1:]]),
         "machine": f"{os.cpu_count()} cores",
         "date": str(datetime.date.today()),
         "commit": os.environ.get("COMMIT") or subprocess.check_output(head, cwd=ROOT, text=True).strip(),
@@ -107,9 +135,14 @@ def record(rows):
     for row in rows:
         row = common | row
         ours, theirs = row["ours"], row.get("peer_figure")
-        if "ratio" not in row and ours and theirs:
+        if "ratio" not in row and ours is not None and theirs:
             row["ratio"] = float(f"{theirs / ours if row['unit'].endswith('/s') else ours / theirs:.3g}")
-        merged[key(row)] = {field: row[field] for field in FIELDS if row.get(field) is not None}
+        merged[key(row)] = {field: rounded(row[field]) for field in FIELDS if row.get(field) is not None}
     lines = ",\n".join(json.dumps(row, ensure_ascii=False) for row in merged.values())
     RESULTS.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
     subprocess.run([sys.executable, ROOT / "benches" / "render_results.py"], check=True)
+
+
+if __name__ == "__main__":
+    _, area, *sys.argv = sys.argv
+    record(area, json.load(sys.stdin))

@@ -6,13 +6,13 @@ differently, so its number of lines differs slightly. (Its bands, with -p, take 
 are left out.)
 """
 
-from common import RELIEF, SPINNEY, WORK, once, runs, start, table, tree
+from common import RELIEF, SPINNEY, WORK, costs, once, record, runs, start, table, tree
 
 start(peer="gdal_contour")
 goblin = WORK / "relief.goblin"
 tree(RELIEF, goblin)
-rows = []
-for ending in ["geojson", "gpkg"]:
+rows, results = [], []
+for ending, format in [("geojson", "GeoJSON"), ("gpkg", "GeoPackage")]:
     out, other = WORK / f"contours.{ending}", WORK / f"contours_gdal.{ending}"
     mine = runs([SPINNEY, "-q", "contours", goblin, "--every", "100", "-o", out])
     # It does not replace files.
@@ -20,6 +20,8 @@ for ending in ["geojson", "gpkg"]:
     gdal = once(["gdal_contour", "-q", "-i", "100", "-a", "value", RELIEF, other])
     rows.append([ending, *(f"{number:.2f}" for pair in zip(mine[:2], gdal[:2]) for number in pair),
                  f"{mine[2]:.0f}", f"{gdal[2]:.0f}", f"{gdal[0] / mine[0]:.1f}", f"{mine[2] / gdal[2]:.2f}"])
+    results += costs(f"contours of the relief, {format}", mine, "gdal_contour", gdal)
     out.unlink()
     other.unlink()
 table(["format", "CPU s", "GDAL", "wall s", "GDAL", "MiB", "GDAL", "times as fast", "memory of GDAL's"], rows)
+record("contours and isosurfaces", results)

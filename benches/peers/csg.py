@@ -15,7 +15,7 @@ import random
 import subprocess
 import sys
 
-from common import SPINNEY, WORK, runs, start, table, verdict
+from common import SPINNEY, WORK, costs, record, runs, start, table, verdict
 
 PYTHON = os.environ.get("PYTHON", sys.executable)
 
@@ -109,8 +109,8 @@ def main():
     with counted.open("w") as file:
         their_cpu, their_wall, their_peak = runs([PYTHON, "-c", PEER, cells, other], stdout=file)
     theirs = int(counted.read_text().split()[-1])
-    told = subprocess.check_output([SPINNEY, "stats", out], text=True)
-    ours = int(told.split("cells")[1].split(",")[0])
+    printed = subprocess.check_output([SPINNEY, "stats", out], text=True)
+    ours = int(printed.split("cells")[1].split(",")[0])
     table(
         ["", "CPU s", "wall s", "MiB", "full cells"],
         [
@@ -119,6 +119,8 @@ def main():
             ["ours / theirs", verdict(cpu / their_cpu, 0.2, least=False), "", "", f"{ours / theirs:.5f}"],
         ],
     )
+    theirs = their_cpu, their_wall, their_peak
+    record("solids of cells", costs(f"500 primitives less 500 others, {cells}^3", (cpu, wall, peak), "manifold3d and a scan", theirs))
 
 
 main()

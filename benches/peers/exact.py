@@ -19,7 +19,7 @@ import sys
 
 os.environ["RAYON_NUM_THREADS"] = "1"
 
-from common import ROOT, SPINNEY, WORK, once, start, table  # noqa: E402
+from common import ROOT, SPINNEY, WORK, costs, once, record, row, start, table  # noqa: E402
 
 MESH = ROOT.parent / "shared" / "data" / "mesh"
 VENV = WORK / "exact"
@@ -127,7 +127,7 @@ VOLUME = (
     + """
 from fractions import Fraction
 points, faces = read(sys.argv[1])
-# (Doubles are whole numbers of some power of two.)
+# (Doubles are integer multiples of some power of two.)
 scale = 2 ** 80
 whole = [[int(Fraction(at) * scale) for at in point] for point in points.tolist()]
 assert all(Fraction(w, scale) == Fraction(at) for p, q in zip(whole, points.tolist()) for w, at in zip(p, q))
@@ -190,19 +190,22 @@ def exact(mesh, *options):
 
 
 def building(peers, large):
-    rows = []
-    for n, m in [(500, 200), (4000, 1600)][: 2 if large else 1]:
+    rows, results = [], []
+    for n, m, name in [(500, 200, "200,000 triangles"), (4000, 1600, "12.8 million triangles")][: 2 if large else 1]:
         mesh = WORK / f"torus_{2 * n * m}.ply"
         if not mesh.exists():
             python(TORUS, n, m, mesh)
         runs = range(1 if n > 1000 else 3)
         out, ours = min((exact(mesh) for _ in runs), key=lambda found: found[1])
-        row = [2 * n * m, f"{ours[0]:.2f}", f"{ours[2]:.0f}", f"{out.stat().st_size / 1e6:.1f}"]
+        shown = [2 * n * m, f"{ours[0]:.2f}", f"{ours[2]:.0f}", f"{out.stat().st_size / 1e6:.1f}"]
+        results.append(row(f"bytes of {name}", "MB", out.stat().st_size / 1e6))
         if "manifold3d" in peers:
             theirs = min(once([PYTHON, "-c", MANIFOLD, mesh]) for _ in runs)
-            row += [f"{theirs[0]:.2f}", f"{theirs[2]:.0f}", f"{ours[0] / theirs[0]:.2f}", f"{ours[2] / theirs[2]:.2f}"]
-        rows.append(row)
+            shown += [f"{theirs[0]:.2f}", f"{theirs[2]:.0f}", f"{ours[0] / theirs[0]:.2f}", f"{ours[2] / theirs[2]:.2f}"]
+            results += costs(f"build, {name}", ours, "manifold3d", theirs, wall=False)
+        rows.append(shown)
     table(["triangles", "ours, CPU s", "MiB", "file, MB", "manifold3d, CPU s", "MiB", "CPU ours / theirs", "MiB ours / theirs"], rows)
+    record("exact models", results)
 
 
 def turned_cube():
@@ -221,14 +224,15 @@ def turned_cube():
 
 def octrees():
     meshes = [MESH / "fandisk.ply", MESH / "bunny_hr.ply", turned_cube()]
-    rows = []
+    rows, results = [], []
     for mesh in filter(lambda mesh: mesh.exists(), meshes):
-        row = [mesh.stem]
-        for options in [[], ["--leaf-size", "0"]]:
+        shown = [mesh.stem]
+        for options, end in [([], ""), (["--leaf-size", "0"], ", --boolean 0")]:
             out, _ = exact(mesh, *options)
             info = json.loads(spinney("info", out, "--json"))
-            row.append(sum(info["nodes"].values()))
-        row += [info["grid"]["bits"], info["depth"]]
+            shown.append(sum(info["nodes"].values()))
+            results.append(row(f"nodes, {mesh.stem}{end}", "nodes", shown[-1]))
+        shown += [info["grid"]["bits"], info["depth"]]
         nodes = []
         for depth in (10, 11, 12):
             cells = WORK / f"{mesh.stem}_{depth}.goblin"
@@ -237,40 +241,48 @@ def octrees():
             nodes.append(sum(level[state] for level in levels for state in ("void", "leaf", "inner")))
             cells.unlink()
         # Surface cells quadruple with each level.
-        told = nodes[2] * 4 ** (info["depth"] - 12)
-        rows.append([*row, *nodes, f"{nodes[2] / nodes[1]:.2f}", f"{told:.1e}", f"{nodes[2] / row[1]:.0f}", f"{nodes[2] / row[2]:.0f}"])
+        estimate = nodes[2] * 4 ** (info["depth"] - 12)
+        rows.append([*shown, *nodes, f"{nodes[2] / nodes[1]:.2f}", f"{estimate:.1e}", f"{nodes[2] / shown[1]:.0f}", f"{nodes[2] / shown[2]:.0f}"])
     head = ["model", "exact, nodes", "with --leaf-size 0", "bits", "depth", "cells, depth 10", "11", "12", "12 / 11"]
     table([*head, "at the exact one's depth (four times more per level)", "12 / exact", "12 / --leaf-size 0"], rows)
+    record("exact models", results)
 
 
 def points(peers):
-    rows = []
+    rows, results = [], []
     for mesh in filter(lambda mesh: mesh.exists(), [MESH / "fandisk.ply", MESH / "armadillo.ply", MESH / "bunny_hr.ply"]):
         model, _ = exact(mesh)
-        back, numbers, text, answers = (WORK / f"{mesh.stem}.{end}" for end in ("back.ply", "npy", "csv", "txt"))
+        back, numbers, text, outputs = (WORK / f"{mesh.stem}.{end}" for end in ("back.ply", "npy", "csv", "txt"))
         # All sides get the faces on the grid.
         spinney("-q", "export", model, back)
         python(SCATTER, back, POINTS, numbers, text)
-        with open(text) as questions, open(answers, "w") as out:
-            ours, _, _ = once([SPINNEY, "point", model, "--threads", 1], stdin=questions, stdout=out)
+        with open(text) as lines_in, open(outputs, "w") as out:
+            ours, _, _ = once([SPINNEY, "point", model, "--threads", 1], stdin=lines_in, stdout=out)
         # The cost of reading and printing without queries: points outside of the space.
         far = WORK / "far.csv"
-        with open(text) as questions, open(far, "w") as out:
-            out.writelines("9" + line.lstrip("-") for line in questions)
-        with open(far) as questions:
-            without, _, _ = once([SPINNEY, "point", model, "--threads", 1], stdin=questions)
-        row = [mesh.stem, f"{ours:.2f}", f"{ours - without:.2f}"]
-        for package, peer, count in [("trimesh", "trimesh", POINTS), ("igl", "fast", POINTS), ("igl", "exact", 2000)]:
+        with open(text) as lines_in, open(far, "w") as out:
+            out.writelines("9" + line.lstrip("-") for line in lines_in)
+        with open(far) as lines_in:
+            without, _, _ = once([SPINNEY, "point", model, "--threads", 1], stdin=lines_in)
+        shown, job = [mesh.stem, f"{ours:.2f}", f"{ours - without:.2f}"], f"a million points, {mesh.stem}"
+        results.append(row(f"{job}, without reading and printing", "CPU s", ours - without))
+        for package, peer, count, name in [
+            ("trimesh", "trimesh", POINTS, "trimesh with Embree"),
+            ("igl", "fast", POINTS, "libigl, fast winding number"),
+            ("igl", "exact", 2000, "libigl, winding number"),
+        ]:
             if package not in peers:
-                row += ["-", "-"]
+                shown += ["-", "-"]
                 continue
-            seconds, differ, boundary = python(CONTAINS, peer, back, numbers, answers, count).split()
-            row += [f"{float(seconds) * POINTS / count:.1f}", f"{differ} of {count}"]
-        rows.append([*row, boundary])
+            seconds, differ, boundary = python(CONTAINS, peer, back, numbers, outputs, count).split()
+            shown += [f"{float(seconds) * POINTS / count:.1f}", f"{differ} of {count}"]
+            results.append(row(job, "CPU s", ours, f"{name}, call alone", float(seconds) * POINTS / count, note="Ours is the whole process."))
+        rows.append([*shown, boundary])
     print(f"{POINTS} points; the exact winding number of 2000 of them")
     print()
     head = ["model", "ours, CPU s", "without text", "trimesh + embree", "differ", "igl, fast winding number", "differ", "igl, winding number", "differ"]
     table([*head, "on the boundary"], rows)
+    record("exact models", results)
 
 
 def volumes():
@@ -284,6 +296,8 @@ def volumes():
         wanted = python(VOLUME, back).strip()
         rows.append([mesh.stem, found, wanted, "yes" if float(found) == float(wanted) else "NO"])
     table(["model", "volume", "in rational numbers", "equal"], rows)
+    differ = sum(shown[-1] == "NO" for shown in rows)
+    record("exact models", [row(f"volumes that differ from rational numbers, {len(rows)} models", f"of {len(rows)}", differ)])
 
 
 def repair(peers):
@@ -299,13 +313,13 @@ def repair(peers):
             rows.append([mesh.name, "not resolved"] + ["-"] * 6)
             continue
         facts = json.loads(spinney("stats", model, "--json"))
-        row = [mesh.name, f"{seconds:.2f}", facts["topology"]["faces"], f"{facts['volume']:.9g}"]
+        shown = [mesh.name, f"{seconds:.2f}", facts["topology"]["faces"], f"{facts['volume']:.9g}"]
         if "igl" not in peers:
-            rows.append([*row, "-", "-", "-", "-"])
+            rows.append([*shown, "-", "-", "-", "-"])
             continue
         theirs, faces, volume = python(UNION, mesh).split()
         differ = abs(facts["volume"] - float(volume)) / float(volume)
-        rows.append([*row, f"{float(theirs):.2f}", faces, f"{float(volume):.9g}", f"{differ:.1e}"])
+        rows.append([*shown, f"{float(theirs):.2f}", faces, f"{float(volume):.9g}", f"{differ:.1e}"])
     table(["model", "ours, CPU s, with reading and the file", "faces", "volume", "libigl's union, CPU s", "faces", "volume", "differ"], rows)
 
 
@@ -323,8 +337,8 @@ def main():
         "points": lambda: points(peers),
         "repair": lambda: repair(peers),
     }
-    asked = [part for part in parts if part in sys.argv]
-    for part in asked or parts:
+    requested = [part for part in parts if part in sys.argv]
+    for part in requested or parts:
         parts[part]()
 
 

@@ -31,20 +31,20 @@ int main(int argc, char **argv) {
     return 2;
   }
   GDALAllRegister();
-  GDALDatasetUniquePtr picture(GDALDataset::Open(argv[1]));
-  if (picture == nullptr) {
+  GDALDatasetUniquePtr raster(GDALDataset::Open(argv[1]));
+  if (raster == nullptr) {
     return 1;
   }
   const bool aligned = std::string(argv[2]) == "aligned", warm = std::string(argv[5]) == "warm";
   const int side = std::atoi(argv[3]), out = std::atoi(argv[4]);
-  const int bands = std::string(argv[6]) == "all" ? picture->GetRasterCount() : 1;
-  const GDALDataType type = picture->GetRasterBand(1)->GetRasterDataType();
+  const int bands = std::string(argv[6]) == "all" ? raster->GetRasterCount() : 1;
+  const GDALDataType type = raster->GetRasterBand(1)->GetRasterDataType();
   std::mt19937 random(3);
   const auto below = [&](int most) { return static_cast<int>(random() % static_cast<unsigned>(most)); };
-  std::vector<std::pair<int, int>> places(400);
-  for (auto &[x, y] : places) {
-    x = below(picture->GetRasterXSize() - side + 1);
-    y = below(picture->GetRasterYSize() - side + 1);
+  std::vector<std::pair<int, int>> positions(400);
+  for (auto &[x, y] : positions) {
+    x = below(raster->GetRasterXSize() - side + 1);
+    y = below(raster->GetRasterYSize() - side + 1);
     if (aligned) {
       x = x / 256 * 256;
       y = y / 256 * 256;
@@ -55,16 +55,16 @@ int main(int argc, char **argv) {
   std::vector<double> rates;
   for (int turn = 0; turn < 6; ++turn) {
     if (!warm) {
-      picture->FlushCache();
+      raster->FlushCache();
     }
     const double start = processor_time();
-    for (const auto &[x, y] : places) {
-      if (picture->RasterIO(GF_Read, x, y, side, side, buffer.data(), out, out, type, bands, nullptr, 0, 0, 0, nullptr) != CE_None) {
+    for (const auto &[x, y] : positions) {
+      if (raster->RasterIO(GF_Read, x, y, side, side, buffer.data(), out, out, type, bands, nullptr, 0, 0, 0, nullptr) != CE_None) {
         return 1;
       }
     }
     if (turn > 0) {
-      rates.push_back(static_cast<double>(places.size()) / (processor_time() - start));
+      rates.push_back(static_cast<double>(positions.size()) / (processor_time() - start));
     }
   }
   std::sort(rates.begin(), rates.end());

@@ -2,7 +2,7 @@
 """Reading through GDAL: random windows of our files by the driver, and of COGs by GDAL's own; one
 core, processor time.
 
-    benches/peers/gdal_driver.py [--prefix PREFIX] [--ranges N]
+    benches/peers/gdal_driver.py [--prefix PREFIX] [--runs N]
 
 PREFIX is that of capi/install.sh and capi/gdal/build.sh, with the library as users get it; by
 default one is made. Both read the same windows of the same raster, alternating; rates are medians
@@ -16,7 +16,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from common import CLASSES, EARTH, RELIEF, ROOT, SPINNEY, WORK, start
+from common import CLASSES, EARTH, RELIEF, ROOT, SPINNEY, WORK, record, row, start
 
 WINDOWS = [
     ("aligned", 256, 256, "warm", "all"),
@@ -33,25 +33,25 @@ def run(*command, **options):
     return subprocess.run([str(part) for part in command], check=True, capture_output=True, text=True, **options).stdout
 
 
-def files(name, picture, *options):
+def files(name, raster, *options):
     """Returns a raster as our file and as theirs."""
     ours, theirs = WORK / f"driver_{name}.goblin", WORK / f"driver_{name}.tif"
     if options:
         source = WORK / f"driver_{name}_source.tif"
         if not source.exists():
-            run("gdal_translate", "-q", *options, picture, source)
-        picture = source
+            run("gdal_translate", "-q", *options, raster, source)
+        raster = source
     if not ours.exists():
-        run(SPINNEY, "build", "-q", picture, "-o", ours)
+        run(SPINNEY, "build", "-q", raster, "-o", ours)
     if not theirs.exists():
-        run("gdal_translate", "-q", "-of", "COG", "-co", "COMPRESS=DEFLATE", "-co", "BLOCKSIZE=256", picture, theirs)
+        run("gdal_translate", "-q", "-of", "COG", "-co", "COMPRESS=DEFLATE", "-co", "BLOCKSIZE=256", raster, theirs)
     return ours, theirs
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--prefix", type=Path)
-    parser.add_argument("--ranges", type=int, default=5)
+    parser.add_argument("--runs", type=int, default=5)
     args = parser.parse_args()
     start()
     prefix = args.prefix or WORK / "driver"
@@ -63,14 +63,15 @@ def main():
     run("c++", "-std=c++17", "-O2", *flags[0], Path(__file__).with_suffix(".cpp"), "-o", program, *flags[1])
     environment = os.environ | {"GDAL_DRIVER_PATH": str(prefix / "lib/gdalplugins")}
     core = ["taskset", "-c", min(os.sched_getaffinity(0))]
-    pictures = {
+    rasters = {
         "relief, i16": files("relief", RELIEF),
         "relief, f32": files("float", RELIEF, "-ot", "Float32", "-scale", "-10000", "9000", "-3000.5", "3000.7"),
         "earth, 3 x u8": files("earth", EARTH),
         "classes, u8": files("classes", CLASSES),
     }
-    print("| picture | windows | ours | COG | ratio |\n| --- | --- | ---: | ---: | ---: |")
-    for picture, paths in pictures.items():
+    print("| raster | windows | ours | COG | ratio |\n| --- | --- | ---: | ---: | ---: |")
+    results = []
+    for raster, paths in rasters.items():
         for where, side, out, state, bands in WINDOWS:
             rates = [
                 [int(run(*core, program, path, where, side, out, state, bands, env=environment)) for path in paths]
@@ -79,7 +80,11 @@ def main():
             ours, theirs = (statistics.median(column) for column in zip(*rates))
             ratio = statistics.median(a / b for a, b in rates)
             kind = f"{side}" if side == out else f"{side} -> {out}"
-            print(f"| {picture} | {where}, {kind}, {state}, {bands} | {ours:.0f} | {theirs:.0f} | {ratio:.2f} |", flush=True)
+            print(f"| {raster} | {where}, {kind}, {state}, {bands} | {ours:.0f} | {theirs:.0f} | {ratio:.2f} |", flush=True)
+            if bands == "all" or raster == "earth, 3 x u8":
+                job = f"{raster}: {where} {kind}, {'' if bands == 'all' else 'one band, '}{state}"
+                results.append(row(job, "/s", ours, "GDAL, COG", theirs, ratio=1 / ratio))
+    record("windows through GDAL's driver", results)
 
 
 if __name__ == "__main__":

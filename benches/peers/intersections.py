@@ -20,7 +20,7 @@ import sys
 os.environ["RAYON_NUM_THREADS"] = "1"
 
 from booleans import PAIRS, inside, model_of  # noqa: E402
-from common import SPINNEY, WORK, once, runs, start, table  # noqa: E402
+from common import SPINNEY, WORK, once, record, row, runs, start, table  # noqa: E402
 from exact import MESH, PYTHON, install  # noqa: E402
 
 BODIES = [("armadillo with bunny", "armadillo.ply", "bunny_hr.ply", "scaled"), ("armadillo with itself, moved", "armadillo.ply", "armadillo.ply", "moved")]
@@ -86,7 +86,7 @@ def cgal():
     return program
 
 
-def told(command):
+def parsed(command):
     """Returns a peer's output, and its peak memory."""
     result = WORK / "intersection.json"
     with open(result, "w") as file:
@@ -96,7 +96,7 @@ def told(command):
 
 def best(command):
     """Returns the median of three runs."""
-    found = sorted((told(command) for _ in range(int(os.environ.get("RUNS", 3)))), key=lambda run: run["seconds"])
+    found = sorted((parsed(command) for _ in range(int(os.environ.get("RUNS", 3)))), key=lambda run: run["seconds"])
     return found[len(found) // 2]
 
 
@@ -107,7 +107,7 @@ def main():
     if not (MESH / "armadillo.ply").exists():
         return print("skipped: no test data in ../shared/data/mesh")
     PAIRS.mkdir(parents=True, exist_ok=True)
-    program, rows = cgal(), []
+    program, rows, results = cgal(), [], []
     for number, (name, first, second, how) in enumerate(BODIES):
         facts = inside("make", f"meeting_{number}", first, second, how, ".ply")
         a, b = (PAIRS / f"meeting_{number}_{side}.ply" for side in "ab")
@@ -118,22 +118,30 @@ def main():
         lines = [feature["geometry"]["coordinates"] for feature in features if feature["properties"]["kind"] == "crossing"]
         length = math.fsum(math.dist(*ends) for line in lines for ends in zip(line, line[1:]))
         assert all(line[0] == line[-1] for line in lines)
-        row = [name, facts["triangles"], f"{len(lines)}, {sum(map(len, lines)) - len(lines)}", f"{cpu:.3f}", f"{peak:.0f}"]
-        for kernel in ("inexact", "exact"):
+        shown, job = [name, facts["triangles"], f"{len(lines)}, {sum(map(len, lines)) - len(lines)}", f"{cpu:.3f}", f"{peak:.0f}"], f"lines of intersection, {name}"
+
+        def recorded(peer, found):
+            results.append(row(job, "CPU s", cpu, f"{peer}, in memory", found["seconds"]))
+            results.append(row(f"{job}: memory", "MiB", peak, f"{peer}, in memory", found["peak"]))
+
+        for kernel, peer in (("inexact", "CGAL"), ("exact", "CGAL, exact")):
             found = program and best([program, a, b, kernel])
             if found:
                 differ = f"{found['lines']} ({found['closed']} closed), {abs(found['length'] - length) / length:.1e}"
-                row += [f"{found['seconds']:.3f}", f"{found['peak']:.0f}", f"{found['seconds'] / cpu:.1f}", differ]
+                recorded(peer, found)
+                shown += [f"{found['seconds']:.3f}", f"{found['peak']:.0f}", f"{found['seconds'] / cpu:.1f}", differ]
             else:
-                row += ["-"] * 4
+                shown += ["-"] * 4
         found = best([PYTHON, "-c", IGL, os.path.dirname(__file__) or ".", a, b])
-        rows.append([*row, f"{found['seconds']:.2f}", f"{found['peak']:.0f}", f"{found['seconds'] / cpu:.1f}"])
+        recorded("libigl", found)
+        rows.append([*shown, f"{found['seconds']:.2f}", f"{found['peak']:.0f}", f"{found['seconds'] / cpu:.1f}"])
         for file in (*models, out, WORK / "meeting.ply"):
             file.unlink()
     head = ["scans", "triangles", "lines, segments", "ours, CPU s", "MiB"]
     for kernel in ("CGAL", "CGAL, exact"):
         head += [f"{kernel}: CPU s", "MiB", "/ ours", "lines, and lengths differ by"]
     table([*head, "libigl: CPU s", "MiB", "/ ours"], rows)
+    record("exact models", results)
 
 
 if __name__ == "__main__":

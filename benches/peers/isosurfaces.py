@@ -13,7 +13,7 @@ import json
 import subprocess
 import sys
 
-from common import SPINNEY, WORK, once, runs, start, table
+from common import SPINNEY, WORK, costs, once, record, row, runs, start, table
 
 VENV = WORK / "skimage_venv"
 PYTHON = VENV / "bin" / "python"
@@ -70,7 +70,7 @@ def read(path):
     return points, len(faces), np.linalg.norm(normals, axis=1).sum() / 2
 (ours, *mine), (theirs, *others) = read(sys.argv[1]), read(sys.argv[2])
 # By the edges that they are on: what is not whole between centres is a place on one.
-def places(points):
+def rounded(points):
     at = points - 0.5
     axis = np.abs(at - at.round()).argmax(axis=1)
     cells = at.round().astype('i8')
@@ -79,10 +79,10 @@ def places(points):
     key = ((cells[:, 2] << 20 | cells[:, 1]) << 20 | cells[:, 0]) * 3 + axis
     order = np.argsort(key)
     return key[order], points[order]
-(a, p), (b, q) = places(ours), places(theirs)
+(a, p), (b, q) = rounded(ours), rounded(theirs)
 same, i, j = np.intersect1d(a, b, return_indices=True)
-apart = float(np.abs(p[i] - q[j]).max()) if len(same) else 0.0
-print(json.dumps([len(ours), len(theirs), len(same), apart, mine, others]))
+distance = float(np.abs(p[i] - q[j]).max()) if len(same) else 0.0
+print(json.dumps([len(ours), len(theirs), len(same), distance, mine, others]))
 """
 
 
@@ -93,7 +93,7 @@ def main():
         subprocess.run([sys.executable, "-m", "venv", VENV], check=True)
     subprocess.run([PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "scikit-image", "numpy"], check=True)
     print("scikit-image " + subprocess.run([PYTHON, "-c", "import skimage; print(skimage.__version__)"], check=True, capture_output=True, text=True).stdout)
-    rows = []
+    rows, results = [], []
     for kind in ("ball", "gyroid"):
         raw, tree = WORK / f"{kind}.npy", WORK / f"{kind}.goblin"
         ours, theirs, result = WORK / f"{kind}.ply", WORK / f"{kind}_peer.ply", WORK / "isosurface.json"
@@ -105,15 +105,19 @@ def main():
             whole, slow, more = once([PYTHON, "-c", PEER, raw, theirs], stdout=file)
         alone = json.loads(result.read_text())
         found = subprocess.run([PYTHON, "-c", COMPARE, ours, theirs], check=True, capture_output=True, text=True).stdout
-        mine, others, same, apart, (count, area), (faces, their_area) = json.loads(found)
+        mine, others, same, distance, (count, area), (faces, their_area) = json.loads(found)
         rows.append(
             [f"{kind}, {side}^3", count, faces, f"{cpu:.2f}", f"{wall:.2f}", f"{peak:.0f}", f"{alone:.2f}", f"{whole:.2f}", f"{slow:.2f}", f"{more:.0f}"]
-            + [f"{same} of {max(mine, others)}", f"{apart:.1e}", f"{abs(area / their_area - 1):.1e}"]
+            + [f"{same} of {max(mine, others)}", f"{distance:.1e}", f"{abs(area / their_area - 1):.1e}"]
         )
+        job = f"isosurface of a {kind}, {side}^3"
+        results += costs(job, (cpu, wall, peak), "scikit-image, with files", (whole, slow, more))
+        results.append(row(job, "CPU s", cpu, "scikit-image, in memory", alone))
         for file in (raw, tree, ours, theirs, result):
             file.unlink()
     head = ["volume", "triangles", "theirs", "ours, CPU s", "wall", "MiB", "theirs alone, CPU s", "with files", "wall", "MiB"]
-    table([*head, "same vertices", "cells apart", "areas differ"], rows)
+    table([*head, "same vertices", "distance, cells", "areas differ"], rows)
+    record("contours and isosurfaces", results)
 
 
 if __name__ == "__main__":

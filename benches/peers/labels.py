@@ -13,7 +13,7 @@ import os
 import statistics
 import sys
 
-from common import SPINNEY, WORK, once, runs, start, table, tree, verdict
+from common import SPINNEY, WORK, costs, once, record, row, runs, start, table, tree, verdict
 
 PYTHON = os.environ.get("PYTHON", sys.executable)
 
@@ -97,6 +97,13 @@ def main():
             ["ours / cc3d's call alone", ratio, "", memory],
         ],
     )
+    (_, plain), (_, positioned), (_, whole) = rows
+    job, peer = f"components of labels, {side}^3", "cc3d, with reading"
+    record("polygons, components, sieves, labels", [
+        row(job, "CPU s", plain[0], "cc3d, call alone", alone, note="Ours reads and writes files."),
+        *costs(job, plain, peer, whole),
+        *costs(f"{job}, --positioned", positioned, peer, whole, wall=False),
+    ])
     mine, other = (WORK / f"bodies_{side}_{name}.npy" for name in ("ours", "theirs"))
     once([SPINNEY, "-q", "get", labels, mine])
     once([*peer, other])

@@ -5,7 +5,7 @@
 import subprocess
 import sys
 
-from common import CLASSES, SHORELINE, SPINNEY, WORK, cog, start, table, tree
+from common import CLASSES, SHORELINE, SPINNEY, WORK, cog, record, row, start, table, tree
 
 
 def pair(counts):
@@ -74,11 +74,18 @@ def check(name, source):
         for shift in range(9, depth + 1):
             counts = pair(counts)
             levels[shift]["sum"] += judge(counts, levels[shift])
-    rows = []
+    rows, results, alone = [], [], []
     for shift, level in levels.items():
-        wrong, pixels, mixed, bad = level["sum"]
+        wrong, pixels, mixed, bad = map(int, level["sum"])
+        if level["gdal"] is None:
+            alone.append((depth - shift, wrong))
+        else:
+            shares = [100 * count / max(mixed, 1) for count in (wrong, bad)]
+            results.append(row(f"wrong majorities, {name}, level {depth - shift}", "% of mixed pixels", shares[0], "GDAL COG, MODE", shares[1]))
         gdal = "-" if level["gdal"] is None else f"{100 * bad / max(mixed, 1):.2f} %"
         rows.append([name, depth - shift, 1 << shift, pixels, mixed, wrong, gdal])
+    results.append(row(f"wrong majorities, {name}, levels {alone[0][0]} to 0", "pixels", sum(wrong for _, wrong in alone)))
+    record("majorities", results)
     return rows
 
 
@@ -87,6 +94,6 @@ import numpy
 import rasterio
 
 rows = check("classes12", CLASSES) + check("shoreline", SHORELINE)
-table(["picture", "level", "cells per side", "pixels", "mixed", "ours wrong", "GDAL MODE wrong of mixed"], rows)
+table(["raster", "level", "cells per side", "pixels", "mixed", "ours wrong", "GDAL MODE wrong of mixed"], rows)
 wrong = sum(row[5] for row in rows)
 print(f"Ours wrong: {wrong} ({'met' if wrong == 0 else 'MISSED'})")

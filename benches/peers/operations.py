@@ -16,7 +16,7 @@ import statistics
 import subprocess
 import sys
 
-from common import SHORELINE, SPINNEY, WORK, once, runs, start, table, tree, verdict
+from common import SHORELINE, SPINNEY, WORK, costs, once, record, row, runs, start, table, tree, verdict
 
 WIDTH, HEIGHT = 43200, 21600
 
@@ -79,22 +79,22 @@ with create(sys.argv[2], width=cells.shape[1], height=cells.shape[0], nodata=0) 
 # counts equal our statistics.
 COMPARE = COMMON + r"""
 spinney, ours, theirs = sys.argv[1:4]
-ask = lambda *words: subprocess.run([spinney, "-q", *words], check=True, stdout=subprocess.PIPE).stdout
-size = json.loads(ask("info", ours, "--json"))["size"]
-told = json.loads(ask("stats", ours, "--json"))
+run_spinney = lambda *words: subprocess.run([spinney, "-q", *words], check=True, stdout=subprocess.PIPE).stdout
+size = json.loads(run_spinney("info", ours, "--json"))["size"]
+expected = json.loads(run_spinney("stats", ours, "--json"))
 differing, counts = 0, numpy.zeros(256, int)
 with rasterio.open(theirs) as file:
     if [file.width, file.height] != size:
         sys.exit(f"{ours} has {size} cells, {theirs} has {[file.width, file.height]}")
     for strip in strips(file.width, file.height, 2048):
         window = f"0,{strip.row_off},{strip.width},{strip.height}"
-        a = numpy.frombuffer(ask("get", ours, "-", "--format", "raw", "--nodata", "0", "--window", window), numpy.uint8)
+        a = numpy.frombuffer(run_spinney("get", ours, "-", "--format", "raw", "--nodata", "0", "--window", window), numpy.uint8)
         b = file.read(1, window=strip).ravel()
         differing += int(numpy.count_nonzero(a != b))
         counts += numpy.bincount(b, minlength=256)
 said = numpy.zeros(256, int)
-said[0] = told["void_cells"]
-for entry in told["classes"]:
+said[0] = expected["void_cells"]
+for entry in expected["classes"]:
     said[int(entry["value"])] += entry["cells"]
 print(json.dumps([differing, size[0] * size[1], bool((said == counts).all())]))
 """
@@ -121,26 +121,28 @@ def ours(*words):
     return [SPINNEY, "-q", *words]
 
 
-def answer(command):
+def json_of(command):
     return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
 
 
 def info(goblin):
-    return answer(ours("info", goblin, "--json"))
+    return json_of(ours("info", goblin, "--json"))
 
 
-def against(name, command, out, peer, theirs, picture, most, memory=None):
+def against(name, command, out, peer, theirs, raster, most, memory=None):
     """Adds rows to the first table: ours against the peer with both caches; pinned."""
     cpu, _, peak = runs(pinned(command))
     rows = []
     for cache in (None, 64):
         setting = ["env", f"GDAL_CACHEMAX={cache}"] if cache else []
-        their_cpu, _, their_peak = runs([*setting, *pinned(theirs)])
-        rows.append([name, f"{peer}, {'cache 64 MB' if cache else 'default cache'}", f"{their_cpu:.2f}",
+        their_cpu, _, their_peak = found = runs([*setting, *pinned(theirs)])
+        known = f"{peer}, {'cache 64 MB' if cache else 'default cache'}"
+        record("operations on rasters", costs(name, (cpu, None, peak), known, found, wall=False))
+        rows.append([name, known, f"{their_cpu:.2f}",
                      f"{their_peak:.0f}", f"{cpu:.2f}",
                      f"{peak:.0f}" + (f" ({'met' if peak <= memory else 'MISSED'})" if memory else ""),
                      verdict(cpu / their_cpu, most, False)])
-    differing, cells, equal = answer(script(COMPARE, SPINNEY, out, picture))
+    differing, cells, equal = json_of(script(COMPARE, SPINNEY, out, raster))
     share = f"{differing} ({differing / cells:.2g})" if differing else "none"
     return [[*row, share, "equal" if equal else "DIFFERENT"] for row in rows]
 
@@ -161,6 +163,8 @@ def copying(name, command, out, most=None):
     copy.unlink()
     (cpu, wall, peak), (their_cpu, their_wall, _) = measured
     ratio = wall / their_wall
+    known = costs(name, measured[0], "cp", measured[1], memory=False) if most else [row(name, "CPU s", cpu)]
+    record("operations on rasters", known)
     return [name, f"{size / 1e6:.0f}", f"{their_cpu:.2f}", f"{their_wall:.2f}", f"{cpu:.2f}", f"{wall:.2f}",
             f"{peak:.0f}", f"{cpu / their_cpu:.3g}", verdict(ratio, most, False) if most else f"{ratio:.3g}"]
 
@@ -192,7 +196,7 @@ def turned(degrees):
 
 def main():
     start()
-    out, picture = WORK / "ops_out.goblin", WORK / "ops_out.tif"
+    out, raster = WORK / "ops_out.goblin", WORK / "ops_out.tif"
     shifted = made(WORK / "ops_b.tif", SHIFT, SHORELINE, 1001, 501)
     a, b = WORK / "ops_a.goblin", WORK / "ops_b.goblin"
     classes = ["--rule", "majority", "--kind", "categorical"]
@@ -201,19 +205,19 @@ def main():
 
     rows = []
     for name, what in (("union", "union"), ("intersection", "and"), ("difference", "a-b")):
-        rows += against(name, ours("combine", what, a, b, "-o", out), out, "rasterio + NumPy",
-                        script(SETS, what, SHORELINE, shifted, picture), picture, 1 / 20, 64)
+        rows += against(f"{name} of shorelines", ours("combine", what, a, b, "-o", out), out, "rasterio + NumPy",
+                        script(SETS, what, SHORELINE, shifted, raster), raster, 1 / 20, 64)
     cog = ["-of", "COG", "-co", "COMPRESS=ZSTD", "-co", "OVERVIEWS=NONE"]
-    rows += against("unaligned window", ours("transform", a, "window=5001,3003,30000,15000", "-o", out), out,
+    rows += against("unaligned window of the shoreline", ours("transform", a, "window=5001,3003,30000,15000", "-o", out), out,
                     "gdal_translate", ["gdal_translate", "-q", "-srcwin", 5001, 3003, 30000, 15000, *cog, SHORELINE,
-                                       picture], picture, 1 / 8)
-    rows += against("rotate=90", ours("transform", a, "rotate=90", "-o", out), out, "rasterio + NumPy",
-                    script(QUARTER, SHORELINE, picture), picture, 1 / 10)
+                                       raster], raster, 1 / 8)
+    rows += against("rotate=90 of the shoreline", ours("transform", a, "rotate=90", "-o", out), out, "rasterio + NumPy",
+                    script(QUARTER, SHORELINE, raster), raster, 1 / 10)
     vrt, width, height = turned(30)
     # Plain tiles are slightly cheaper than a COG.
-    rows += against("rotate=30 --resampling nearest", ours("transform", a, "rotate=30", "--resampling", "nearest", "-o", out), out, "gdalwarp",
+    rows += against("rotate=30 --nearest of the shoreline", ours("transform", a, "rotate=30", "--resampling", "nearest", "-o", out), out, "gdalwarp",
                     ["gdalwarp", "-q", "-overwrite", "-r", "near", "-te", 0, -height, width, 0, "-ts", width, height,
-                     "-dstnodata", 0, "-co", "TILED=YES", "-co", "COMPRESS=ZSTD", vrt, picture], picture, 1 / 3)
+                     "-dstnodata", 0, "-co", "TILED=YES", "-co", "COMPRESS=ZSTD", vrt, raster], raster, 1 / 3)
     table(["operation", "peer", "peer CPU s", "peer MiB", "ours CPU s", "ours MiB", "CPU ours / peer",
            "cells that differ", "cells of each class"], rows)
 
@@ -223,12 +227,12 @@ def main():
         tree(made(WORK / "ops_big.tif", SPECKLE, 1 << 14), big, *classes)
         (WORK / "ops_big.tif").unlink()
     once(["cat", big])  # Load into the system's cache.
-    rows = [copying("aligned window", ours("transform", big, "window=8192,0,8192,8192", "-o", out), out, 1.5),
-            copying("nest=/0", ours("transform", big, "nest=/0", "-o", moved), moved, 1.5)]
+    rows = [copying("aligned window of 8192 x 8192, speckle, 191 MB", ours("transform", big, "window=8192,0,8192,8192", "-o", out), out, 1.5),
+            copying("nest=/0, speckle, 764 MB", ours("transform", big, "nest=/0", "-o", moved), moved, 1.5)]
     moved.unlink()
     once(ours("transform", big, "window=0,0,8192,16384", "-o", left))
     once(ours("transform", big, "window=8192,0,8192,16384", "-o", right))
-    rows.append(copying("union of two halves side by side", ours("combine", "union", left, right, "-o", out), out))
+    rows.append(copying("union of two halves, 764 MB", ours("combine", "union", left, right, "-o", out), out))
     same = info(out)["classes"] == info(big)["classes"]
     table(["operation", "result MB", "cp CPU s", "cp wall s", "ours CPU s", "ours wall s", "ours MiB", "CPU ours / cp",
            "wall ours / cp"], rows)
@@ -241,7 +245,7 @@ def main():
     cpu = runs(pinned(ours("--threads", "1", "combine", "union", a, b, "-o", out)))[0]
     print(f"Union of the shorelines: {verdict(records / cpu / 1e6, 20)} million records read per CPU second, "
           f"{records / 1e6:.2f} million in {cpu:.2f} s")
-    for path in (out, picture, vrt):
+    for path in (out, raster, vrt):
         path.unlink(missing_ok=True)
 
 

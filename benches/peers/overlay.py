@@ -11,7 +11,7 @@ import os
 import subprocess
 import sys
 
-from common import SPINNEY, WORK, runs, table, verdict
+from common import SPINNEY, WORK, costs, record, row, runs, table, verdict
 
 PYTHON = os.environ.get("PYTHON", sys.executable)
 SIDE = 316
@@ -23,9 +23,9 @@ import numpy as np
 path, side, seed, turn = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), float(sys.argv[4])
 rng = np.random.default_rng(seed)
 nodes = np.stack(np.meshgrid(np.arange(side + 1.0), np.arange(side + 1.0), indexing="ij"), -1) + rng.uniform(-.2, .2, (side + 1, side + 1, 2))
-pieces = 6
+parts = 6
 def winding(a, b):
-    t = np.arange(1, pieces)[:, None] / pieces
+    t = np.arange(1, parts)[:, None] / parts
     inner = a[..., None, :] * (1 - t) + b[..., None, :] * t
     return inner + rng.uniform(-.03, .03, inner.shape)
 east, north = winding(nodes[:-1], nodes[1:]), winding(nodes[:, :-1], nodes[:, 1:])
@@ -67,10 +67,13 @@ def main():
         paths.append(path)
     ours = runs([SPINNEY, "-q", "combine", "partition", *paths, "-o", WORK / "overlay.gpkg", "--memory", "4G"], 3)
     theirs = runs([PYTHON, "-c", OVERLAY, *paths, WORK / "overlay_geos.gpkg"], 1)
+    sizes = [(WORK / name).stat().st_size / 1e6 for name in ("overlay.gpkg", "overlay_geos.gpkg")]
     table(["2 x 100,000 polygons, all parts", "CPU s", "wall s", "MiB", "MB"],
-          [["ours", *(f"{v:.2f}" for v in ours), f"{(WORK / 'overlay.gpkg').stat().st_size / 1e6:.0f}"],
-           ["GeoPandas, GEOS", *(f"{v:.2f}" for v in theirs), f"{(WORK / 'overlay_geos.gpkg').stat().st_size / 1e6:.0f}"],
+          [["ours", *(f"{v:.2f}" for v in ours), f"{sizes[0]:.0f}"],
+           ["GeoPandas, GEOS", *(f"{v:.2f}" for v in theirs), f"{sizes[1]:.0f}"],
            ["ours / theirs", verdict(ours[0] / theirs[0], 1, False), "", "", ""]])
+    job, peer = "2 x 100,000 polygons, GeoPackage to GeoPackage", "GeoPandas overlay"
+    record("overlays of polygons", [*costs(job, ours, peer, theirs), row(f"{job}: bytes", "MB", sizes[0], peer, sizes[1])])
 
 
 if __name__ == "__main__":

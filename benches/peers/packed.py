@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 
-from common import CLASSES, DATA, EARTH, RELIEF, SHORELINE, SPINNEY, WORK, once, record, runs, start, table
+from common import CLASSES, DATA, EARTH, RELIEF, SHORELINE, SPINNEY, WORK, once, record, row, runs, start, table
 
 PYTHON = os.environ.get("PYTHON", sys.executable)
 RASTER = DATA.parent
@@ -47,14 +47,6 @@ def verdict(ratio, target):
     return "" if target is None else f" ({'met' if ratio <= target else 'MISSED'}: {target})"
 
 
-def row(job, peer, theirs, ours, unit, area="packed files"):
-    return {"area": area, "job": job, "peer": peer, "peer_figure": theirs, "ours": ours, "unit": unit}
-
-
-def seconds_row(name, form, theirs, ours, area):
-    return row(f"build {name}, {form}", "GDAL COG, ZSTD", round(theirs, 2), round(ours, 2), "CPU s", area)
-
-
 def sizes():
     rows, times, results = [], [], []
     for name, source, cog, options, target in RASTERS:
@@ -70,24 +62,23 @@ def sizes():
         clock.append(f"{seconds:.2f}: {seconds / plain_seconds:.2f} of plain, {seconds / their_seconds:.2f} of COG's")
         rows.append(cells)
         times.append(clock)
-        results += [row(f"bytes of {name}, plain", "GDAL COG, ZSTD", theirs, plain.stat().st_size, "bytes")]
-        results += [row(f"bytes of {name}, packed", "GDAL COG, ZSTD", theirs, tree.stat().st_size, "bytes")]
-        results += [seconds_row(name, "plain", their_seconds, plain_seconds, "building rasters")]
-        results += [seconds_row(name, "packed", their_seconds, seconds, "packed files")]
-    table(["picture", "COG", "plain", "packed"], rows)
+        for form, path, own, area in [("plain", plain, plain_seconds, "building rasters"), ("packed", tree, seconds, "packed files")]:
+            results += [row(f"bytes of {name}, {form}", "bytes", path.stat().st_size, "GDAL COG, ZSTD", theirs)]
+            results += [row(f"build {name}, {form}", "CPU s", own, "GDAL COG, ZSTD", their_seconds, area=area)]
+    table(["raster", "COG", "plain", "packed"], rows)
     table(["CPU s", "COG", "plain", "packed"], times)
     webp, _ = cog_of("earth webp", EARTH, ["COMPRESS=WEBP", "QUALITY=100", "WEBP_LOSSLESS=YES"])
     tree = WORK / "earth_codec_packed.goblin"
     ratio = tree.stat().st_size / webp
     print(f"earth: {ratio:.3f} of WebP lossless with overviews ({webp}){verdict(ratio, 1.2)}")
-    results += [row("bytes of earth, packed", "WebP lossless, with overviews", webp, tree.stat().st_size, "bytes")]
+    results += [row("bytes of earth, packed", "bytes", tree.stat().st_size, "WebP lossless, with overviews", webp)]
     # The raster alone, without overviews.
     alone = WORK / "earth_alone.tif"
     once(["gdal_translate", "-q", "-of", "GTiff", "-co", "TILED=YES", "-co", "COMPRESS=WEBP", "-co", "WEBP_LOSSLESS=YES", EARTH, alone])
     ratio = tree.stat().st_size / alone.stat().st_size
     print(f"earth: {ratio:.3f} of WebP lossless without overviews ({alone.stat().st_size}){verdict(ratio, 1.2)}")
-    results += [row("bytes of earth, packed", "WebP lossless, without overviews", alone.stat().st_size, tree.stat().st_size, "bytes")]
-    record(results)
+    results += [row("bytes of earth, packed", "bytes", tree.stat().st_size, "WebP lossless, without overviews", alone.stat().st_size)]
+    record("packed files", results)
 
 
 LABELS = """
@@ -107,7 +98,7 @@ def octrees():
         tree, seconds = built("armadillo", mesh, "--depth", "10", "--codec", "packed")
         size = tree.stat().st_size
         rows.append(["armadillo at 1024", size, "0.35 MB", "met" if size <= 350_000 else "MISSED", f"{seconds:.2f}"])
-        results += [row("bytes of armadillo at 1024 cells, packed", None, None, size, "bytes")]
+        results += [row("bytes of armadillo at 1024 cells, packed", "bytes", size)]
     cells = WORK / "bodies_512.npy"
     if not cells.exists():
         once([PYTHON, "-c", BODIES, cells, "512"])
@@ -117,8 +108,8 @@ def octrees():
     rows.append(["labels 512^3", tree.stat().st_size, f"crackle {crackle}, compresso {compresso}", f"{ratio:.3f}{verdict(ratio, 1.2)}", f"{seconds:.2f}"])
     table(["what", "bytes", "rival", "ratio", "CPU s"], rows)
     for peer, theirs in [("crackle", crackle), ("compresso", compresso)]:
-        results += [row("bytes of labels, 512^3, packed", peer, theirs, tree.stat().st_size, "bytes")]
-    record(results)
+        results += [row("bytes of labels, 512^3, packed", "bytes", tree.stat().st_size, peer, theirs)]
+    record("packed files", results)
 
 
 def main():

@@ -4,7 +4,7 @@
 //     npm install playwright-core ol geotiff esbuild       (in a DIRECTORY)
 //     [ZONES=FILE.geojson] node benches/peers/pages.mjs TREE.goblin COG.tif DIRECTORY [STYLE]
 //
-// Chromium is /usr/bin/chromium, or CHROMIUM.
+// Chromium is /usr/bin/chromium, or CHROMIUM. RECORD=1 records the figures, see common.py.
 //
 // The first map: requests, bytes and seconds until the initial view is drawn. For the tree, also
 // the class areas of a polygon with 400 vertices, or of each zone of a file (countries, written by
@@ -27,13 +27,13 @@ const { chromium } = need("playwright-core");
 const root = fileURLToPath(new URL("../..", import.meta.url));
 const program = process.env.SPINNEY ?? join(root, "target/release/spinney");
 const spinney = (...list) => execFileSync(program, list, { encoding: "utf8" });
-const folder = mkdtempSync(join(tmpdir(), "spinney-pages-"));
+const directory = mkdtempSync(join(tmpdir(), "spinney-pages-"));
 const HOST = { delay: 50, bytesPerSecond: 10_000_000, packs: true };
 
-spinney("export", "-q", tree, join(folder, "own/index.html"), ...(style ? ["--style", style] : []));
-mkdirSync(join(folder, "peer"));
-copyFileSync(cog, join(folder, "peer/map.tif"));
-writeFileSync(join(folder, "peer.js"), `
+spinney("export", "-q", tree, join(directory, "own/index.html"), ...(style ? ["--style", style] : []));
+mkdirSync(join(directory, "peer"));
+copyFileSync(cog, join(directory, "peer/map.tif"));
+writeFileSync(join(directory, "peer.js"), `
   import Map from "ol/Map.js";
   import View from "ol/View.js";
   import TileLayer from "ol/layer/WebGLTile.js";
@@ -42,8 +42,8 @@ writeFileSync(join(folder, "peer.js"), `
   const map = new Map({ target: "map", layers: [new TileLayer({ source })], view: source.getView() });
   map.on("rendercomplete", () => document.documentElement.setAttribute("data-drawn", ""));
 `);
-execFileSync(join(peers, "node_modules/.bin/esbuild"), [join(folder, "peer.js"), "--bundle", "--minify", "--format=esm", `--outfile=${join(folder, "peer/peer.js")}`, "--log-level=error"], { env: { ...process.env, NODE_PATH: join(peers, "node_modules") } });
-writeFileSync(join(folder, "peer/index.html"), '<!doctype html><div id="map" style="width: 1200px; height: 800px"></div><script type="module" src="peer.js"></script>');
+execFileSync(join(peers, "node_modules/.bin/esbuild"), [join(directory, "peer.js"), "--bundle", "--minify", "--format=esm", `--outfile=${join(directory, "peer/peer.js")}`, "--log-level=error"], { env: { ...process.env, NODE_PATH: join(peers, "node_modules") } });
+writeFileSync(join(directory, "peer/index.html"), '<!doctype html><div id="map" style="width: 1200px; height: 800px"></div><script type="module" src="peer.js"></script>');
 
 const browser = await chromium.launch({
   executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
@@ -51,7 +51,7 @@ const browser = await chromium.launch({
 });
 
 async function visit(name, address, work) {
-  const host = await serve(join(folder, name), HOST);
+  const host = await serve(join(directory, name), HOST);
   const context = await browser.newContext({ viewport: { width: 1200, height: 800 } });
   const page = await context.newPage();
   page.on("pageerror", (error) => console.log(`${name}: ${error}`));
@@ -61,18 +61,18 @@ async function visit(name, address, work) {
   const seconds = (performance.now() - start) / 1000;
   await context.close();
   await host.close();
-  return { ...found, seconds, asked: host.asked };
+  return { ...found, seconds, requests: host.requests };
 }
 
-const sum = (asked) => asked.reduce((bytes, one) => bytes + one.sent, 0);
-function tell(name, { seconds, asked }, data) {
-  const [of, code] = [asked.filter(({ path }) => path.endsWith(data)), asked.filter(({ path }) => !path.endsWith(data))];
+const sum = (requests) => requests.reduce((bytes, one) => bytes + one.sent, 0);
+function report(name, { seconds, requests }, data) {
+  const [of, code] = [requests.filter(({ path }) => path.endsWith(data)), requests.filter(({ path }) => !path.endsWith(data))];
   console.log(`${name}: ${seconds.toFixed(2)} s; of the file ${of.length} requests, ${sum(of)} bytes; of the page ${code.length} requests, ${sum(code)} bytes`);
-  return { of: sum(of), requests: of.length, all: sum(asked) };
+  return { of: sum(of), requests: of.length, code: sum(code), all: sum(requests), seconds };
 }
 
-const own = tell("first map, the page", await visit("own", "index.html", (page) => page.waitForSelector("html[data-drawn]", { timeout: 60_000 }).then(() => ({}))), ".goblin");
-const peer = tell("first map, OpenLayers and geotiff.js", await visit("peer", "index.html", (page) => page.waitForSelector("html[data-drawn]", { timeout: 60_000 }).then(() => ({}))), ".tif");
+const own = report("first map, the page", await visit("own", "index.html", (page) => page.waitForSelector("html[data-drawn]", { timeout: 60_000 }).then(() => ({}))), ".goblin");
+const peer = report("first map, OpenLayers and geotiff.js", await visit("peer", "index.html", (page) => page.waitForSelector("html[data-drawn]", { timeout: 60_000 }).then(() => ({}))), ".tif");
 console.log(`of the file ${(own.of / peer.of).toFixed(2)} of the bytes, ${(own.requests / peer.requests).toFixed(2)} of the requests; with the code ${(own.all / peer.all).toFixed(2)} of the bytes`);
 
 // A star around the centre of Europe.
@@ -82,7 +82,7 @@ const ring = Array.from({ length: 400 }, (_, at) => {
 });
 const star = { type: "Feature", properties: { name: "a star" }, geometry: { type: "Polygon", coordinates: [[...ring, ring[0]]] } };
 const zones = process.env.ZONES ? JSON.parse(readFileSync(process.env.ZONES, "utf8")).features : [star];
-writeFileSync(join(folder, "own/empty.html"), "<!doctype html><title>empty</title>");
+writeFileSync(join(directory, "own/empty.html"), "<!doctype html><title>empty</title>");
 const name = tree.split("/").at(-1);
 const found = [];
 for (const zone of zones) {
@@ -90,32 +90,55 @@ for (const zone of zones) {
     page.evaluate(async ([name, zone]) => {
       const start = performance.now();
       const { openInWorker } = await import("./assets/spinney/index.js");
-      let rounds = 0;
-      const progress = (told) => (rounds = told.rounds);
+      let batches = 0;
+      const progress = (total) => (batches = total.batches);
       const map = await openInWorker(new URL(name, document.baseURI), { progress });
-      const opening = rounds;
+      const opening = batches;
       const opened = (performance.now() - start) / 1000;
       const { zones } = await map.zonal(zone, { progress });
-      return { rounds: opening + rounds, opened, seconds: (performance.now() - start) / 1000, zone: zones[0] };
+      return { batches: opening + batches, opened, seconds: (performance.now() - start) / 1000, zone: zones[0] };
     }, [name, zone]).then(({ seconds, ...found }) => ({ ...found, inPage: seconds })),
   );
-  const of = areas.asked.filter(({ path }) => path.endsWith(".goblin"));
-  writeFileSync(join(folder, "zone.geojson"), JSON.stringify(zone));
-  const [told] = JSON.parse(spinney("stats", tree, "--zones", join(folder, "zone.geojson"), "--edge", "area", "--json")).zones;
-  let off = 0;
-  assert.equal(areas.zone.classes.length, told.classes.length);
+  const of = areas.requests.filter(({ path }) => path.endsWith(".goblin"));
+  writeFileSync(join(directory, "zone.geojson"), JSON.stringify(zone));
+  const [expected] = JSON.parse(spinney("stats", tree, "--zones", join(directory, "zone.geojson"), "--edge", "area", "--json")).zones;
+  let [off, differ] = [0, 0];
+  assert.equal(areas.zone.classes.length, expected.classes.length);
   for (const [index, one] of areas.zone.classes.entries()) {
-    assert.equal(one.value, told.classes[index].value);
-    off = Math.max(off, Math.abs(one.cells - told.classes[index].cells) / told.cells);
+    assert.equal(one.value, expected.classes[index].value);
+    differ = Math.max(differ, Math.abs(one.cells - expected.classes[index].cells));
+    off = differ / expected.cells;
   }
-  found.push({ name: zone.properties.name, seconds: areas.inPage, asked: areas.inPage - areas.opened, rounds: areas.rounds, requests: of.length, bytes: sum(of), off });
+  found.push({ name: zone.properties.name, seconds: areas.inPage, query: areas.inPage - areas.opened, batches: areas.batches, requests: of.length, bytes: sum(of), off, differ });
 }
 const spread = (key) => {
   const sorted = found.map((one) => one[key]).sort((a, b) => a - b);
   const [median, most] = [sorted[Math.floor(sorted.length / 2)], sorted.at(-1)].map((number) => (Number.isInteger(number) ? number : Number(number.toPrecision(3))));
   return found.length === 1 ? `${median}` : `${median} in the median, ${most} at most (${found.find((one) => one[key] === sorted.at(-1)).name})`;
 };
-console.log(`class areas of ${found.length === 1 ? found[0].name : `${found.length} zones`}, cold: seconds with loading the package ${spread("seconds")}; of the question alone ${spread("asked")}`);
-console.log(`rounds, besides the one that opens, ${spread("rounds")}; requests ${spread("requests")}; bytes of the file ${spread("bytes")}; off from the program's by ${spread("off")} of the cells`);
+console.log(`class areas of ${found.length === 1 ? found[0].name : `${found.length} zones`}, cold: seconds with loading the package ${spread("seconds")}; of the query alone ${spread("query")}`);
+console.log(`batches, besides the one that opens, ${spread("batches")}; requests ${spread("requests")}; bytes of the file ${spread("bytes")}; off from the program's by ${spread("off")} of the cells`);
+if (process.env.RECORD === "1") {
+  const rows = [["", "s", "seconds", 1], [": requests for the file", "requests", "requests", 1], [": bytes of the file", "kB", "of", 1000], [": code", "kB", "code", 1000]].map(
+    ([end, unit, key, by]) => ({ job: `first map in Chromium${end}`, unit, ours: own[key] / by, peer: "OpenLayers with geotiff.js", peer_figure: peer[key] / by }),
+  );
+  const add = (job, unit, ours) => rows.push({ job, unit, ours });
+  const sorted = (key) => found.map((one) => one[key]).sort((a, b) => a - b);
+  if (found.length === 1) {
+    const job = "class areas of a polygon of 400 vertices, cold, Chromium";
+    add(job, "s", found[0].seconds);
+    add(`${job}: bytes`, "kB", found[0].bytes / 1000);
+  } else {
+    const job = `class areas of ${found.length} countries, Chromium`;
+    for (const [name, unit, key] of [[", from an empty page: ", "s", "seconds"], [", query alone: ", "s", "query"], [": bytes, ", "bytes", "bytes"]]) {
+      add(`${job}${name}median`, unit, sorted(key)[Math.floor(found.length / 2)]);
+      add(`${job}${name}maximum`, unit, sorted(key).at(-1));
+    }
+    add(`${job}: batches`, "batches", sorted("batches")[Math.floor(found.length / 2)]);
+    add(`${job}: cells that differ from the program's`, "cells", sorted("differ").at(-1));
+  }
+  const common = fileURLToPath(new URL("common.py", import.meta.url));
+  execFileSync("python3", [common, "JavaScript package", ...process.argv.slice(1)], { input: JSON.stringify(rows) });
+}
 await browser.close();
-rmSync(folder, { recursive: true });
+rmSync(directory, { recursive: true });

@@ -19,12 +19,14 @@ import sys
 import time
 
 import numpy as np
-from common import DATA, RELIEF, SPINNEY, WORK, once, start, table, verdict
+from common import DATA, RELIEF, SPINNEY, WORK, once, record, row, start, table, verdict
 
 COUNT = int(float(sys.argv[1])) if len(sys.argv) == 2 else 20_000_000
 # Points of the peer's file: NumPy has all of them in memory.
 PEERS = min(COUNT, 10_000_000)
 BATCH = 1_000_000
+BOXES = 40
+NAMES = {10**power: f"10^{power}" for power in range(6, 10)}
 
 
 def heights():
@@ -93,10 +95,10 @@ def copc(source, target):
 
     las = laspy.read(source)
     rows = las.points.array
-    places = np.stack([rows[axis].astype(np.int64) for axis in "XYZ"], 1)
-    corner, span = places.min(0), int((places.max(0) - places.min(0)).max()) + 1
+    positions = np.stack([rows[axis].astype(np.int64) for axis in "XYZ"], 1)
+    corner, span = positions.min(0), int((positions.max(0) - positions.min(0)).max()) + 1
     depth = int(span - 1).bit_length()
-    cells = places - corner
+    cells = positions - corner
     level = np.full(len(rows), -1)
     # The first point for each of 128 subdivisions of a side, from the root down.
     for at in range(0, 8):
@@ -165,11 +167,11 @@ def nearest(tree, count):
     with spinney.open_points(tree) as points:
         rows = points.read(attributes=[])
         low, high = (np.array([getattr(points.stats()[name], end) for name in "xyz"]) for end in ("min", "max"))
-        places = np.random.default_rng(5).uniform(low, high, (count, 3))
-        ours, (distances, _) = measured(lambda: points.nearest(places, threads=1))
+        positions = np.random.default_rng(5).uniform(low, high, (count, 3))
+        ours, (distances, _) = measured(lambda: points.nearest(positions, threads=1))
     building, theirs = measured(lambda: cKDTree(np.stack([rows[name] for name in "xyz"], 1)))
-    asking, (expected, _) = measured(lambda: theirs.query(places))
-    return [ours, building, asking, float(np.abs(distances[:, 0] - expected).max())]
+    querying, (expected, _) = measured(lambda: theirs.query(positions))
+    return [ours, building, querying, float(np.abs(distances[:, 0] - expected).max())]
 
 
 def boxes(tree, peer, count):
@@ -190,7 +192,7 @@ def boxes(tree, peer, count):
         return [middle - began, time.process_time() - middle, *found]
 
 
-def asked(*words):
+def run_self(*words):
     """Returns the output of a job of this file, in a separate process."""
     output = subprocess.run([sys.executable, __file__, "--job", json.dumps(words)], check=True, capture_output=True, text=True).stdout
     return json.loads(output.splitlines()[-1])
@@ -204,8 +206,8 @@ def main():
     for path, count in ((large, COUNT), (small, PEERS)):
         if not path.exists():
             own(["scan", str(path), count])
-    trees = {}
-    rows = []
+    trees, rows, results = {}, [], []
+    small_name = NAMES.get(PEERS, f"{PEERS:,}")
     for path, count in ((large, COUNT), (small, PEERS)):
         laz, tree = path.with_suffix(".laz"), path.with_suffix(".goblin")
         if not laz.exists():
@@ -213,19 +215,30 @@ def main():
         seconds, _, memory = once([SPINNEY, "--quiet", "build", path, "-o", tree, "--memory", "512M"])
         bytes_ = tree.stat().st_size / laz.stat().st_size
         rows.append([f"{count / 1e6:.0f} M points", "spinney, from LAS", f"{seconds:.1f}", verdict(count / seconds / 1e6, 3), f"{memory:.0f}", verdict(bytes_, 1.25, least=False)])
+        name = NAMES.get(count, f"{count:,}")
+        results.append(row(f"bytes of {name} points", "bytes", tree.stat().st_size, "LAZ", laz.stat().st_size))
+        if count > PEERS:
+            results.append(row(f"{name} points of LAS to a tree, --memory 512M", "CPU s", seconds))
+            results.append(row(f"{name} points of LAS to a tree: memory", "MiB", memory))
         trees[path] = tree
         if path == large and COUNT == PEERS:
             break
-    peer = small.with_suffix(".copc.laz")
+    peer, our_seconds, our_bytes = small.with_suffix(".copc.laz"), seconds, bytes_
     seconds, _, memory = own(["copc", str(small), str(peer)])
     bytes_ = peer.stat().st_size / small.with_suffix(".laz").stat().st_size
     rows.append([f"{PEERS / 1e6:.0f} M points", "NumPy and copclib", f"{seconds:.1f}", f"{PEERS / seconds / 1e6:.2f}", f"{memory:.0f}", f"{bytes_:.3f}"])
+    note = "The peer works in memory."
+    results.append(row(f"{small_name} points of LAS to a tree", "CPU s", our_seconds, "NumPy and copclib, COPC", seconds, note=note))
+    results.append(row(f"bytes of {small_name} points", "of LAZ's bytes", our_bytes, "COPC", bytes_))
     table(["scan", "who", "CPU s", "M points/s", "MiB", "bytes, of LAZ"], rows)
     tree = str(trees.get(small, trees[large]))
-    ours, building, asking, apart = asked("nearest", tree, 1_000_000)
-    table(["10^6 nearest neighbours", "CPU s"], [["spinney, from the file", f"{ours:.2f}"], ["cKDTree, building", f"{building:.2f}"], ["cKDTree, asking", f"{asking:.2f}"], ["cKDTree / spinney, asking alone", verdict(asking / ours, 1)], ["apart", f"{apart:.1e}"]])
-    ours, theirs, found, expected = asked("boxes", tree, str(peer), 200)
-    table(["200 boxes of 100 m", "CPU s", "points"], [["spinney", f"{ours:.2f}", found], ["laspy over COPC", f"{theirs:.2f}", expected], ["ratio", verdict(theirs / ours, 5), ""]])
+    ours, building, querying, difference = run_self("nearest", tree, 1_000_000)
+    table(["10^6 nearest neighbours", "CPU s"], [["spinney, from the file", f"{ours:.2f}"], ["cKDTree, building", f"{building:.2f}"], ["cKDTree, querying", f"{querying:.2f}"], ["cKDTree / spinney, querying alone", verdict(querying / ours, 1)], ["difference", f"{difference:.1e}"]])
+    results.append(row(f"10^6 nearest neighbours of {small_name} points", "CPU s", ours, "SciPy cKDTree, queries alone", querying))
+    ours, theirs, found, expected = run_self("boxes", tree, str(peer), BOXES)
+    table([f"{BOXES} boxes of 100 m", "CPU s", "points"], [["spinney", f"{ours:.2f}", found], ["laspy over COPC", f"{theirs:.2f}", expected], ["ratio", verdict(theirs / ours, 5), ""]])
+    results.append(row(f"{BOXES} boxes of 100 m of {small_name} points", "CPU s", ours, "laspy over COPC", theirs))
+    record("trees of points and lines", results)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import random
 import time
 
 import spinney
-from common import SHORELINE, WORK, start
+from common import SHORELINE, WORK, record, row, start
 
 SECONDS = 4.0
 
@@ -20,7 +20,7 @@ def pss():
         return next(int(line.split()[1]) * 1024 for line in file if line.startswith("Pss:"))
 
 
-def read(path, seed, begin, answers):
+def read(path, seed, begin, results):
     random.seed(seed)
     with spinney.open(path) as ds:
         ds.read(1, window=(0, 0, 256, 256))
@@ -33,17 +33,17 @@ def read(path, seed, begin, answers):
             ds.level(level)[y : y + 256, x : x + 256]
             count += 1
         begin.wait()
-        answers.put((count / SECONDS, pss()))
+        results.put((count / SECONDS, pss()))
         begin.wait()
 
 
 def run(path, processes):
     context = multiprocessing.get_context("spawn")
-    begin, answers = context.Barrier(processes), context.Queue()
-    started = [context.Process(target=read, args=(path, seed, begin, answers)) for seed in range(processes)]
+    begin, results = context.Barrier(processes), context.Queue()
+    started = [context.Process(target=read, args=(path, seed, begin, results)) for seed in range(processes)]
     for process in started:
         process.start()
-    found = [answers.get() for _ in started]
+    found = [results.get() for _ in started]
     for process in started:
         process.join()
     return sum(rate for rate, _ in found), sum(memory for _, memory in found)
@@ -57,6 +57,8 @@ def main():
     one, four = run(path, 1), run(path, 4)
     print(f"one process: {one[0]:,.0f} windows/s, {one[1] / 1e6:.1f} MB; four: {four[0]:,.0f} windows/s, {four[1] / 1e6:.1f} MB")
     print(f"rate {four[0] / one[0]:.2f} times, memory {four[1] / one[1]:.2f} times")
+    job = "windows, shoreline, four processes"
+    record("windows and points", [row(job, "/s", four[0]), row(f"{job}: proportional memory", "MB", four[1] / 1e6)])
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ import warnings
 from pathlib import Path
 
 import pyproj
+from common import record, row
 from pyproj.database import query_crs_info
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -57,11 +58,11 @@ def ours(lines, *options):
     return done.stdout.splitlines(), time.perf_counter() - begin
 
 
-def distance(crs, place, expected, answer):
+def distance(crs, place, expected, output):
     """Returns the metres between PROJ's point and ours, and between a position and the inverse of
     our point."""
     try:
-        x, y, longitude, latitude = map(float, answer.split())
+        x, y, longitude, latitude = map(float, output.split())
     except ValueError:
         return math.inf, math.inf
     metres = 111_320.0 if crs.is_geographic else crs.axis_info[0].unit_conversion_factor
@@ -85,10 +86,10 @@ def compare(codes, count):
                 work.append((code, crs, place, transformer.transform(*place)))
         except (pyproj.exceptions.ProjError, AttributeError, IndexError):
             continue
-    answers, seconds = ours((f"EPSG:{code} {place[0]!r} {place[1]!r}" for code, _, place, _ in work), "--allow-ballpark")
+    outputs, seconds = ours((f"EPSG:{code} {place[0]!r} {place[1]!r}" for code, _, place, _ in work), "--allow-ballpark")
     worst = {}
-    for (code, crs, place, expected), answer in zip(work, answers, strict=True):
-        there, back = distance(crs, place, expected, answer)
+    for (code, crs, place, expected), output in zip(work, outputs, strict=True):
+        there, back = distance(crs, place, expected, output)
         before = worst.get(code, (0, 0))
         worst[code] = (max(before[0], there), max(before[1], back))
     return worst, len(work), seconds
@@ -108,12 +109,12 @@ def known_datums():
         if int(info.code) < 32768 and crs.area_of_use and crs.axis_info[0].unit_name == "degree":
             systems[int(info.code)] = (crs, info.deprecated)
             transformer = pyproj.Transformer.from_crs("EPSG:4326", crs, always_xy=True)
-            places = [place for place in points_of(crs, 60, random_) if info.code != "4269" or not in_islands(place)]
-            work += [(int(info.code), place, transformer.transform(*place)) for place in places]
-    answers, _ = ours(f"EPSG:{code} {place[0]!r} {place[1]!r}" for code, place, _ in work)
+            positions = [place for place in points_of(crs, 60, random_) if info.code != "4269" or not in_islands(place)]
+            work += [(int(info.code), place, transformer.transform(*place)) for place in positions]
+    outputs, _ = ours(f"EPSG:{code} {place[0]!r} {place[1]!r}" for code, place, _ in work)
     bad = set()
-    for (code, place, expected), answer in zip(work, answers, strict=True):
-        if not distance(systems[code][0], place, expected, answer)[0] < 1e-3:
+    for (code, place, expected), output in zip(work, outputs, strict=True):
+        if not distance(systems[code][0], place, expected, output)[0] < 1e-3:
             bad.add(code)
     names = collections.defaultdict(list)
     for code, (crs, deprecated) in systems.items():
@@ -202,15 +203,15 @@ def check_definitions(every):
             expected = transformer.transform(*place)
             if all(map(math.isfinite, expected)) and not (is_nad83 and in_islands(place)):
                 work.append((form, name, " ".join(text.split()), own, place, expected))
-    answers, _ = ours(f"{text} {place[0]!r} {place[1]!r}" for _, _, text, _, place, _ in work)
+    outputs, _ = ours(f"{text} {place[0]!r} {place[1]!r}" for _, _, text, _, place, _ in work)
     found = collections.defaultdict(dict)
-    for (form, name, text, own, place, expected), answer in zip(work, answers, strict=True):
-        there, _ = distance(own, place, expected, answer)
-        is_refused = len(answer.split()) > 4
+    for (form, name, text, own, place, expected), output in zip(work, outputs, strict=True):
+        there, _ = distance(own, place, expected, output)
+        is_refused = len(output.split()) > 4
         kind = "refused" if is_refused else "same" if there < 1e-3 else "wrong"
         before = found[form].get(name, (None, 0, None))
         if not before[0] or (not is_refused and there > before[1]):
-            found[form][name] = (kind, there, f"{text}\n    {place}: {expected}, not {answer}")
+            found[form][name] = (kind, there, f"{text}\n    {place}: {expected}, not {output}")
     wrong = 0
     for form, systems in found.items():
         counts = collections.Counter(kind for kind, _, _ in systems.values())
@@ -221,11 +222,11 @@ def check_definitions(every):
                 wrong += 1
                 print(f"{name} as {form}: {there:.2e} m off\n    {text}")
     reasons = collections.Counter()
-    for (_, _, _, _, _, _), answer in zip(work, answers, strict=True):
-        if len(answer.split()) > 4:
-            reasons[re.sub(r"^.*?: found | expected .*$", "", answer)[:90]] += 1
+    for (_, _, _, _, _, _), output in zip(work, outputs, strict=True):
+        if len(output.split()) > 4:
+            reasons[re.sub(r"^.*?: found | expected .*$", "", output)[:90]] += 1
     for reason, count in reasons.most_common(40):
-        print(f"    {count:6} places refused: {reason}")
+        print(f"    {count:6} positions refused: {reason}")
     return wrong
 
 
@@ -252,6 +253,9 @@ def main():
         for code, (there, back) in worst.items():
             print(f"EPSG:{code:<6} {there:.1e} m from PROJ, {back:.1e} m there and back")
         print(f"{count} points, at most {max(there for there, _ in worst.values()):.1e} m, {seconds:.1f} s with starting")
+        job, most = f"{count:,} points in {len(worst)} systems", max(there for code, (there, _) in worst.items() if code != 4269)
+        note = "Except EPSG:4269, where PROJ uses another shift."
+        record("coordinate systems", [row(f"{job} against PROJ: maximum error", "m", most, note=note), row(job, "s", seconds)])
         return
     kinds = [pyproj.enums.PJType.PROJECTED_CRS, pyproj.enums.PJType.GEOGRAPHIC_2D_CRS]
     codes = sorted({int(info.code) for info in query_crs_info(auth_name="EPSG", pj_types=kinds, allow_deprecated=True)})

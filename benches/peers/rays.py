@@ -19,7 +19,7 @@ import time
 import numpy as np
 import spinney
 import trimesh
-from common import ROOT, table
+from common import ROOT, record, row, table
 
 MESHES = [ROOT.parent / "shared" / "data" / "mesh" / f"{name}.ply" for name in ("armadillo", "bunny_hr", "fandisk")]
 RAYS = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
@@ -48,11 +48,11 @@ def rays(bounds):
 
 def main():
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    lines = []
-    with tempfile.TemporaryDirectory() as folder:
+    lines, results = [], []
+    with tempfile.TemporaryDirectory() as directory:
         for mesh in filter(lambda mesh: mesh.exists(), MESHES):
-            spinney.build_brep(mesh, f"{folder}/model.goblin")
-            with spinney.open_brep(f"{folder}/model.goblin") as model:
+            spinney.build_brep(mesh, f"{directory}/model.goblin")
+            with spinney.open_brep(f"{directory}/model.goblin") as model:
                 peer = trimesh.Trimesh(*model.triangles(), process=False)
                 peer.ray.intersects_first([(0, 0, 0)], [(0, 0, 1)])
                 for name, origins, ways in rays(peer.bounds):
@@ -62,12 +62,14 @@ def main():
                     differ[index] = True
                     differ ^= hits.hit
                     both = hits.hit[index]
-                    apart = np.linalg.norm(hits.points[index[both]] - points[both], axis=1).max() / peer.scale
+                    difference = np.linalg.norm(hits.points[index[both]] - points[both], axis=1).max() / peer.scale
                     count = len(origins) / 1e6
-                    told = [f"{ours / count:.2f}", f"{theirs / count:.2f}", f"{ours / theirs:.1f}"]
-                    lines.append([mesh.stem, len(peer.faces), name, *told, int(differ.sum()), f"{apart:.0e}"])
+                    figures = [f"{ours / count:.2f}", f"{theirs / count:.2f}", f"{ours / theirs:.1f}"]
+                    results.append(row(f"ray, {mesh.stem}, {name}", "us", ours / count, "Embree", theirs / count))
+                    lines.append([mesh.stem, len(peer.faces), name, *figures, int(differ.sum()), f"{difference:.0e}"])
     print(f"{RAYS} rays, {type(peer.ray).__module__}")
-    table(["model", "triangles", "rays", "ours, us a ray", "Embree, us a ray", "ours / theirs", "hit in one alone", "apart, of the size"], lines)
+    table(["model", "triangles", "rays", "ours, us a ray", "Embree, us a ray", "ours / theirs", "hit in one alone", "difference, of the size"], lines)
+    record("exact models", results)
 
 
 if __name__ == "__main__":

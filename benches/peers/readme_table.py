@@ -30,10 +30,10 @@ parser.add_argument("--rates", type=Path)
 parser.add_argument("--commit")
 parser.add_argument("--print", action="store_true", help="print the table instead of writing it into the README")
 parser.add_argument("--part", help=argparse.SUPPRESS)
-asked = parser.parse_args()
-os.environ["SPINNEY"] = str(asked.program.resolve())
-if asked.rates:
-    os.environ["RATES"] = str(asked.rates.resolve())
+arguments = parser.parse_args()
+os.environ["SPINNEY"] = str(arguments.program.resolve())
+if arguments.rates:
+    os.environ["RATES"] = str(arguments.rates.resolve())
 
 from common import RELIEF, ROOT, SHORELINE, SPINNEY, WORK, cog, once, runs, start, tree  # noqa: E402
 
@@ -41,8 +41,8 @@ from common import RELIEF, ROOT, SHORELINE, SPINNEY, WORK, cog, once, runs, star
 def part(name):
     """Runs a function of this file in a separate process: NumPy imports would count in the memory
     of processes started later."""
-    options = ["--rates", asked.rates] if asked.rates else []
-    command = [sys.executable, "-W", "ignore", __file__, asked.program, *options, "--part", name]
+    options = ["--rates", arguments.rates] if arguments.rates else []
+    command = [sys.executable, "-W", "ignore", __file__, arguments.program, *options, "--part", name]
     return json.loads(subprocess.run(list(map(str, command)), check=True, capture_output=True, text=True).stdout)
 
 
@@ -72,15 +72,15 @@ def building():
         ("build a class map of 933 million cells, all levels", SHORELINE, "shoreline", "majority", ["OVERVIEW_RESAMPLING=MODE"]),
         ("build an elevation model of 9 million cells, all levels", RELIEF, "relief", "mean", ["OVERVIEW_RESAMPLING=AVERAGE", "PREDICTOR=YES"]),
     ]:
-        goblin, picture = WORK / f"{name}.goblin", WORK / f"{name}_zstd.tif"
+        goblin, raster = WORK / f"{name}.goblin", WORK / f"{name}_zstd.tif"
         ours = runs([SPINNEY, "-q", "build", source, "-o", goblin, "--rule", rule])
         words = [word for option in ["COMPRESS=ZSTD", *options] for word in ("-co", option)]
-        theirs = runs(["gdal_translate", "-q", "-of", "COG", *words, source, picture])
+        theirs = runs(["gdal_translate", "-q", "-of", "COG", *words, source, raster])
         rows.append([job, "GDAL, COG with ZSTD", cost(theirs), cost(ours)])
         packed = goblin.with_name(f"{goblin.stem}_packed.goblin")
         if not packed.exists():
             once([SPINNEY, "-q", "convert", goblin, packed, "--codec", "packed"])
-        theirs, plain, small = (f"{path.stat().st_size / 1e6:.1f} MB" for path in (picture, goblin, packed))
+        theirs, plain, small = (f"{path.stat().st_size / 1e6:.1f} MB" for path in (raster, goblin, packed))
         size = [theirs, f"{plain}, packed {small}"]
         rows.append([f"bytes of that {'class map' if rule == 'majority' else 'elevation model'}", "GDAL, COG with ZSTD", *size])
     return rows
@@ -95,8 +95,8 @@ def majorities():
             assert cells[5] == "0", line
             if cells[6].endswith("%") and int(cells[2]) > 2:
                 shares.append(float(cells[6].rstrip(" %")))
-    told = f"{min(shares):.0f} to {max(shares):.0f} %"
-    return [["coarse pixels of several classes that hold a wrong one", "GDAL, mode, from 4 x 4 cells on", told, "none"]]
+    figures = f"{min(shares):.0f} to {max(shares):.0f} %"
+    return [["coarse pixels of several classes that hold a wrong one", "GDAL, mode, from 4 x 4 cells on", figures, "none"]]
 
 
 def windows():
@@ -104,10 +104,10 @@ def windows():
 
     rows = []
     for name, job in [("shoreline", "windows of the class map, at any level"), ("relief", "windows of the elevation model, at any level")]:
-        picture = WORK / f"{name}_zstd.tif"
-        places = windows.listed(picture, name)
-        theirs = windows.peer(picture, places, "other")
-        ours = windows.rates(WORK / f"{name}.goblin", "--only", "windows", "--windows", places)[1]["windows"]
+        raster = WORK / f"{name}_zstd.tif"
+        windows_file = windows.listed(raster, name)
+        theirs = windows.peer(raster, windows_file, "other")
+        ours = windows.rates(WORK / f"{name}.goblin", "--only", "windows", "--windows", windows_file)[1]["windows"]
         rows.append([job, "rasterio, COG with ZSTD", rate(theirs), rate(ours)])
     return rows
 
@@ -122,20 +122,20 @@ def points():
 
     ours, _ = windows.points(WORK / "shoreline.goblin")
     random.seed(4)
-    places = [(random.uniform(-180, 180), random.uniform(-90, 90)) for _ in range(50_000)]
+    positions = [(random.uniform(-180, 180), random.uniform(-90, 90)) for _ in range(50_000)]
     with rasterio.open(WORK / "shoreline_zstd.tif") as file:
         rates = []
         for _ in range(3):
             began = time.process_time()
-            list(file.sample(places))
-            rates.append(len(places) / (time.process_time() - began))
+            list(file.sample(positions))
+            rates.append(len(positions) / (time.process_time() - began))
         theirs = sorted(rates)[1]
     return [["points of the class map", "rasterio's `sample`", rate(theirs), rate(ours)]]
 
 
 def zones():
-    told = dict(re.findall(r"^(\w+ \(area\)): ([\d.]+) s", script("zonal.py", SHORELINE.parent), re.MULTILINE))
-    seconds = [f"{float(told[f'{name} (area)']):.3g} s" for name in ("exactextract", "spinney")]
+    figures = dict(re.findall(r"^(\w+ \(area\)): ([\d.]+) s", script("zonal.py", SHORELINE.parent), re.MULTILINE))
+    seconds = [f"{float(figures[f'{name} (area)']):.3g} s" for name in ("exactextract", "spinney")]
     return [["areas of the classes in 1,000 polygons, exactly", "exactextract", *seconds]]
 
 
@@ -173,8 +173,8 @@ def bodies():
         for found in ([run["seconds"][-1] for run in theirs], [sum(run["seconds"]) for run in theirs], [run["peak"] for run in theirs])
     )
     job = f"one scan without another ({facts['triangles']:,} triangles), from file to file"
-    told = f"{alone:.2f} s in memory, {whole:.2f} s with reading, {peak:.0f} MiB"
-    return [[job, "manifold3d, in floating point", told, cost(ours)]]
+    figures = f"{alone:.2f} s in memory, {whole:.2f} s with reading, {peak:.0f} MiB"
+    return [[job, "manifold3d, in floating point", figures, cost(ours)]]
 
 
 PARTS = {"windows": windows, "points": points}
@@ -196,14 +196,14 @@ def main():
     start()
     load = os.getloadavg()[0]
     rows = [*building(), *bodies(), *majorities()]
-    rows += part("windows") if asked.rates else []
+    rows += part("windows") if arguments.rates else []
     rows += [*part("points"), *zones(), *contours()]
-    commit = asked.commit or subprocess.check_output(["git", "rev-parse", "--short=7", "HEAD"], cwd=ROOT, text=True).strip()
+    commit = arguments.commit or subprocess.check_output(["git", "rev-parse", "--short=7", "HEAD"], cwd=ROOT, text=True).strip()
     lines = [BEGIN, "| job | peer | peer's figure | Spinney |", "| --- | --- | --- | --- |"]
     lines += ["| " + " | ".join(row) + " |" for row in rows]
-    told = f"{datetime.date.today()}, commit {commit}, a machine with {machine()}, load {load:.1f} from other work; {versions()}."
-    lines += ["", told, END]
-    if asked.print:
+    figures = f"{datetime.date.today()}, commit {commit}, a machine with {machine()}, load {load:.1f} from other work; {versions()}."
+    lines += ["", figures, END]
+    if arguments.print:
         return print("\n".join(lines))
     readme = ROOT / "README.md"
     before, _, rest = readme.read_text().partition(BEGIN)
@@ -213,7 +213,7 @@ def main():
     readme.write_text(before + "\n".join(lines) + after)
 
 
-if asked.part:
-    print(json.dumps(PARTS[asked.part]()))
+if arguments.part:
+    print(json.dumps(PARTS[arguments.part]()))
 else:
     main()

@@ -59,8 +59,8 @@ def own(esri_name, name):
 def geodetic():
     ellipsoids, meridians, rows = {}, {}, []
     for number, crs in systems(PJType.GEOGRAPHIC_2D_CRS):
-        told = crs.to_json_dict()
-        datum = told.get("datum") or told["datum_ensemble"]
+        definition = crs.to_json_dict()
+        datum = definition.get("datum") or definition["datum_ensemble"]
         figure, meridian = datum["ellipsoid"], crs.prime_meridian
         size = measure(figure.get("radius", figure.get("semi_major_axis")))
         if "semi_minor_axis" in figure:
@@ -75,7 +75,7 @@ def geodetic():
         name = datum["name"].removesuffix(" ensemble")
         datum_number = crs.datum.to_json_dict()["id"]["code"]
         esri_name = own(esri(crs, "DATUM").removeprefix("D_"), name)
-        rows.append((number, told["name"], datum_number, name, esri_name, own(esri(crs, "GEOGCS").removeprefix("GCS_"), told["name"]), code, zero))
+        rows.append((number, definition["name"], datum_number, name, esri_name, own(esri(crs, "GEOGCS").removeprefix("GCS_"), definition["name"]), code, zero))
     print("/// Ellipsoids: number, name, Esri's name where it is another one, half axis in metres, inverse flattening (0 of spheres).")
     for code, (name, theirs, size, inverse) in sorted(ellipsoids.items()):
         print(f"({code}, {text(name)}, {text(theirs)}, {float(size)!r}, {float(inverse)!r}),")
@@ -90,9 +90,9 @@ def geodetic():
 def projected():
     found = []
     for number, crs in systems(PJType.PROJECTED_CRS):
-        told = crs.to_json_dict()
-        axes = tuple(axis["direction"] for axis in told["coordinate_system"]["axis"])
-        base = told["base_crs"].get("id") or {}
+        definition = crs.to_json_dict()
+        axes = tuple(axis["direction"] for axis in definition["coordinate_system"]["axis"])
+        base = definition["base_crs"].get("id") or {}
         if base.get("authority") == "EPSG":
             found.append((number, base["code"], AXES.get(axes, "Other")))
     ranges = []
@@ -108,15 +108,15 @@ def projected():
 
 def vertical():
     for number, crs in systems(PJType.VERTICAL_CRS):
-        told = crs.to_json_dict()
-        datum = told.get("datum") or told["datum_ensemble"]
-        [axis] = told["coordinate_system"]["axis"]
+        definition = crs.to_json_dict()
+        datum = definition.get("datum") or definition["datum_ensemble"]
+        [axis] = definition["coordinate_system"]["axis"]
         unit = axis["unit"] if isinstance(axis["unit"], str) else axis["unit"]["name"]
         if unit in LENGTHS and axis["direction"] in ("up", "down"):
             code = crs.datum.to_json_dict()["id"]["code"] if crs.datum else 0
             up = "true" if axis["direction"] == "up" else "false"
             name = datum["name"].removesuffix(" ensemble")
-            print(f"({number}, {text(told['name'])}, {code}, {text(name)}, {LENGTHS[unit]!r}, {up}),")
+            print(f"({number}, {text(definition['name'])}, {code}, {text(name)}, {LENGTHS[unit]!r}, {up}),")
 
 
 if __name__ == "__main__":

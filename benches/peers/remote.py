@@ -30,7 +30,7 @@ import urllib.parse
 import urllib.request
 from pathlib import Path
 
-from common import RELIEF, ROOT, SHORELINE, SPINNEY, WORK, cog, once, start, table, tree, verdict
+from common import RELIEF, ROOT, SHORELINE, SPINNEY, WORK, cog, once, record, row, start, table, tree, verdict
 from serve import TITILER, free_port, wait_for
 
 sys.path.insert(0, str(ROOT / "tests" / "servers"))
@@ -51,8 +51,8 @@ from rasterio.windows import Window
 times = []
 for left, top, cells, factor in json.load(sys.stdin):
     began = time.perf_counter()
-    with rasterio.open(sys.argv[1]) as picture:
-        picture.read(1, window=Window(left, top, cells, cells), out_shape=(256, 256))
+    with rasterio.open(sys.argv[1]) as raster:
+        raster.read(1, window=Window(left, top, cells, cells), out_shape=(256, 256))
     times.append(time.perf_counter() - began)
 print(json.dumps(times))
 """
@@ -74,8 +74,8 @@ import json, sys, time
 import rasterio
 points = json.load(sys.stdin)
 began = time.perf_counter()
-with rasterio.open(sys.argv[1]) as picture:
-    values = [int(value[0]) for value in picture.sample(points)]
+with rasterio.open(sys.argv[1]) as raster:
+    values = [int(value[0]) for value in raster.sample(points)]
 print(json.dumps([time.perf_counter() - began, values]))
 """
 
@@ -95,21 +95,21 @@ def ours(*words, given=None):
     seconds = time.perf_counter() - began
     if run.returncode:
         sys.exit(f"failed: {' '.join(map(str, words))}: {run.stderr}")
-    return seconds, run.stdout, list(map(int, re.search(r"(\d+) rounds, (\d+) requests, (\d+) bytes", run.stderr).groups()))
+    return seconds, run.stdout, list(map(int, re.search(r"(\d+) batches, (\d+) requests, (\d+) bytes", run.stderr).groups()))
 
 
-def made(picture, name):
+def made(raster, name):
     """Returns the name of a raster's tree, which is built if it does not exist."""
     name = f"{name}.goblin" if CODEC == "plain" else f"{name}_{CODEC}.goblin"
-    tree(picture, WORK / name, "--codec", CODEC)
+    tree(raster, WORK / name, "--codec", CODEC)
     return name
 
 
 def tiles(server):
-    rows = []
-    for name, picture, size in [("relief", RELIEF, (4320, 2160)), ("shoreline", SHORELINE, (43200, 21600))]:
-        cog(picture, WORK / f"{name}_zstd.tif", "COMPRESS=ZSTD", "PREDICTOR=YES")
-        goblin = made(picture, name)
+    rows, results = [], []
+    for name, raster, size in [("relief", RELIEF, (4320, 2160)), ("shoreline", SHORELINE, (43200, 21600))]:
+        cog(raster, WORK / f"{name}_zstd.tif", "COMPRESS=ZSTD", "PREDICTOR=YES")
+        goblin = made(raster, name)
         rng = random.Random(5)
         wanted = []
         for _ in range(20):
@@ -125,20 +125,31 @@ def tiles(server):
             level = depth - factor.bit_length() + 1
             found.append(ours("get", f"{server.url}/{goblin}", WORK / "tile.npy", "--window", f"{left},{top},{cells},{cells}", "--level", str(level)))
         seconds = statistics.median(seconds for seconds, _, _ in found)
-        rounds = [counts[0] for _, _, counts in found]
+        batches = [counts[0] for _, _, counts in found]
         kib = statistics.median(counts[2] for _, _, counts in found) / 1024
         mean = statistics.mean(counts[2] for _, _, counts in found) / 1024
         ratio = seconds / statistics.median(theirs)
-        rows.append([name, f"{seconds:.3f}", f"{statistics.median(theirs):.3f}", verdict(ratio, 0.7, least=False), f"{statistics.median(rounds)}, at most {max(rounds)}", f"{kib:.0f}, of all {mean:.0f}", f"{their_kib:.0f}"])
-    table(["cold open and a tile of 256 x 256", "ours, s", "rasterio, s", "ratio (0.7)", "rounds (3)", "KiB, median and mean", "rasterio, mean KiB"], rows)
+        if CODEC == "plain":
+            results += [
+                row(f"cold open and a tile of 256 x 256, {name}, plain", "s", seconds, "rasterio", statistics.median(theirs)),
+                row(f"cold tile, {name}, plain: batches", "batches", statistics.median(batches)),
+                row(f"cold tile, {name}, plain: bytes", "KiB", kib),
+            ]
+        else:
+            job = f"cold tile of 256 x 256, {name}, {CODEC}"
+            results.append(row(job, "s", seconds, "rasterio", statistics.median(theirs)))
+            results.append(row(f"{job}: bytes", "KiB", mean, "rasterio", their_kib))
+        rows.append([name, f"{seconds:.3f}", f"{statistics.median(theirs):.3f}", verdict(ratio, 0.7, least=False), f"{statistics.median(batches)}, at most {max(batches)}", f"{kib:.0f}, of all {mean:.0f}", f"{their_kib:.0f}"])
+    table(["cold open and a tile of 256 x 256", "ours, s", "rasterio, s", "ratio (0.7)", "batches (3)", "KiB, median and mean", "rasterio, mean KiB"], rows)
+    record("remote files", results)
 
 
 def countries():
     """Returns features of 40 countries, from the npm package."""
-    folder = WORK / "world-atlas"
-    if not folder.exists():
-        subprocess.run(["npm", "install", "--silent", "--no-save", "--prefix", folder, "world-atlas@2"], check=True)
-    world = json.loads((folder / "node_modules" / "world-atlas" / "countries-110m.json").read_text())
+    directory = WORK / "world-atlas"
+    if not directory.exists():
+        subprocess.run(["npm", "install", "--silent", "--no-save", "--prefix", directory, "world-atlas@2"], check=True)
+    world = json.loads((directory / "node_modules" / "world-atlas" / "countries-110m.json").read_text())
     scale, move = world["transform"]["scale"], world["transform"]["translate"]
     arcs = []
     for arc in world["arcs"]:
@@ -182,25 +193,33 @@ def class_areas(server):
         worst = max(worst, *(abs(classes.get(int(number), 0) - cells) / sum(expected.values()) for number, cells in expected.items())) if country["properties"]["name"] != "Russia" else worst
         found.append((seconds, counts))
     seconds = statistics.median(seconds for seconds, _ in found)
-    rounds, most = [counts[0] for _, counts in found], max(counts[2] for _, counts in found)
+    batches, most = [counts[0] for _, counts in found], max(counts[2] for _, counts in found)
     ratio = sum(seconds for seconds, _ in found) / sum(theirs)
-    row = [f"{seconds:.3f}", f"{statistics.median(theirs):.3f}", f"{sum(s for s, _ in found):.1f} and {sum(theirs):.1f}", verdict(ratio, 1 / 20, least=False)]
-    row += [f"{statistics.median(rounds)}, at most {max(rounds)}", f"{statistics.median(c[2] for _, c in found) / 1e6:.2f}, at most {most / 1e6:.2f}", f"{worst:.1e}"]
+    shown = [f"{seconds:.3f}", f"{statistics.median(theirs):.3f}", f"{sum(s for s, _ in found):.1f} and {sum(theirs):.1f}", verdict(ratio, 1 / 20, least=False)]
+    shown += [f"{statistics.median(batches)}, at most {max(batches)}", f"{statistics.median(c[2] for _, c in found) / 1e6:.2f}, at most {most / 1e6:.2f}", f"{worst:.1e}"]
     one_by_one = sum(counts[2] for _, counts in found)
     # One process for all of them caches what it has read.
     path.write_text(json.dumps({"type": "FeatureCollection", "features": wanted}))
     at_once = ours("stats", f"{server.url}/{goblin}", "--zones", str(path), "--edge", "area", "--json")[2][2]
-    row += [f"{one_by_one / 1e6:.2f}, at once {at_once / 1e6:.2f}; {their_bytes / 1e6:.2f}", verdict(one_by_one / their_bytes, 1 / 10, least=False), f"{at_once / their_bytes:.3f}"]
-    table(["class areas of a country", "rasterio + exactextract, s", "all 40, s", "ratio (1/20)", "rounds (4)", "MB (2)", "largest difference", "MB, all 40; theirs", "share (1/10)", "at once"], [row])
+    shown += [f"{one_by_one / 1e6:.2f}, at once {at_once / 1e6:.2f}; {their_bytes / 1e6:.2f}", verdict(one_by_one / their_bytes, 1 / 10, least=False), f"{at_once / their_bytes:.3f}"]
+    table(["class areas of a country", "rasterio + exactextract, s", "all 40, s", "ratio (1/20)", "batches (4)", "MB (2)", "largest difference", "MB, all 40; theirs", "share (1/10)", "at once"], [shown])
+    job, all_jobs, known = f"class areas of a country, shoreline, {CODEC}", f"class areas of {len(wanted)} countries", "rasterio and exactextract"
+    record("remote files", [
+        row(job, "s", seconds, known, statistics.median(theirs)),
+        row(f"{job}: batches", "batches", statistics.median(batches)),
+        row(f"{job}: bytes", "MB", statistics.median(counts[2] for _, counts in found) / 1e6),
+        row(f"{all_jobs}, one by one, {CODEC}: bytes", "MB", one_by_one / 1e6, known, their_bytes / 1e6),
+        row(f"{all_jobs} in one run, {CODEC}: bytes", "MB", at_once / 1e6, known, their_bytes / 1e6),
+    ])
 
 
 # The queries sent to titiler, and the classes in their results; an expression's sums are weighted
 # by the inside share of a cell.
 CLASSES = range(5)
 STATISTICS = {
-    "titiler, cells of classes": "categorical=true",
-    "titiler, the same of 1024 pixels": "categorical=true&max_size=1024",
-    "titiler, an expression for each class": "expression=" + urllib.parse.quote(";".join(f"where(b1=={value},1,0)" for value in CLASSES)),
+    "titiler, the file's resolution": "categorical=true",
+    "titiler, max_size=1024": "categorical=true&max_size=1024",
+    "titiler, an expression per class": "expression=" + urllib.parse.quote(";".join(f"where(b1=={value},1,0)" for value in CLASSES)),
 }
 # As its documentation advises.
 ADVISED = {"GDAL_HTTP_MERGE_CONSECUTIVE_RANGES": "YES", "GDAL_INGESTED_BYTES_AT_OPEN": "32768"}
@@ -212,9 +231,9 @@ def box_in_cells(country):
     return [math.ceil(max(axis) * 120) - math.floor(min(axis) * 120) for axis in zip(*corners)]
 
 
-def told(query, answer, country):
+def areas_of(query, result, country):
     """Returns cells of each class from titiler's response."""
-    bands = answer["properties"]["statistics"]
+    bands = result["properties"]["statistics"]
     if query.startswith("expression"):
         return {value: band["sum"] for value, band in zip(CLASSES, bands.values())}
     columns, rows = box_in_cells(country)
@@ -229,27 +248,39 @@ def farthest(found, expected):
     return max(abs(found.get(value, 0) - expected.get(value, 0)) for value in CLASSES) / sum(expected.values())
 
 
-def statistics_elsewhere(server):
-    name, picture = made(SHORELINE, "shoreline"), "served_shoreline_cog.tif"
-    cog(SHORELINE, WORK / picture, "COMPRESS=ZSTD", "BLOCKSIZE=256", "OVERVIEW_RESAMPLING=MODE")
+def remote_statistics(server):
+    name, raster = made(SHORELINE, "shoreline"), "served_shoreline_cog.tif"
+    cog(SHORELINE, WORK / raster, "COMPRESS=ZSTD", "BLOCKSIZE=256", "OVERVIEW_RESAMPLING=MODE")
     # Their rings intersect themselves, which each tool resolves differently. Russia's box, 208
     # million cells, would also take titiler tens of GB.
     wanted = [country for country in countries() if country["properties"]["name"] not in ("Russia", "Sudan")]
     file = WORK / "countries.geojson"
     file.write_text(json.dumps({"type": "FeatureCollection", "features": wanted}))
     server.counts()
-    seconds, areas = peer(COUNTRIES, f"{server.url}/{picture}", wanted)
+    seconds, areas = peer(COUNTRIES, f"{server.url}/{raster}", wanted)
     areas = [{int(value): cells for value, cells in country.items()} for country in areas]
     counts = server.counts()
     rows = [["exactextract", f"{statistics.median(seconds):.2f}, at most {max(seconds):.2f}", "", f"{counts['requests'] / len(wanted):.0f}", f"{counts['bytes'] / len(wanted) / 1e6:.3f}", "", ""]]
 
-    def row(name, found):
-        """Prints a row of seconds, batches or requests, bytes, peak MiB and error shares, over the
+    figures = {"exactextract": {
+        ": median": ("s", statistics.median(seconds)), ": maximum": ("s", max(seconds)),
+        ": requests": ("requests", counts["requests"] / len(wanted)), ": bytes": ("MB", counts["bytes"] / len(wanted) / 1e6),
+    }}  # fmt: skip
+
+    def add(name, found):
+        """Adds a row of seconds, batches or requests, bytes, peak MiB and error shares, over the
         countries."""
-        seconds, asked, size, peak, off = zip(*found)
+        seconds, counts, size, peak, off = zip(*found)
+        figures[name] = {
+            ": median": ("s", statistics.median(seconds)), ": maximum": ("s", max(seconds)),
+            ": requests": ("requests", statistics.median(counts)),
+            ": bytes": ("MB", statistics.mean(size) / 1e6), ": bytes, maximum": ("MB", max(size) / 1e6),
+            ": memory": ("MiB", statistics.median(peak)), ": memory, maximum": ("MiB", max(peak)),
+            ": error, median": ("of the cells", statistics.median(off)), ": error, maximum": ("of the cells", max(off)),
+        }  # fmt: skip
         at = off.index(max(off))
         worst = f"{statistics.median(off):.1e}, at most {max(off):.1e} ({wanted[at]['properties']['name']})"
-        rows.append([name, f"{statistics.median(seconds):.2f}, at most {max(seconds):.2f}", "", f"{statistics.median(asked):.0f}, at most {max(asked)}",
+        rows.append([name, f"{statistics.median(seconds):.2f}, at most {max(seconds):.2f}", "", f"{statistics.median(counts):.0f}, at most {max(counts)}",
                      f"{statistics.mean(size) / 1e6:.3f}, at most {max(size) / 1e6:.2f}", f"{statistics.median(peak):.0f}, at most {max(peak):.0f}", worst])
         return rows[-1]
 
@@ -258,11 +289,11 @@ def statistics_elsewhere(server):
         one = WORK / "country.geojson"
         one.write_text(json.dumps(country))
         words = ["stats", f"{server.url}/{name}", "--zones", str(one), "--edge", "area", "--json"]
-        seconds, text, (rounds, requests, size) = ours(*words)
+        seconds, text, (batches, requests, size) = ours(*words)
         classes = {int(c["value"]): c["cells"] for c in json.loads(text)["zones"][0]["classes"]}
         found.append((seconds, requests, size, once([SPINNEY, *words])[2], farthest(classes, expected)))
-        found[-1] = (*found[-1], rounds)
-    row("ours", [line[:5] for line in found])[2] = f"at most {max(line[5] for line in found)}"
+        found[-1] = (*found[-1], batches)
+    add("ours", [line[:5] for line in found])[2] = f"at most {max(line[5] for line in found)}"
 
     port = free_port()
     process = subprocess.Popen([PYTHON, "-c", TITILER, str(port)], env={**os.environ, **COLD, **ADVISED})
@@ -271,42 +302,50 @@ def statistics_elsewhere(server):
         found = []
         for country, expected in zip(wanted, areas):
             Path(f"/proc/{process.pid}/clear_refs").write_text("5")
-            address = f"http://127.0.0.1:{port}/statistics?{query}&url={urllib.parse.quote(f'{server.url}/{picture}')}"
-            asked = urllib.request.Request(address, data=json.dumps(country).encode(), headers={"Content-Type": "application/json"})
+            address = f"http://127.0.0.1:{port}/statistics?{query}&url={urllib.parse.quote(f'{server.url}/{raster}')}"
+            request = urllib.request.Request(address, data=json.dumps(country).encode(), headers={"Content-Type": "application/json"})
             server.counts()
             began = time.perf_counter()
-            answer = json.load(urllib.request.urlopen(asked))
+            result = json.load(urllib.request.urlopen(request))
             seconds = time.perf_counter() - began
             counts = server.counts()
             lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
             peak = next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
-            found.append((seconds, counts["requests"], counts["bytes"], peak, farthest(told(query, answer, country), expected)))
-        row(name, found)
+            found.append((seconds, counts["requests"], counts["bytes"], peak, farthest(areas_of(query, result, country), expected)))
+        add(name, found)
     process.terminate()
     process.wait()
-    table([f"class areas of {len(wanted)} countries, each cold", "s, median", "rounds", "requests", "MB, mean", "peak MiB", "off from exactextract, median"], rows)
+    table([f"class areas of {len(wanted)} countries, each cold", "s, median", "batches", "requests", "MB, mean", "peak MiB", "off from exactextract, median"], rows)
+    job, mine = f"class areas of {len(wanted)} countries, shoreline, {CODEC}", figures.pop("ours")
+    record("remote files", [row(job + end, unit, mine[end][1], known, figure) for known, theirs in figures.items() for end, (unit, figure) in theirs.items()])
 
 
 def points(server):
     rows = []
-    for name, picture in [("relief", RELIEF), ("shoreline", SHORELINE)]:
-        cog(picture, WORK / f"{name}_zstd.tif", "COMPRESS=ZSTD", "PREDICTOR=YES")
-        goblin = made(picture, name)
+    for name, raster in [("relief", RELIEF), ("shoreline", SHORELINE)]:
+        cog(raster, WORK / f"{name}_zstd.tif", "COMPRESS=ZSTD", "PREDICTOR=YES")
+        goblin = made(raster, name)
         rng = random.Random(2)
-        places = [(rng.uniform(-179.9, 179.9), rng.uniform(-89.9, 89.9)) for _ in range(10_000)]
-        theirs, expected = peer(POINTS, f"{server.url}/{name}_zstd.tif", places)
-        text = "".join(f"{x!r},{y!r}\n" for x, y in places)
+        positions = [(rng.uniform(-179.9, 179.9), rng.uniform(-89.9, 89.9)) for _ in range(10_000)]
+        theirs, expected = peer(POINTS, f"{server.url}/{name}_zstd.tif", positions)
+        text = "".join(f"{x!r},{y!r}\n" for x, y in positions)
         seconds, output, counts = ours("point", f"{server.url}/{goblin}", "--in", "world", given=text)
         values = [line.split()[-1] for line in output.splitlines()]
         same = sum(value == str(number) for value, number in zip(values, expected))
+        job = f"10,000 random points, {name}, {CODEC}"
+        record("remote files", [
+            row(job, "s", seconds, "rasterio", theirs),
+            row(f"{job}: batches", "batches", counts[0]),
+            row(f"{job}: bytes", "MB", counts[2] / 1e6),
+        ])
         rows.append([name, f"{seconds:.3f}", f"{theirs:.3f}", verdict(seconds / theirs, 1 / 20, least=False), counts[0], f"{counts[2] / 1e6:.1f}", same])
-    table(["10,000 random points", "ours, s", "rasterio, s", "ratio (1/20)", "rounds", "MB", "values alike"], rows)
+    table(["10,000 random points", "ours, s", "rasterio, s", "ratio (1/20)", "batches", "MB", "values alike"], rows)
 
 
 if __name__ == "__main__":
     start()
-    asked = sys.argv[1:] or ["tiles", "countries", "points"]
+    requested = sys.argv[1:] or ["tiles", "countries", "points"]
     with serve(WORK, LATENCY) as running:
-        for name, work in [("tiles", tiles), ("countries", class_areas), ("points", points), ("titiler", statistics_elsewhere)]:
-            if name in asked:
+        for name, work in [("tiles", tiles), ("countries", class_areas), ("points", points), ("titiler", remote_statistics)]:
+            if name in requested:
                 work(running)

@@ -22,7 +22,7 @@ from pathlib import Path
 
 os.environ["RAYON_NUM_THREADS"] = "1"
 
-from common import ROOT, SPINNEY, WORK, start, table  # noqa: E402
+from common import ROOT, SPINNEY, WORK, record, row, start, table  # noqa: E402
 from exact import MESH, PYTHON, install  # noqa: E402
 
 CONSTRUCTIONS = 40
@@ -80,7 +80,7 @@ def peer():
     print(json.dumps(found))
 
 
-def ask(name, path):
+def run_peer(name, path):
     command = [PYTHON, __file__, "--peer", name, path]
     try:
         out = subprocess.run(command, capture_output=True, text=True, timeout=PLENTY).stdout.strip()
@@ -114,7 +114,9 @@ def main():
     files = [*MESH.glob("*.*"), *MESH.glob("nasty/*.*"), *(data / "hostile/bodies").glob("*.*"), *MESH.glob("cityjson/*.json"), *MADE.glob("*.ply")]
     files = [path for path in sorted(files) if path.suffix in (".ply", ".stl", ".obj", ".json")]
     wanted = sys.argv[1:]
-    rows, counts = [], {"ours": 0, "libigl": 0, "manifold3d": 0}
+    rows, counts, groups = [], {"ours": 0, "libigl": 0, "manifold3d": 0}, {}
+    names = {MESH: "scans, --close", MESH / "nasty": "dirty scans", data / "hostile/bodies": "malicious bodies",
+             MESH / "cityjson": "city files, --close --skip-bad", MADE: "constructions"}
     for path in files:
         if wanted and not any(name in path.name for name in wanted):
             continue
@@ -122,12 +124,13 @@ def main():
         options = ["--close", "--skip-bad", "--where", "type=Building"] if is_city else ["--close"]
         volume, seconds, why = ours(path, *options)
         positive = ours(path, *options, "--inside", "positive")[0]
-        igl, manifold = ({"status": "-"}, {"status": "-"}) if is_city else (ask("libigl", path), ask("manifold3d", path))
-        counts["ours"] += volume is not None
-        counts["libigl"] += igl.get("volume", 0) > 0
-        counts["manifold3d"] += "volume" in manifold
+        igl, manifold = ({"status": "-"}, {"status": "-"}) if is_city else (run_peer("libigl", path), run_peer("manifold3d", path))
+        is_made = {"ours": volume is not None, "libigl": igl.get("volume", 0) > 0, "manifold3d": "volume" in manifold}
+        for name in counts:
+            counts[name] += is_made[name]
         differs = abs(positive / igl["volume"] - 1) if positive and igl.get("volume") else None
         ratio = seconds / igl["seconds"] if igl.get("seconds") else None
+        groups.setdefault(names[path.parent], []).append((is_made, ratio))
         rows.append([
             path.name, why or f"{volume:.9g}", f"{seconds:.2f}", igl.get("status", f"{igl.get('volume', 0):.9g}"), f"{igl.get('seconds', 0):.2f}",
             "" if differs is None else f"{differs:.1e}", "" if ratio is None else f"{ratio:.2f}", manifold.get("status", ""),
@@ -135,6 +138,17 @@ def main():
     head = ["mesh", "ours: volume", "CPU s", "libigl: volume", "CPU s", "positive differs", "ratio of CPU", "manifold3d"]
     table(head, rows)
     print(f"bodies of {len(rows)}: {counts}")
+    results = []
+    for name, found in groups.items():
+        job, made = f"repair of {len(found)} {name}", {peer: sum(is_made[peer] for is_made, _ in found) for peer in counts}
+        ratios = [ratio for _, ratio in found if ratio is not None]
+        if ratios:
+            note = f"{min(ratios):.2g} to {max(ratios):.2g} of the peer's."
+            results.append(row(job, "CPU s", None, "libigl, exact union", ratio=max(ratios), note=note))
+        peers = [(None, None)] if name.startswith("city") else [("libigl, exact union", made["libigl"]), ("manifold3d", made["manifold3d"])]
+        results += [row(f"{job}: bodies made", "bodies", made["ours"], peer, theirs, ratio=None) for peer, theirs in peers]
+    if not wanted:
+        record("exact models", results)
 
 
 if __name__ == "__main__":

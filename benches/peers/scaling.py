@@ -8,7 +8,7 @@ would need more than 10 GB of disk and are left out.
 import subprocess
 import sys
 
-from common import SPINNEY, WORK, runs, start, table, verdict
+from common import SPINNEY, WORK, costs, record, row, runs, start, table, verdict
 
 # In a separate process: see `once`.
 WRITER = r"""
@@ -41,7 +41,7 @@ with rasterio.open(path, "w", **options) as file:
 def main():
     start(data=False)
     most = int(sys.argv[1]) if len(sys.argv) > 1 else 16
-    rows = []
+    rows, results = [], []
     for kind in ("smooth", "speckle"):
         before = None
         for power in range(14, most + 1):
@@ -51,7 +51,9 @@ def main():
             if not source.exists():
                 subprocess.run([sys.executable, "-c", WRITER, str(source), str(1 << power), kind], check=True)
             command = [SPINNEY, "-q", "build", source, "-o", goblin, "--kind", "categorical", "--rule", "majority"]
-            cpu, _, memory = runs(command, 3 if power < 15 else 1)
+            cpu, _, memory = found = runs(command, 3 if power < 15 else 1)
+            job = f"build {kind} cells, side 2^{power}"
+            results += [*costs(job, found, wall=False), row(f"{job}: bytes", "MB", goblin.stat().st_size / 1e6)]
             rows.append([kind, f"2^{power}", f"{cpu:.2f}", f"{4**power / cpu / 1e6:.0f}", f"{memory:.0f}",
                          f"{goblin.stat().st_size / 1e6:.1f}",
                          # A tolerance of a tenth for noise.
@@ -62,6 +64,7 @@ def main():
             source.unlink()
     table(["cells", "side", "CPU s", "Mcells per CPU s", "peak MiB", "file MB", "CPU / size before", "memory / size before"],
           rows)
+    record("building rasters", results)
 
 
 main()

@@ -16,7 +16,7 @@ import sys
 
 os.environ["RAYON_NUM_THREADS"] = "1"
 
-from common import SPINNEY, WORK, once, runs, start, table  # noqa: E402
+from common import SPINNEY, WORK, once, record, row, runs, start, table  # noqa: E402
 from exact import MESH, PYTHON, install  # noqa: E402
 
 PLANES = 1000
@@ -42,16 +42,14 @@ def main():
     if "trimesh" not in install():
         sys.exit("trimesh is needed")
     subprocess.run([PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "shapely", "networkx"], check=True)
-    rows = []
-    for name in ("armadillo.ply", "bunny_hr.ply"):
+    rows, results = [], []
+    for name, short in (("armadillo.ply", "armadillo"), ("bunny_hr.ply", "bunny")):
         mesh = MESH / name
         if not mesh.exists():
             print(f"skipped: no {mesh}")
             continue
         model, out = WORK / "section.goblin", WORK / "section.csv"
         once([SPINNEY, "-q", "build", mesh, "-o", model, "--brep"])
-
-
         stats = json.loads(subprocess.run([SPINNEY, "stats", model, "--json"], check=True, capture_output=True).stdout)
         low, high = (corner[AXIS] for corner in stats["bounds"])
         step = (high - low) / PLANES
@@ -70,10 +68,15 @@ def main():
             [name, len(areas), f"{cpu:.2f}", f"{peak:.0f}", f"{cut:.2f}", f"{alone:.2f}", f"{whole:.2f}", f"{theirs:.0f}", f"{cut / cpu:.1f}", f"{alone / cpu:.1f}"]
             + [f"{abs(ours - area) / area:.1e}", f"{abs(volume - stats['volume']) / stats['volume']:.1e}"]
         )
+        job = f"{PLANES:,} sections, {short}"
+        for peer, seconds in [("with reading", whole), ("polygons", alone), ("segments alone", cut)]:
+            results.append(row(job, "CPU s", cpu, f"trimesh, {peer}", seconds))
+        results.append(row(f"{job}: memory", "MiB", peak, "trimesh", theirs))
         for file in (model, out, result):
             file.unlink()
-    head = ["scan", "polygons", "ours, CPU s", "MiB", "trimesh, pieces alone, CPU s", "with polygons", "and reading", "MiB", "pieces / ours", "polygons / ours"]
+    head = ["scan", "polygons", "ours, CPU s", "MiB", "trimesh, segments alone, CPU s", "with polygons", "and reading", "MiB", "segments / ours", "polygons / ours"]
     table([*head, "areas differ", "our areas from the volume"], rows)
+    record("exact models", results)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ import time
 import urllib.request
 from pathlib import Path
 
-from common import RELIEF, SHORELINE, SPINNEY, WORK, start, table, tree, verdict
+from common import RELIEF, SHORELINE, SPINNEY, WORK, record, row, start, table, tree, verdict
 
 SECONDS = float(os.environ.get("SECONDS", 5))
 REQUESTS = int(os.environ.get("REQUESTS", 10_000))
@@ -71,10 +71,10 @@ class Client:
 
     def receive(self):
         """Reads available data; returns status and bytes once the response is complete."""
-        piece = self.socket.recv(1 << 18)
-        if not piece:
+        received = self.socket.recv(1 << 18)
+        if not received:
             raise ConnectionError("the server closed the connection")
-        self.buffer += piece
+        self.buffer += received
         if self.wanted is None:
             end = self.buffer.find(b"\r\n\r\n")
             if end < 0:
@@ -91,9 +91,9 @@ def get(target, more=""):
     return f"GET {target} HTTP/1.1\r\nHost: 127.0.0.1\r\n{more}\r\n".encode()
 
 
-def work(port, requests, connections, seconds, answers):
+def work(port, requests, connections, seconds, results):
     """Sends requests in turn for some seconds, on some connections; puts the number of responses,
-    and their bytes, into the queue `answers`."""
+    and their bytes, into the queue `results`."""
     selector, turn = selectors.DefaultSelector(), 0
     for _ in range(connections):
         client = Client(port)
@@ -103,12 +103,12 @@ def work(port, requests, connections, seconds, answers):
     began, count, total, bad = time.perf_counter(), 0, 0, 0
     while (now := time.perf_counter()) - began < seconds:
         for key, _ in selector.select(1):
-            answer = key.data.receive()
-            if answer:
-                count, total, bad = count + 1, total + answer[1], bad + (answer[0] >= 400)
+            result = key.data.receive()
+            if result:
+                count, total, bad = count + 1, total + result[1], bad + (result[0] >= 400)
                 key.data.send(requests[turn % len(requests)])
                 turn += 1
-    answers.put((count / (now - began), total, bad))
+    results.put((count / (now - began), total, bad))
 
 
 def rate_by_oha(port, targets):
@@ -116,10 +116,10 @@ def rate_by_oha(port, targets):
     file = WORK / "addresses.txt"
     file.write_text("".join(f"http://127.0.0.1:{port}{target}\n" for target in targets))
     words = [OHA, "--urls-from-file", file, "-c", str(CONNECTIONS), "-z", f"{SECONDS}s", "--no-tui", "--output-format", "json"]
-    told = json.loads(subprocess.check_output(words))
-    if set(told["statusCodeDistribution"]) != {"200"}:
-        sys.exit(f"requests failed: {told['statusCodeDistribution']}")
-    return told["summary"]["requestsPerSec"], told["summary"]["sizePerRequest"]
+    report = json.loads(subprocess.check_output(words))
+    if set(report["statusCodeDistribution"]) != {"200"}:
+        sys.exit(f"requests failed: {report['statusCodeDistribution']}")
+    return report["summary"]["requestsPerSec"], report["summary"]["sizePerRequest"]
 
 
 def rate(port, targets):
@@ -127,13 +127,13 @@ def rate(port, targets):
     if OHA:
         return rate_by_oha(port, targets)
     requests = [get(target) for target in targets]
-    answers = multiprocessing.Queue()
+    results = multiprocessing.Queue()
     def start(part):
-        process = multiprocessing.Process(target=work, args=(port, part, CONNECTIONS // PROCESSES, SECONDS, answers))
+        process = multiprocessing.Process(target=work, args=(port, part, CONNECTIONS // PROCESSES, SECONDS, results))
         process.start()
         return process
     processes = [start(requests[number::PROCESSES]) for number in range(PROCESSES)]
-    found = [answers.get() for _ in processes]
+    found = [results.get() for _ in processes]
     for process in processes:
         process.join()
     if any(bad for _, _, bad in found):
@@ -170,12 +170,12 @@ def processor(pid):
     return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def ask(client, request):
+def send(client, request):
     client.send(request)
-    while not (answer := client.receive()):
+    while not (result := client.receive()):
         pass
-    if answer[0] >= 400:
-        sys.exit(f"{answer[0]}: {request[:200]}: {client.buffer[-300:]}")
+    if result[0] >= 400:
+        sys.exit(f"{result[0]}: {request[:200]}: {client.buffer[-300:]}")
 
 
 def ours(name, count=2000):
@@ -240,11 +240,11 @@ def mixed(generator):
 
 def main():
     start(peer="python3")
-    folder = WORK / "served"
-    folder.mkdir(exist_ok=True)
+    directory = WORK / "served"
+    directory.mkdir(exist_ok=True)
     for name, source in [("shoreline", SHORELINE), ("relief", RELIEF)]:
-        tree(source, folder / f"{name}.goblin")
-    server = subprocess.Popen([SPINNEY, "serve", "-q", "--port", "0", folder], stdout=subprocess.PIPE, text=True)
+        tree(source, directory / f"{name}.goblin")
+    server = subprocess.Popen([SPINNEY, "serve", "-q", "--port", "0", directory], stdout=subprocess.PIPE, text=True)
     port = int(server.stdout.readline().rstrip("/\n").rsplit(":", 1)[1])
     found, rows = {}, []
     for name, targets in [*((f"tiles of {name}", ours(name)) for name in SIZES), ("/healthz", ["/healthz"] * PROCESSES)]:
@@ -256,7 +256,7 @@ def main():
     generator, client, memory = random.Random(3), Client(port), []
     began = time.perf_counter()
     for number in range(REQUESTS):
-        ask(client, mixed(generator))
+        send(client, mixed(generator))
         if (number + 1) % (REQUESTS // 10) == 0:
             memory.append(private(server.pid))
     took = time.perf_counter() - began
@@ -265,6 +265,12 @@ def main():
     rows.append(["private memory after each tenth of these, MiB", " ".join(f"{mib:.0f}" for mib in memory), f"{flat:.3g} of that after half", verdict(max(memory), 150, False)])
     server.terminate()
     server.wait()
+    jobs = {name: f"tiles, {name}, {CONNECTIONS} connections" for name in SIZES}
+    results = [
+        row("/healthz", "/s", found["/healthz"][0]),
+        row(f"{REQUESTS:,} mixed requests: memory", "MiB", max(memory), note=f"{min(memory):.0f} to {max(memory):.0f}."),
+        row(f"{REQUESTS:,} mixed requests, one connection", "/s", REQUESTS / took),
+    ]
 
     has_titiler = subprocess.run([PYTHON, "-c", "import titiler.core, uvicorn"], stderr=subprocess.DEVNULL).returncode == 0
     if has_titiler:
@@ -278,6 +284,7 @@ def main():
                 averaged = "MODE" if name == "shoreline" else "AVERAGE"
                 subprocess.run([PYTHON, "-c", COG, source, path, averaged], check=True)
             per_second, size = rate(other_port, theirs(name, path))
+            results.append(row(jobs[name], "/s", found[f"tiles of {name}"][0], "titiler, COG", per_second))
             rows.append([f"titiler, tiles of {name}", f"{per_second:,.0f} /s", f"{size:,.0f} B", verdict(found[f"tiles of {name}"][0] / per_second, 8)])
         other.terminate()
         other.wait()
@@ -287,19 +294,21 @@ def main():
         archives = [WORK / f"{name}.pmtiles" for name in SIZES]
         for name, archive in zip(SIZES, archives):
             if not archive.exists():
-                subprocess.run([SPINNEY, "export", "-q", folder / f"{name}.goblin", archive], check=True)
+                subprocess.run([SPINNEY, "export", "-q", directory / f"{name}.goblin", archive], check=True)
         other_port = free_port()
         other = subprocess.Popen([MARTIN, "--listen-addresses", f"127.0.0.1:{other_port}", *archives], stdout=subprocess.DEVNULL)
         wait_for(other_port)
         for name in SIZES:
             deepest = json.load(urllib.request.urlopen(f"http://127.0.0.1:{other_port}/{name}"))["maxzoom"]
             per_second, size = rate(other_port, drawn(name, deepest))
+            results.append(row(jobs[name], "/s", found[f"tiles of {name}"][0], "martin, PMTiles in memory", per_second))
             rows.append([f"martin, tiles of {name}", f"{per_second:,.0f} /s", f"{size:,.0f} B", verdict(found[f"tiles of {name}"][0] / per_second, 0.5)])
         other.terminate()
         other.wait()
     else:
         print("skipped: martin is not there")
     table(["what", "figure", "bytes of one", "verdict"], rows)
+    record("server", results)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ import subprocess
 import sys
 import time
 
-from common import CLASSES, RELIEF, SHORELINE, SPINNEY, WORK, once, start, table, verdict
+from common import CLASSES, RELIEF, SHORELINE, SPINNEY, WORK, costs, once, record, row, start, table, verdict
 
 PYTHON = os.environ.get("PYTHON", sys.executable)
 FILES = int(os.environ.get("FILES", 10_000))
@@ -37,25 +37,32 @@ def emptied(path):
     return path
 
 
-def costs():
-    rows = []
-    for picture in (SHORELINE, CLASSES, RELIEF):
+def whole_job():
+    rows, results = [], []
+    for raster in (SHORELINE, CLASSES, RELIEF):
         for codec in ("plain", "packed"):
             whole, merged, job = WORK / "whole.goblin", WORK / "merged.goblin", emptied(WORK / "job")
-            one, _, one_peak = once([SPINNEY, "-q", "--threads", "1", "build", picture, "-o", whole, "--codec", codec])
-            plan, _, _ = once([SPINNEY, "-q", "shard", "plan", picture, "-o", job, "--codec", codec, "--shards", "16"])
+            one, _, one_peak = once([SPINNEY, "-q", "--threads", "1", "build", raster, "-o", whole, "--codec", codec])
+            plan, _, _ = once([SPINNEY, "-q", "shard", "plan", raster, "-o", job, "--codec", codec, "--shards", "16"])
             shards = [once([SPINNEY, "-q", "--threads", "1", "shard", "build", job, number]) for number in range(16)]
             merge, _, merge_peak = once([SPINNEY, "-q", "--threads", "1", "shard", "merge", job, "-o", merged])
             assert merged.read_bytes() == whole.read_bytes()
             light = sum(path.stat().st_size for path in (job / "shards").glob("*.summary"))
             built = sum(cpu for cpu, _, _ in shards)
+            job, most = f"{raster.name.split('_')[0]}, {codec}", max(peak for _, _, peak in shards)
+            results += [
+                row(f"{job}: plan, 16 shards, merge", "CPU s", plan + built + merge, "one process of Spinney", one),
+                row(f"{job}: memory of a shard", "MiB", most, "one process of Spinney", one_peak),
+                row(f"{job}: memory of merging", "MiB", merge_peak),
+            ]
             rows.append([
-                picture.name.split("_")[0], codec, f"{one:.2f}", f"{plan:.2f}", f"{built:.2f}", f"{merge:.2f}",
+                raster.name.split("_")[0], codec, f"{one:.2f}", f"{plan:.2f}", f"{built:.2f}", f"{merge:.2f}",
                 verdict((plan + merge) / (plan + built + merge), 0.05, least=False), f"{(plan + built + merge) / one:.2f}",
-                f"{max(peak for _, _, peak in shards):.0f} of {one_peak:.0f}", f"{merge_peak:.0f}",
+                f"{most:.0f} of {one_peak:.0f}", f"{merge_peak:.0f}",
                 f"{light:,}", verdict(light / whole.stat().st_size, 0.01, least=False),
             ])
-    table(["picture", "codec", "one process, CPU s", "plan", "16 shards", "merge", "plan and merge of all (0.05)", "all / one", "MiB of a shard, of one process", "of merge", "summary bytes", "of the file (0.01)"], rows)
+    table(["raster", "codec", "one process, CPU s", "plan", "16 shards", "merge", "plan and merge of all (0.05)", "all / one", "MiB of a shard, of one process", "of merge", "summary bytes", "of the file (0.01)"], rows)
+    record("building in shards", results)
 
 
 MOSAIC = """
@@ -76,16 +83,16 @@ CLUSTER = """
 import sys, time
 from distributed import Client, LocalCluster
 if __name__ == '__main__':
-    workers, how, folder, out = int(sys.argv[1]), *sys.argv[2:5]
+    workers, how, directory, out = int(sys.argv[1]), *sys.argv[2:5]
     with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
         began = time.perf_counter()
         if how == 'spinney':
             import spinney.dask
-            spinney.dask.build(folder + '/tile_*.tif', out, client=client, codec=sys.argv[5], kind='categorical')
+            spinney.dask.build(directory + '/tile_*.tif', out, client=client, codec=sys.argv[5], kind='categorical')
         else:
             import glob, rioxarray, xarray
             from distributed import Lock
-            tiles = [rioxarray.open_rasterio(path, chunks=(1, 2048, 2048), lock=False) for path in sorted(glob.glob(folder + '/tile_*.tif'))]
+            tiles = [rioxarray.open_rasterio(path, chunks=(1, 2048, 2048), lock=False) for path in sorted(glob.glob(directory + '/tile_*.tif'))]
             side = round(len(tiles) ** 0.5)
             rows = [xarray.concat(tiles[side * row:side * row + side], 'x') for row in range(side)]
             whole = xarray.concat(rows, 'y')
@@ -97,24 +104,24 @@ if __name__ == '__main__':
 
 
 def mosaic():
-    folder = WORK / f"mosaic_{SIDE}"
-    if not folder.exists():
-        folder.mkdir()
-        subprocess.run([PYTHON, "-c", MOSAIC, CLASSES, folder, str(SIDE)], check=True)
-    return folder
+    directory = WORK / f"mosaic_{SIDE}"
+    if not directory.exists():
+        directory.mkdir()
+        subprocess.run([PYTHON, "-c", MOSAIC, CLASSES, directory, str(SIDE)], check=True)
+    return directory
 
 
 def dask():
-    folder, script = mosaic(), WORK / "cluster.py"
+    directory, script = mosaic(), WORK / "cluster.py"
     script.write_text(CLUSTER)
-    tiles, rows, found = sorted(folder.glob("tile_*.tif")), [], {}
+    tiles, rows, found, results = sorted(directory.glob("tile_*.tif")), [], {}, []
 
     def cluster(name, workers, how, out, codec):
         seconds = WORK / "seconds"
         with seconds.open("w") as file:
-            cpu, _, _ = once([PYTHON, script, workers, how, folder, emptied(out), codec], stdout=file)
-        found[name] = cpu, float(seconds.read_text().split()[-1])
+            cpu, _, _ = once([PYTHON, script, workers, how, directory, emptied(out), codec], stdout=file)
         size = out.with_name(out.name + ".cog.tif" if how == "rioxarray" else out.name).stat().st_size
+        found[name] = cpu, float(seconds.read_text().split()[-1]), size
         rows.append([name, f"{cpu:.1f}", f"{found[name][1]:.1f}", f"{size:,}", ""])
 
     peer = "rioxarray and GDAL's COG, two workers"
@@ -126,9 +133,17 @@ def dask():
         for workers in (1, 2):
             cluster(f"{codec}: {workers} of spinney.dask.build", workers, "spinney", merged, codec)
             assert merged.read_bytes() == whole.read_bytes()
-        (_, first), (cpu, second) = (found[f"{codec}: {workers} of spinney.dask.build"] for workers in (1, 2))
+        (alone, first, _), (cpu, second, size) = (found[f"{codec}: {workers} of spinney.dask.build"] for workers in (1, 2))
+        job, known, theirs = f"mosaic of {SIDE * SIDE} x 33.6 million cells, {codec}", "rioxarray with Dask, GDAL COG", found[peer]
+        results += [
+            row(f"{job}, spinney build --threads 1", "CPU s", one),
+            *costs(f"{job}, one worker", (alone, first, None), memory=False),
+            *costs(f"{job}, two workers", (cpu, second, None), known, theirs, memory=False),
+            row(f"{job}: bytes", "bytes", size, known, theirs[2]),
+        ]
         rows[-1][-1] = f"one worker / two: {verdict(first / second, 1.6)}; of the COG's CPU: {verdict(cpu / found[peer][0], 0.2, least=False)}"
     table([f"mosaic of {SIDE * SIDE} x 33.6 million cells", "CPU s, with the cluster", "s, without its start", "bytes", ""], rows)
+    record("building in shards", results)
 
 
 def disk():
@@ -146,9 +161,11 @@ def disk():
                 with contextlib.suppress(FileNotFoundError):
                     sizes.append(path.stat().st_size if path.is_file() else 0)
             most = max(most, sum(sizes))
+    job, size = "disk while 64 shards are merged and removed, maximum", merged.stat().st_size
+    record("building in shards", [row(job, "bytes", most, "the merged file", size)])
     table(["disk while shards are merged and removed", "bytes", "of the file (1.05)"], [
-        ["the file", f"{merged.stat().st_size:,}", ""],
-        ["file and shards, at most", f"{most:,}", verdict(most / merged.stat().st_size, 1.05, least=False)],
+        ["the file", f"{size:,}", ""],
+        ["file and shards, at most", f"{most:,}", verdict(most / size, 1.05, least=False)],
     ])
 
 
@@ -164,18 +181,20 @@ for number in range(int(sys.argv[2])):
 
 
 def plan():
-    folder, names = WORK / f"many_{FILES}", WORK / "many.txt"
-    if not folder.exists():
-        folder.mkdir()
-        subprocess.run([PYTHON, "-c", MANY, folder, str(FILES)], check=True)
-    names.write_text("".join(f"{path}\n" for path in sorted(folder.glob("*.tif"))))
+    directory, names = WORK / f"many_{FILES}", WORK / "many.txt"
+    if not directory.exists():
+        directory.mkdir()
+        subprocess.run([PYTHON, "-c", MANY, directory, str(FILES)], check=True)
+    names.write_text("".join(f"{path}\n" for path in sorted(directory.glob("*.tif"))))
     job = emptied(WORK / "job")
     cpu, wall, peak = once([SPINNEY, "-q", "shard", "plan", f"@{names}", "-o", job, "--shards", "64"])
     peer, peer_wall, peer_peak = once(["gdalbuildvrt", "-q", "-overwrite", "-input_file_list", names, WORK / "many.vrt"])
+    name, theirs = f"plan of {FILES:,} files", (peer, peer_wall, peer_peak)
+    record("building in shards", costs(name, (cpu, wall, peak), "gdalbuildvrt", theirs))
     began = time.perf_counter()
     said([SPINNEY, "-q", "shard", "build", job, "0"])
     shard = time.perf_counter() - began
-    table([f"plan of {FILES:,} files", "CPU s", "s", "MiB"], [
+    table([name, "CPU s", "s", "MiB"], [
         ["spinney shard plan", f"{cpu:.2f}", f"{wall:.2f}", f"{peak:.0f}"],
         ["gdalbuildvrt", f"{peer:.2f}", f"{peer_wall:.2f}", f"{peer_peak:.0f}"],
         ["ours / theirs (1)", verdict(cpu / peer, 1, least=False), verdict(wall / peer_wall, 1, least=False), ""],
@@ -185,4 +204,4 @@ def plan():
 
 start(peer="gdalbuildvrt")
 for part in PARTS:
-    {"costs": costs, "dask": dask, "disk": disk, "plan": plan}[part]()
+    {"costs": whole_job, "dask": dask, "disk": disk, "plan": plan}[part]()

@@ -12,7 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from common import ROOT, SPINNEY, WORK, once, runs, start, table, verdict
+from common import ROOT, SPINNEY, WORK, costs, once, record, row, runs, start, table, verdict
 
 MESH = ROOT.parent / "shared" / "data" / "mesh"
 OPENVDB = WORK / "openvdb_solid"
@@ -86,11 +86,13 @@ def main():
         cpu, wall, peak = once([SPINNEY, "build", refined(0), "-o", out, "--cells", cells, "--memory", memory])
         table(["cells", "CPU s", "wall s", "peak MiB", "GB"],
               [[cells, f"{cpu:.1f}", f"{wall:.1f}", f"{peak:.0f}", f"{out.stat().st_size / 1e9:.2f}"]])
+        job = f"build armadillo at {cells}"
+        record("solids of cells", [*costs(job, (cpu, wall, peak)), row(f"{job}: bytes", "GB", out.stat().st_size / 1e9)])
         out.unlink()
         return
     openvdb()
     coarse, fine = refined(0), refined(3, stl=True)
-    rows = []
+    rows, results = [], []
     for name, model, cells, memory, share, most, ours_only in [
         ("armadillo", coarse, 1024, "40M", 15, 64, None),
         ("armadillo", coarse, 4096, "128M", 12, 256, None),
@@ -100,9 +102,16 @@ def main():
         out = WORK / "solid.goblin"
         cpu, wall, peak = build(ours_only or model, cells, memory, out)
         theirs = once([OPENVDB, "mesh", model, cells, WORK / "solid.vdb"])
+        job = f"{name}, at {cells}" if "," in name else f"{name} at {cells}"
+        sizes = [path.stat().st_size / 1e6 for path in (out, WORK / "solid.vdb")]
+        results += [
+            *costs(f"build {job}", (cpu, wall, peak), "OpenVDB", theirs, wall=False),
+            row(f"build {job}, wall", "s", wall),
+            row(f"bytes of {job}", "MB", sizes[0], "OpenVDB", sizes[1]),
+        ]
         rows.append([name, cells, f"{cpu:.2f}", f"{wall:.2f}", f"{peak:.0f}", f"{theirs[0]:.1f}", f"{theirs[2]:.0f}",
                      verdict(theirs[0] / cpu, share), f"{peak:.0f} MiB ({'met' if peak <= most else 'MISSED'})",
-                     f"{out.stat().st_size / 1e6:.0f}", f"{(WORK / 'solid.vdb').stat().st_size / 1e6:.0f}"])
+                     *(f"{size:.0f}" for size in sizes)])
     table(["model", "cells", "CPU s", "wall s", "MiB", "OpenVDB CPU s", "MiB", "OpenVDB / ours", "peak", "MB", "VDB MB"], rows)
 
     # A union of two solids on one grid: the armadillo and itself, moved by a fraction of its size.
@@ -117,6 +126,8 @@ def main():
     table(["union at 1024", "CPU s", "MiB", "OpenVDB CPU s", "MiB", "ours / OpenVDB"],
           [["two armadillos", f"{cpu:.3f}", f"{peak:.0f}", f"{theirs[0]:.2f}", f"{theirs[2]:.0f}",
             verdict(cpu / theirs[0], 0.1, least=False)]])
+    results += costs("union of two armadillos at 1024", (cpu, wall, peak), "OpenVDB", theirs, wall=False)
+    record("solids of cells", results)
 
 
 main()

@@ -21,22 +21,22 @@ import tempfile
 import numpy as np
 from crc32c import crc32c
 
-from common import ROOT, SPINNEY, WORK, table
+from common import ROOT, SPINNEY, WORK, record, row, table
 
 sys.path.insert(0, str(ROOT / "tests" / "servers"))
 from ranges import serve  # noqa: E402
 
 DEPTH, REACH, STRIDE = 18, 8, 2
 BLOCKS = DEPTH - REACH
-PLACES, RECORD = 10923, 8
-SEGMENT = PLACES * RECORD
+SLOTS, RECORD = 10923, 8
+SEGMENT = SLOTS * RECORD
 PAGE, INDEX_PAGE = 128, 256
 
 
 def segment(kind):
     """Returns a dense block of 8 levels, all zeros: mark 1 has cells at its bottom, mark 2 nodes
     that are cut off."""
-    record = bytes(4) + b"\xaa" + struct.pack("<I", PLACES | kind << 21)[:3]
+    record = bytes(4) + b"\xaa" + struct.pack("<I", SLOTS | kind << 21)[:3]
     return record + bytes(SEGMENT - len(record))
 
 
@@ -64,14 +64,14 @@ def make(path, model):
     # In postorder, the top levels after all others.
     span = np.uint64(1) << (np.uint64(63) - np.uint64(2) * level)
     last = (code & ~np.uint64(31)) + np.where(level == 0, np.uint64(2**63), span) - np.uint64(32)
-    crown = np.uint64(max(BLOCKS - 6, min(BLOCKS, 3)))
-    key = (last & ~np.uint64(31)) | (np.uint64(31) - level) | np.where(level < crown, np.uint64(2**63), np.uint64(0))
+    top_level = np.uint64(max(BLOCKS - 6, min(BLOCKS, 3)))
+    key = (last & ~np.uint64(31)) | (np.uint64(31) - level) | np.where(level < top_level, np.uint64(2**63), np.uint64(0))
     offset = np.empty(len(code), np.uint64)
     offset[np.argsort(key)] = np.arange(len(code), dtype=np.uint64) * np.uint64(SEGMENT)
     bottom = level == BLOCKS
     sums = [crc32c(segment(kind)) for kind in (1, 2)]
-    entry = np.zeros(len(code), np.dtype([("code", "<u8"), ("offset", "<u8"), ("length", "<u8"), ("places", "<u4"), ("classes", "<u2"), ("codec", "<u2"), ("sum", "<u4"), ("cells", "<u8"), ("rest", "S34")]))
-    entry["code"], entry["offset"], entry["length"], entry["places"] = code, offset, SEGMENT, PLACES
+    entry = np.zeros(len(code), np.dtype([("code", "<u8"), ("offset", "<u8"), ("length", "<u8"), ("slots", "<u4"), ("classes", "<u2"), ("codec", "<u2"), ("sum", "<u4"), ("cells", "<u8"), ("rest", "S34")]))
+    entry["code"], entry["offset"], entry["length"], entry["slots"] = code, offset, SEGMENT, SLOTS
     entry["sum"], entry["cells"] = np.where(bottom, *sums), np.uint64(4) ** (np.uint64(DEPTH) - level)
 
     directory_at = len(code) * SEGMENT
@@ -90,15 +90,15 @@ def make(path, model):
     run, index = [], pages
     at = directory_at
     while True:
-        told = []
+        index_rows = []
         for first, page in index:
-            told.append(struct.pack("<QQII", first, at, len(page), crc32c(page)))
+            index_rows.append(struct.pack("<QQII", first, at, len(page), crc32c(page)))
             run.append(page)
             at += len(page)
-        if len(told) <= INDEX_PAGE:
-            top = b"".join(told)
+        if len(index_rows) <= INDEX_PAGE:
+            top = b"".join(index_rows)
             break
-        groups = [told[group : group + INDEX_PAGE] for group in range(0, len(told), INDEX_PAGE)]
+        groups = [index_rows[group : group + INDEX_PAGE] for group in range(0, len(index_rows), INDEX_PAGE)]
         index = [(struct.unpack("<Q", group[0][:8])[0], b"".join(group)) for group in groups]
 
     header = bytearray(small[:24])
@@ -110,10 +110,10 @@ def make(path, model):
     layers[72:152] = bytes(80)
     layers[54:72] = bytes(18)
     layers = bytes(layers[:152])
-    above_crown = sum(4**upper for upper in levels if upper < int(crown))
+    above_top_level = sum(4**upper for upper in levels if upper < int(top_level))
     metadata_at = 24 + at
     top_at = metadata_at + len(metadata)
-    numbers = struct.pack("<6Q", len(code), len(code) * PLACES, 24, at, (len(code) - above_crown) * SEGMENT, directory_at)
+    numbers = struct.pack("<6Q", len(code), len(code) * SLOTS, 24, at, (len(code) - above_top_level) * SEGMENT, directory_at)
     numbers += struct.pack("<QIIQII", top_at, len(top), crc32c(top), metadata_at, len(metadata), crc32c(metadata))
     layers = layers[:72] + numbers
     layers_at = top_at + len(top)
@@ -136,30 +136,35 @@ def ours(*words, given=None):
     run = subprocess.run(["/usr/bin/time", "-f", "%M", SPINNEY, "-v", *words], input=given, capture_output=True, text=True)
     if run.returncode:
         sys.exit(f"failed: {' '.join(map(str, words))}: {run.stderr}")
-    *told, peak = run.stderr.strip().splitlines()
-    rounds, requests, size = map(int, re.search(r"(\d+) rounds, (\d+) requests, (\d+) bytes", "\n".join(told)).groups())
-    return rounds, requests, f"{size / 1024:.0f}", f"{int(peak) / 1024:.0f}"
+    *output, peak = run.stderr.strip().splitlines()
+    batches, requests, size = map(int, re.search(r"(\d+) batches, (\d+) requests, (\d+) bytes", "\n".join(output)).groups())
+    return batches, requests, round(size / 1024), round(int(peak) / 1024)
 
 
 if __name__ == "__main__":
     WORK.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=WORK) as folder:
-        model, path = WORK / "model.goblin", f"{folder}/sparse.goblin"
-        cells = f"{folder}/cells.pgm"
-        with open(cells, "wb") as picture:
-            picture.write(b"P5 64 64 255\n" + np.random.default_rng(1).integers(0, 255, 4096, np.uint8).tobytes())
-        raw = f"{folder}/cells.tif"
+    with tempfile.TemporaryDirectory(dir=WORK) as directory:
+        model, path = WORK / "model.goblin", f"{directory}/sparse.goblin"
+        cells = f"{directory}/cells.pgm"
+        with open(cells, "wb") as raster:
+            raster.write(b"P5 64 64 255\n" + np.random.default_rng(1).integers(0, 255, 4096, np.uint8).tobytes())
+        raw = f"{directory}/cells.tif"
         subprocess.run(["gdal_translate", "-q", cells, raw], check=True)
         subprocess.run([SPINNEY, "-q", "build", raw, "--kind", "continuous", "-o", model], check=True)
         size = make(path, model)
         rng = random.Random(3)
         side = 2**DEPTH
         points = "".join(f"{rng.randrange(side)},{rng.randrange(side)}\n" for _ in range(2000))
-        with serve(folder, 0.05) as server:
+        with serve(directory, 0.05) as server:
             url = f"{server.url}/sparse.goblin"
             rows = [["a point in no cell (opening)", *ours("point", url, "--in", "cells", f"{side},{side}")]]
             x, y = rng.randrange(side - 256), rng.randrange(side - 256)
-            rows.append(["a tile of 256 x 256", *ours("get", url, f"{folder}/tile.npy", "--window", f"{x},{y},256,256")])
+            rows.append(["a tile of 256 x 256", *ours("get", url, f"{directory}/tile.npy", "--window", f"{x},{y},256,256")])
             rows.append(["2,000 random points", *ours("point", url, "--in", "cells", given=points)])
         print(f"{size / 1e9:.1f} GB")
-        table(["with nothing held", "rounds", "requests", "KiB", "peak MiB"], rows)
+        table(["with nothing held", "batches", "requests", "KiB", "peak MiB"], rows)
+        results = []
+        for name, (_, batches, _, kib, mib) in zip(("opening", "a tile of 256 x 256", "2,000 random points"), rows):
+            for end, unit, figure in [("batches", "batches", batches), ("bytes", "KiB", kib), ("memory", "MiB", mib)]:
+                results.append(row(f"tree of {size / 1e9:.1f} GB, {name}: {end}", unit, figure))
+        record("remote files", results)

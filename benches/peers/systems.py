@@ -27,10 +27,12 @@ import pyproj
 from pyproj.database import query_crs_info
 from pyproj.enums import PJType
 
-from common import ROOT, SPINNEY
+from common import ROOT, SPINNEY, record, row
 from projections import stripped, text_of
 
 FORMS = ["wkt2", "esri", "keys"]
+NAMES = {"WKT1_GDAL": "WKT 1 of GDAL", "WKT1_ESRI": "WKT 1 of Esri", "PROJJSON": "PROJJSON", "PROJ": "PROJ strings"}
+EVERY = 10
 WORLD = pyproj.CRS("EPSG:4326")
 
 
@@ -105,6 +107,12 @@ def of_registry(every):
                 bad += 1
                 print(f"{form} of {source}: {found}\n    {text[:300]}\n    {written[:600]}")
         print(f"{form}:", "; ".join(f"{source} {dict(count)}" for source, count in counts.items()))
+        if form == "wkt2" and every == EVERY:
+            record("coordinate systems", [
+                row(f"systems without identifiers read equally, {name}", "systems", counts[source]["same"],
+                    note=f"{counts[source]['other']} other, {counts[source]['refused']} refused.")
+                for source, name in NAMES.items()
+            ])
     return bad
 
 
@@ -112,34 +120,35 @@ def of_files():
     import rasterio
 
     bad = compared = 0
-    folder = ROOT.parent / "shared" / "data"
+    directory = ROOT.parent / "shared" / "data"
     with tempfile.TemporaryDirectory() as work:
-        for path in sorted([*(folder / "raster").rglob("*.tif*"), *(folder / "hostile" / "raster").rglob("*.tif*")]):
+        for path in sorted([*(directory / "raster").rglob("*.tif*"), *(directory / "hostile" / "raster").rglob("*.tif*")]):
             tree = Path(work) / "t.goblin"
             tree.unlink(missing_ok=True)
             if "large" in path.parts or subprocess.run([SPINNEY, "build", "-q", path, "-o", tree], capture_output=True).returncode:
                 continue
-            told = json.loads(subprocess.run([SPINNEY, "info", "--json", tree], capture_output=True, check=True).stdout)["crs"]
+            stored = json.loads(subprocess.run([SPINNEY, "info", "--json", tree], capture_output=True, check=True).stdout)["crs"]
             try:
                 with rasterio.Env(GTIFF_REPORT_COMPD_CS="YES"), rasterio.open(path) as file:
                     known = file.crs and pyproj.CRS.from_wkt(file.crs.to_wkt(version="WKT2_2019"))
                     bounds = file.bounds
             except rasterio.errors.RasterioError:
                 continue
-            if not known or not told:
+            if not known or not stored:
                 continue
             compared += 1
-            if told["text"] is None:
-                found = told["problem"]
+            if stored["text"] is None:
+                found = stored["problem"]
             else:
                 flat = known.to_2d() if known.ellipsoid else None
                 x, y = pyproj.Transformer.from_crs(flat, WORLD, always_xy=True).transform(*file_middle(bounds)) if flat else (0, 0)
                 x, y = (x, y) if math.isfinite(x) else (10, 50)
-                found = difference(known, pyproj.CRS(told["text"]), (x - 0.5, max(y - 0.5, -85), x + 0.5, min(y + 0.5, 85)), True)
+                found = difference(known, pyproj.CRS(stored["text"]), (x - 0.5, max(y - 0.5, -85), x + 0.5, min(y + 0.5, 85)), True)
             if found:
                 bad += 1
                 print(f"{path.name}: {found}")
     print(f"{compared} files, {bad} differ")
+    record("coordinate systems", [row(f"systems of {compared} test TIFFs that differ from rasterio's", f"of {compared}", bad)])
     return bad
 
 
@@ -149,7 +158,7 @@ def file_middle(bounds):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--every", type=int, default=10)
+    parser.add_argument("--every", type=int, default=EVERY)
     parser.add_argument("--files", action="store_true")
     args = parser.parse_args()
     warnings.simplefilter("ignore")

@@ -16,7 +16,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from common import EARTH, SHORELINE, SPINNEY, WORK, once, start, table, verdict
+from common import EARTH, SHORELINE, SPINNEY, WORK, once, record, row, start, table, verdict
 
 ZOOMS = "0..6"
 HALF = "20037508.342789244"
@@ -62,17 +62,24 @@ def main():
                     HALF, HALF, "-ts", "16384", "16384", "-co", "TILED=YES", colours)
     earth = made(WORK / "earth_degrees.tif", "gdal_translate", "-q", *degrees, "-co", "TILED=YES", EARTH)
 
-    tree, folder, archive = WORK / "xyz.goblin", WORK / "tiles", WORK / "tiles.pmtiles"
-    pattern = f"{folder}/{{z}}/{{x}}/{{y}}.png"
+    tree, directory, archive = WORK / "xyz.goblin", WORK / "tiles", WORK / "tiles.pmtiles"
+    pattern = f"{directory}/{{z}}/{{x}}/{{y}}.png"
     build = measured([SPINNEY, "-q", "build", half, "-o", tree, "--grid", "xyz", "--max-zoom", "6"], tree)
-    export = measured([SPINNEY, "-q", "export", tree, pattern, "--zoom", ZOOMS], folder)
+    export = measured([SPINNEY, "-q", "export", tree, pattern, "--zoom", ZOOMS], directory)
     packed = measured([SPINNEY, "-q", "export", tree, archive, "--zoom", ZOOMS], archive)
     theirs = WORK / "peer_tiles"
     os.environ.setdefault("GDAL_CACHEMAX", "512")
     gdal = measured(["gdal2tiles.py", "-q", "-z", "0-6", "--xyz", "-r", "near", "-w", "none", colours, theirs], theirs)
     vips = measured(["vips", "dzsave", mercator, theirs, "--layout", "google", "--suffix", ".png", "--tile-size", "256"], theirs)
-    rows = [["PNG folder", "build --grid xyz", *figures(build), ""], ["", "export", *figures(export), ""]]
+    rows = [["PNG directory", "build --grid xyz", *figures(build), ""], ["", "export", *figures(export), ""]]
     both = build[0] + export[0]
+    job = "shoreline to PNG tiles, zoom 0-6"
+    results = [
+        row(f"{job}, from the tree", "CPU s", export[0], "gdal2tiles", gdal[0]),
+        row(f"{job}, with building", "CPU s", both, "gdal2tiles", gdal[0]),
+        row(f"{job}, from the tree", "CPU s", export[0], "vips dzsave", vips[0], note="The peer does not warp."),
+        row(f"{job}: memory", "MiB", export[2], "gdal2tiles", gdal[2]),
+    ]
     rows.append(["", "gdal2tiles", *figures(gdal), f"{verdict(gdal[0] / export[0], 8)}; with build {gdal[0] / both:.3g}"])
     rows.append(["", "vips dzsave", *figures(vips), verdict(vips[0] / export[0], 2)])
     rows.append(["PMTiles", "export", *figures(packed), verdict(packed[2], 200, False)])
@@ -80,6 +87,12 @@ def main():
     if RIO.exists():
         rio = measured([RIO, "pmtiles", colours, WORK / "rio.pmtiles", "--zoom-levels", ZOOMS, "--format", "PNG",
                         "--resampling", "nearest", "-j", "1", "--silent"], WORK / "rio.pmtiles")
+        job = "shoreline to PMTiles, zoom 0-6"
+        results += [
+            row(f"{job}, from the tree", "CPU s", packed[0], "rio-pmtiles", rio[0]),
+            row(f"{job}, with building", "CPU s", both, "rio-pmtiles", rio[0]),
+            row(f"{job}: memory", "MiB", packed[2], "rio-pmtiles", rio[2]),
+        ]
         rows.append(["", "rio-pmtiles", *figures(rio), f"{verdict(rio[0] / packed[0], 10)}; with build {rio[0] / both:.3g}"])
     rows.append(["", "gdal2tiles, then pmtiles convert", f"more than {gdal[0]:.3g}", "", "",
                  f"more than {verdict(gdal[0] / packed[0], 10)}; with build {gdal[0] / both:.3g}"])
@@ -92,9 +105,11 @@ def main():
     if RIO.exists():
         rio = measured([RIO, "pmtiles", earth, WORK / "rio.pmtiles", "--zoom-levels", "0..5", "--format", "PNG",
                         "--resampling", "bilinear", "-j", "1", "--silent"], WORK / "rio.pmtiles")
+        results.append(row("earth to PMTiles, PNG, zoom 0-5, from the tree", "CPU s", ours[0], "rio-pmtiles", rio[0]))
         rows.append(["", "rio-pmtiles", *figures(rio), f"{verdict(rio[0] / ours[0], 3)}; with build {rio[0] / (built[0] + ours[0]):.3g}"])
         rows.append(["", "bytes", f"ours {archive.stat().st_size}, theirs {(WORK / 'rio.pmtiles').stat().st_size}", "", "", ""])
     table(["job", "who", "CPU s", "s", "MiB", "peer / ours"], rows)
+    record("tiles, COG, warping", results)
 
 
 def figures(measured):

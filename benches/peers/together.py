@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import rasterio
+from common import record, row
 from pyproj import Transformer
 from rasterio.merge import merge
 from rasterio.transform import Affine
@@ -73,8 +74,8 @@ class Raster:
             if self.unit:
                 out.units = (self.unit,)
         if self.names:
-            texts = "".join(f"<Category>{self.names.get(number, '')}</Category>" for number in range(max(self.names) + 1))
-            aux = f'<PAMDataset><PAMRasterBand band="1"><CategoryNames>{texts}</CategoryNames></PAMRasterBand></PAMDataset>'
+            labels = "".join(f"<Category>{self.names.get(number, '')}</Category>" for number in range(max(self.names) + 1))
+            aux = f'<PAMDataset><PAMRasterBand band="1"><CategoryNames>{labels}</CategoryNames></PAMRasterBand></PAMDataset>'
             Path(f"{path}.aux.xml").write_text(aux)
 
     def meaning(self) -> npt.NDArray[np.float64]:
@@ -158,10 +159,10 @@ def expected(a: Raster, b: Raster) -> dict[str, Any]:
     first[part], has_first[part] = a.meaning() if not a.is_classes else a.stored, a.valid
     if a.is_classes:
         name = {**{number: text for number, text in a.names.items()}}
-        texts = np.vectorize(lambda number: name.get(int(number), ""), otypes=[object])(first)
+        labels = np.vectorize(lambda number: name.get(int(number), ""), otypes=[object])(first)
         others = np.vectorize(lambda number: b.names.get(int(number), ""), otypes=[object])(second)
-        differ = has_first & has_second & (texts != others)
-        return {"over": (np.where(has_first, texts, others), has_first | has_second), "mask": (texts, has_first & has_second), "diff": counts(has_first, has_second, differ)}
+        differ = has_first & has_second & (labels != others)
+        return {"over": (np.where(has_first, labels, others), has_first | has_second), "mask": (labels, has_first & has_second), "diff": counts(has_first, has_second, differ)}
     second = second * b.scale + b.offset
     if a.unit and b.unit and a.unit != b.unit:
         second = second * (FEET if b.unit == "ft" else 1 / FEET)
@@ -243,13 +244,13 @@ def pair(rng: random.Random, number: int) -> tuple[str, Raster, Raster]:
     return kind, raster(rng, "f8", here), Raster(values(rng, (30, 40), "f8"), np.ones((30, 40), bool), 0.0001, lon - 0.0005, lat + 0.0005, crs="EPSG:4326")
 
 
-def check(folder: Path, kind: str, a: Raster, b: Raster) -> list[str]:
+def check(directory: Path, kind: str, a: Raster, b: Raster) -> list[str]:
     wrong = []
     for name, one in (("a", a), ("b", b)):
-        one.write(folder / f"{name}.tif")
+        one.write(directory / f"{name}.tif")
         more = ["--kind", "categorical"] if one.is_classes else ["--kind", "continuous"]
-        run("build", str(folder / f"{name}.tif"), "-o", str(folder / f"{name}.goblin"), *more)
-    trees = [str(folder / "a.goblin"), str(folder / "b.goblin")]
+        run("build", str(directory / f"{name}.tif"), "-o", str(directory / f"{name}.goblin"), *more)
+    trees = [str(directory / "a.goblin"), str(directory / "b.goblin")]
     # For another coordinate system the first's extent is compared: cells beyond depend on how a box
     # is transformed.
     more = ["--extent", "a"] if a.crs != b.crs else []
@@ -264,21 +265,21 @@ def check(folder: Path, kind: str, a: Raster, b: Raster) -> list[str]:
             if a.crs == b.crs and not is_same:
                 wrong.append(f"diff {found}, expected {result}")
             continue
-        out = folder / "out.goblin"
+        out = directory / "out.goblin"
         out.unlink(missing_ok=True)
         run("combine", operation, *trees, "-o", str(out), *more)
         numbers, valid = result
-        read = folder / "out.npy"
+        read = directory / "out.npy"
         run("get", str(out), str(read))
         found = np.load(read, allow_pickle=False)
         found = found.reshape(found.shape[-2:])
         facts = json.loads(run("info", str(out), "--json"))
         facts = facts["layers"][0] if "layers" in facts else facts
-        stored = subprocess.run([SPINNEY, "-q", "get", str(out), str(folder / "out.tif")], capture_output=True, text=True)
+        stored = subprocess.run([SPINNEY, "-q", "get", str(out), str(directory / "out.tif")], capture_output=True, text=True)
         if stored.returncode:
             wrong.append(f"{operation}: {stored.stderr}")
             continue
-        with rasterio.open(folder / "out.tif") as tif:
+        with rasterio.open(directory / "out.tif") as tif:
             cells, mask = tif.read(1), tif.read_masks(1) > 0
             scale, offset = tif.scales[0], tif.offsets[0]
         if cells.shape != numbers.shape:
@@ -289,8 +290,8 @@ def check(folder: Path, kind: str, a: Raster, b: Raster) -> list[str]:
         both = mask & valid
         if a.is_classes:
             legend = {int(row["value"]): row["name"] for row in facts_of_classes(out)}
-            texts = np.vectorize(lambda number: legend.get(int(number), ""), otypes=[object])(cells)
-            differ = both & (texts != numbers)
+            labels = np.vectorize(lambda number: legend.get(int(number), ""), otypes=[object])(cells)
+            differ = both & (labels != numbers)
         else:
             meaning = cells.astype(np.float64) * scale + offset
             differ = both & ~np.isclose(meaning, np.where(both, numbers, 0.0), rtol=tolerance, atol=tolerance)
@@ -298,7 +299,7 @@ def check(folder: Path, kind: str, a: Raster, b: Raster) -> list[str]:
             at = tuple(int(axis[0]) for axis in np.nonzero(differ))
             wrong.append(f"{operation}: {differ.sum()} of {both.sum()} cells differ, the first at {at}: {cells[at]} for {numbers[at]}")
     if kind in ("extent",):
-        wrong += merged(folder, a, b)
+        wrong += merged(directory, a, b)
     return wrong
 
 
@@ -308,14 +309,14 @@ def facts_of_classes(path: Path) -> list[dict[str, Any]]:
     return [{"value": row["value"], "name": row.get("name", "")} for row in rows]
 
 
-def merged(folder: Path, a: Raster, b: Raster) -> list[str]:
+def merged(directory: Path, a: Raster, b: Raster) -> list[str]:
     """Compares `over` with rasterio's merge of the two."""
-    with rasterio.open(folder / "a.tif") as first, rasterio.open(folder / "b.tif") as second:
+    with rasterio.open(directory / "a.tif") as first, rasterio.open(directory / "b.tif") as second:
         cells, _ = merge([first, second], method="first")
         nodata = first.nodata
-    run("combine", "over", str(folder / "a.goblin"), str(folder / "b.goblin"), "-o", str(folder / "merged.goblin"))
-    run("get", str(folder / "merged.goblin"), str(folder / "merged.tif"))
-    with rasterio.open(folder / "merged.tif") as tif:
+    run("combine", "over", str(directory / "a.goblin"), str(directory / "b.goblin"), "-o", str(directory / "merged.goblin"))
+    run("get", str(directory / "merged.goblin"), str(directory / "merged.tif"))
+    with rasterio.open(directory / "merged.tif") as tif:
         found, mask = tif.read(1), tif.read_masks(1) > 0
     is_same = cells[0].shape == found.shape and ((cells[0] != nodata) == mask).all() and (cells[0][mask] == found[mask]).all()
     return [] if is_same else ["over: not what rasterio.merge has"]
@@ -335,6 +336,11 @@ def main() -> None:
             print(f"pair {number}, {kind}, {a.stored.dtype} and {b.stored.dtype}: " + "; ".join(wrong))
     print(", ".join(f"{count} of {kind}" for kind, count in kinds.items()))
     print(f"{pairs - failed} of {pairs} pairs equal, {time.process_time() - begin:.0f} s in Python")
+    rows = [
+        row("pairs of rasters with the values of NumPy, rasterio and pyproj", f"of {pairs}", pairs - failed),
+        row(f"{pairs} pairs of rasters, the script", "s", time.process_time() - begin),
+    ]
+    record("operations on rasters", rows)
     sys.exit(failed > 0)
 
 

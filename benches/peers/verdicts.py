@@ -33,7 +33,7 @@ from pathlib import Path
 
 os.environ["RAYON_NUM_THREADS"] = "1"
 
-from common import ROOT, SPINNEY, WORK, start, table, verdict
+from common import ROOT, SPINNEY, WORK, record, row, start, table, verdict
 from exact import PYTHON, install
 
 DATA = ROOT.parent / "shared" / "data"
@@ -146,7 +146,7 @@ def sequence(path):
 def main():
     start(data=False, peer="python3")
     install()
-    rows = []
+    rows, results = [], []
     for path in FILES:
         volumes, seconds = ours(path)
         said = json.loads(measured([PYTHON, __file__, "--peer", path])[0].stdout)
@@ -163,9 +163,13 @@ def main():
             print(f"  cjval, a building a line, {more:.1f} CPU s: {' '.join(made.stdout.split())}")
         counts = [len(said["objects"]), len(volumes), len(theirs), len(both), f"{off:.1e}"]
         peers = [said["seconds"], cjval]
+        job = f"verdicts and volumes of buildings, {path.name}"
+        results.append(row(job, "CPU s", seconds, "trimesh", said["seconds"]))
+        results.append(row(job, "CPU s", seconds, "cjval", cjval, note="The peer checks no geometry."))
         rows.append([path.name, *counts, *(f"{own:.3f}" for own in [seconds, *peers]), *(verdict(seconds / own, 0.2, least=False) for own in peers)])
     head = ["file", "buildings", "bodies: ours", "trimesh", "both", "volumes differ", "CPU s: ours", "trimesh", "cjval", "ours / trimesh", "ours / cjval"]
     table(head, rows)
+    record("exact models", results)
 
 
 if __name__ == "__main__":

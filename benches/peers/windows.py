@@ -16,7 +16,7 @@ import subprocess
 import sys
 
 import rasterio
-from common import EARTH, RELIEF, ROOT, SHORELINE, SPINNEY, WORK, cog, once, start, table, tree, verdict
+from common import EARTH, RELIEF, ROOT, SHORELINE, SPINNEY, WORK, cog, once, record, row, start, table, tree, verdict
 
 # Times the peer in a separate process, with an empty block cache.
 PEER = r"""
@@ -28,8 +28,8 @@ random.seed(3)
 files = [rasterio.open(path)]
 files += [rasterio.open(path, OVERVIEW_LEVEL=level) for level in range(len(files[0].overviews(1)))]
 with open(listed) as lines:
-    places = [tuple(map(int, line.split())) for line in lines]
-work = [(files[up], Window(column, row, 256, 256)) for up, column, row in places]
+    positions = [tuple(map(int, line.split())) for line in lines]
+work = [(files[up], Window(column, row, 256, 256)) for up, column, row in positions]
 if what == "boxes":
     side, count = 4096, 20
     file = files[0]
@@ -63,21 +63,21 @@ def listed(path, name, count=4000, aligned=True):
         sizes += [(-(-file.width // factor), -(-file.height // factor)) for factor in file.overviews(1)]
     levels = [up for up, size in enumerate(sizes) if min(size) >= 256]
     random.seed(1)
-    places = WORK / f"{name}{'' if aligned else '.unaligned'}.windows"
-    with open(places, "w") as out:
+    windows_file = WORK / f"{name}{'' if aligned else '.unaligned'}.windows"
+    with open(windows_file, "w") as out:
         for _ in range(count):
             up = random.choice(levels)
             column, row = (random.randrange(side // 256) * 256 if aligned else random.randrange(side - 255)
                            for side in sizes[up])
             out.write(f"{up} {column} {row}\n")
-    return places
+    return windows_file
 
 
-def peer(path, places, what, cache=None):
+def peer(path, windows_file, what, cache=None):
     environment = {**os.environ, "GDAL_NUM_THREADS": "1"}
     if cache:
         environment["GDAL_CACHEMAX"] = str(cache)
-    command = pinned([sys.executable, "-W", "ignore", "-c", PEER, path, places, what])
+    command = pinned([sys.executable, "-W", "ignore", "-c", PEER, path, windows_file, what])
     return float(subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout)
 
 
@@ -121,7 +121,7 @@ def points(goblin):
 
 def main():
     start()
-    rows, limits, texts = [], [], []
+    rows, limits, outputs, results = [], [], [], []
     # Compression, whether windows repeat, GDAL's cache in MB, and the target ratio.
     mean = [("ZSTD", "other", None), ("ZSTD", "other", 64), ("ZSTD", "again", None)]
     cases = [
@@ -134,35 +134,48 @@ def main():
         goblin = WORK / f"{name}.goblin"
         tree(source, goblin, "--rule", rule)
         for compression, what, cache in peers:
-            picture = WORK / f"{name}_{compression.lower()}.tif"
+            raster = WORK / f"{name}_{compression.lower()}.tif"
             predictor = ["PREDICTOR=YES"] if compression == "ZSTD" and rule == "mean" else []
-            cog(source, picture, f"COMPRESS={compression}", f"OVERVIEW_RESAMPLING={resampling}", *predictor)
-            places = listed(picture, name)
-            theirs = peer(picture, places, what, cache)
-            text, ours = rates(goblin, "--only", "windows", "--windows", places)
+            cog(source, raster, f"COMPRESS={compression}", f"OVERVIEW_RESAMPLING={resampling}", *predictor)
+            windows_file = listed(raster, name)
+            theirs = peer(raster, windows_file, what, cache)
+            text, ours = rates(goblin, "--only", "windows", "--windows", windows_file)
             cached = f"cache {cache} MB" if cache else "default cache"
             again = ", the same windows again" if what == "again" else ""
-            rows.append([name, f"rasterio, COG {compression}, {cached}{again}", f"{theirs:.0f}",
+            known = f"rasterio, COG {compression}, {cached}{again}"
+            results.append(row(f"windows of 256 x 256, {name}", "/s", ours["windows"], known, theirs))
+            rows.append([name, known, f"{theirs:.0f}",
                          f"{ours['windows']:.0f}",
                          verdict(ours["windows"] / theirs, 3 if compression == "NONE" else aim)])
         if name == "shoreline":
-            counted = peer(WORK / "shoreline_zstd.tif", places, "boxes")
+            counted = peer(WORK / "shoreline_zstd.tif", windows_file, "boxes")
             boxes = rates(goblin, "--only", "statistics")[1]["boxes"]
+            results.append(row(f"histograms of 4096 x 4096, {name}", "/s", boxes, "rasterio + bincount", counted))
             rows.append([name, "histograms of 4096 x 4096: rasterio + bincount", f"{counted:.2f}", f"{boxes:.0f}",
                          verdict(boxes / counted, 100)])
         text, ours = rates(goblin)
-        texts.append(text)
+        outputs.append(text)
+        results += [
+            row(f"windows of 256 x 256, {name}: p99", "us", ours["p99"]),
+            row(f"windows of 256 x 256, {name}: slowest level / median level", "times", ours["slowest"]),
+            row(f"aligned window, {name}: maximum of segments read", "segments", ours["segments"]),
+        ]
+        if name == "earth":
+            results.append(row("single cell, earth", "ns", ours["cell"]))
         for what, key, most in (("p99, us", "p99", 300), ("slowest level / median level", "slowest", 3),
                                 ("most segments of an aligned window", "segments", 5), ("single cell, ns", "cell", 1000)):
             aimed = most if name == "shoreline" or key == "cell" else None
             limits.append([name, what, verdict(ours[key], aimed, False) if aimed else f"{ours[key]:.3g}"])
         if name == "shoreline":
             bulk = points(goblin)
-    table(["picture", "peer", "peer/s", "ours/s", "ours / peer"], rows)
-    table(["picture", "ours", "figure"], limits)
+    table(["raster", "peer", "peer/s", "ours/s", "ours / peer"], rows)
+    table(["raster", "ours", "figure"], limits)
     print(f"`spinney point`, 4 million lines: {verdict(bulk[1] / 1e6, 2)} million/s with all threads (time), "
           f"{bulk[0] / 1e6:.3g} million per CPU second on one\n")
-    print("```\n" + "".join(texts) + "```")
+    print("```\n" + "".join(outputs) + "```")
+    job = "spinney point, 4 million lines"
+    results += [row(f"{job}, all threads", "million/s", bulk[1] / 1e6), row(f"{job}, per CPU second", "million/s", bulk[0] / 1e6)]
+    record("windows and points", results)
 
 
 if __name__ == "__main__":

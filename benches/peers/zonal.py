@@ -19,6 +19,8 @@ import subprocess
 import sys
 import tempfile
 
+from common import record, row
+
 SPINNEY = os.environ.get("SPINNEY", "target/release/spinney")
 DATA = sys.argv[1] if len(sys.argv) > 1 else "../shared/data/raster/large"
 COUNT = int(sys.argv[2]) if len(sys.argv) > 2 else 1000
@@ -79,7 +81,7 @@ def main():
         zones = f"{work}/zones.geojson"
         with open(zones, "w") as file:
             json.dump({"type": "FeatureCollection", "features": features}, file)
-        ours = {}
+        ours, results = {}, []
         for border in ["area", "centre"]:
             seconds, output = timed([SPINNEY, "stats", tree, "--zones", zones, "--edge", border, "--json"])
             found = json.loads(output)["zones"]
@@ -95,7 +97,10 @@ def main():
                     if value != info["bands"][0].get("noDataValue"):
                         off = max(off, abs(mine.get(value, 0) - other.get(value, 0)) / (1 + other.get(value, 0)))
             ratio = seconds / ours[border][0]
-            print(f"{name}: {seconds:.3f} s, {ratio:.1f} times as long; answers differ by {off:.2g} at most")
+            job = f"class areas of {COUNT:,} stars, shoreline, by {border.replace('centre', 'centres')}"
+            results.append(row(job, "CPU s", ours[border][0], name.split()[0], seconds))
+            print(f"{name}: {seconds:.3f} s, {ratio:.1f} times as long; results differ by {off:.2g} at most")
+        record("zonal statistics", results)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
-from common import RELIEF, SHORELINE, SPINNEY, WORK, once, runs, start, table, tree, verdict
+from common import RELIEF, SHORELINE, SPINNEY, WORK, costs, once, record, runs, start, table, tree, verdict
 
 PYTHON = os.environ.get("PYTHON", sys.executable)
 
@@ -56,17 +56,17 @@ print(json.dumps(means.tolist()))
 """
 
 
-def apart(work, *words):
+def in_own_process(work, *words):
     """Runs work in a separate process, whose memory does not count."""
     with ProcessPoolExecutor(1, get_context("fork")) as pool:
         return pool.submit(work, *words).result()
 
 
-def zones(picture, name, count, radii, cell):
+def zones(raster, name, count, radii, cell):
     """Returns stars of random sizes, in the raster's coordinate system, reproducible. Without radii
     all are large and spiky, as in features.py."""
     path = WORK / f"{name}.geojson"
-    info = json.loads(subprocess.check_output(["gdalinfo", "-json", picture]))
+    info = json.loads(subprocess.check_output(["gdalinfo", "-json", raster]))
     left, width, _, top, _, height = info["geoTransform"]
     columns, rows = info["size"]
     rng = random.Random(1)
@@ -100,19 +100,20 @@ def theirs(code, *words):
     return measured, out
 
 
-def compared(job, names, mine, other, off, target):
-    rows = [[name, *(f"{v:.3f}" for v in measured)] for name, measured in zip(names, (mine, other))]
-    table([job, "CPU s", "wall s", "MiB"], [*rows, ["ours / theirs", verdict(mine[0] / other[0], target, False), "", f"answers differ by {off:.2g} at most"]])
+def compared(job, peer, mine, other, off, target):
+    record("zonal statistics", costs(job, mine, peer, other, wall=False, memory=False, note="Peer with the interpreter and rasterio."))
+    rows = [[name, *(f"{v:.3f}" for v in measured)] for name, measured in (("ours", mine), (peer, other))]
+    table([job, "CPU s", "wall s", "MiB"], [*rows, ["ours / theirs", verdict(mine[0] / other[0], target, False), "", f"results differ by {off:.2g} at most"]])
 
 
 def shoreline():
     made = WORK / "shoreline.goblin"
     tree(SHORELINE, made)
-    path = apart(zones, SHORELINE, "shoreline_zones", 10_000, (30, 1000), 1 / 120)
+    path = in_own_process(zones, SHORELINE, "shoreline_zones", 10_000, (30, 1000), 1 / 120)
     mine, found = ours(made, path)
     other, areas = theirs(CLASSES, SHORELINE, path)
-    off = apart(areas_differ, found, areas)
-    compared("areas of classes of 10,000 zones, shoreline", ("ours", "exactextract"), mine, other, off, 1 / 50)
+    off = in_own_process(areas_differ, found, areas)
+    compared("class areas of 10,000 zones, shoreline", "exactextract", mine, other, off, 1 / 50)
 
 
 def areas_differ(found, areas):
@@ -134,10 +135,10 @@ def means_differ(found, means):
 def relief(count, radii, peer, code, target):
     made = WORK / "relief.goblin"
     tree(RELIEF, made)
-    path = apart(zones, RELIEF, f"relief_zones_{count}", count, radii, 1 / 12)
+    path = in_own_process(zones, RELIEF, f"relief_zones_{count}", count, radii, 1 / 12)
     mine, found = ours(made, path)
     other, means = theirs(code, RELIEF, path)
-    compared(f"means of {count:,} zones, relief", ("ours", f"{peer}, with reading"), mine, other, apart(means_differ, found, means), target)
+    compared(f"means of {count:,} {'' if radii else 'large '}zones, relief", peer, mine, other, in_own_process(means_differ, found, means), target)
 
 
 JOBS = {

@@ -34,7 +34,7 @@ int main(int count, char **words) {
     const double point[3] = {bounds[0] + 0.1, bounds[1] + 0.1, bounds[2] + 0.1};
     if (spinney_model_locate(model, point, 1, &place, 1) != SPINNEY_OK ||
         spinney_model_distance(model, point, 1, &distance, 1) != SPINNEY_OK) {
-      fail("ask");
+      fail("query");
     } else {
       printf("volume %.17g\narea %.17g\n", mass.volume, mass.area);
       printf("point %s\ndistance %.17g\n",

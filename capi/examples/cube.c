@@ -52,9 +52,9 @@ int main(int count, char **words) {
   static const double vertices[] = {0, 0, 0, 2, 0, 0, 0, 2, 0, 2, 2, 0, 0, 0, 2, 2, 0, 2, 0, 2, 2, 2, 2, 2};
   static const uint32_t corners[] = {0, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4, 2, 6, 7, 2, 7, 3, 0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5};
   const char *word = count > 2 ? words[2] : "";
-  double beside[24];
+  double shifted[24];
   for (int i = 0; i < 24; i++) {
-    beside[i] = vertices[i] + (i % 3 == 0);
+    shifted[i] = vertices[i] + (i % 3 == 0);
   }
   spinney_mesh mesh = {0};
   mesh.name = "cube";
@@ -65,7 +65,7 @@ int main(int count, char **words) {
   mesh.corner_size = sizeof corners[0];
   spinney_mesh meshes[2] = {mesh, mesh};
   meshes[1].name = "other";
-  meshes[1].vertices = beside;
+  meshes[1].vertices = shifted;
   spinney_mesh_options options = {0};
   const bool is_twice = strcmp(word, "twice") == 0;
   options.repair = is_twice;

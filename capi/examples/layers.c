@@ -11,7 +11,7 @@ static int fail(const char *doing) {
   return 1;
 }
 
-static int tell(const spinney_dataset *file, size_t number) {
+static int print_layer(const spinney_dataset *file, size_t number) {
   const char *name = spinney_layer_name(file, number);
   spinney_dataset *layer = NULL;
   if (name == NULL || spinney_open_layer(file, name, 0, &layer) != SPINNEY_OK) {
@@ -22,7 +22,7 @@ static int tell(const spinney_dataset *file, size_t number) {
   spinney_statistics of;
   if (spinney_describe(layer, &info, sizeof info) != SPINNEY_OK ||
       spinney_statistics_of(layer, NULL, &of) != SPINNEY_OK) {
-    status = fail("ask");
+    status = fail("query");
   } else {
     printf("%zu %s %u %.17g\n", number, name, (unsigned)info.depth, of.channels[0].mean);
   }
@@ -42,7 +42,7 @@ int main(int count, char **words) {
   size_t layers = 0;
   int status = spinney_layer_count(file, &layers) == SPINNEY_OK ? 0 : fail("count");
   for (size_t number = 0; number < layers && status == 0; ++number) {
-    status = tell(file, number);
+    status = print_layer(file, number);
   }
   spinney_close(file);
   return status;

@@ -60,7 +60,7 @@ double first_sample(spinney_sample_type type, const uint8_t *cell) {
   case SPINNEY_I64:
     return sample_as<int64_t>(cell);
   }
-  throw std::logic_error("a type of samples that this program does not know");
+  throw std::logic_error("unknown sample type");
 }
 
 struct Sum {

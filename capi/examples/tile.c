@@ -27,7 +27,7 @@ int main(int count, char **words) {
     return fail("describe");
   }
   if (info.axes != 2 || info.sample != SPINNEY_U8) {
-    fprintf(stderr, "tile: %s is no picture of bytes\n", words[1]);
+    fprintf(stderr, "%s: is not a raster of bytes\n", words[1]);
     spinney_close(map);
     return 1;
   }

@@ -49,8 +49,8 @@ Level::Level(std::shared_ptr<const Stack> of, int which) : stack(std::move(of)),
 }
 
 const Layer &Level::layer_of(int band) const {
-  const auto is_behind = [](int number, const Layer &layer) { return number < layer.first_band; };
-  return *(std::upper_bound(stack->layers.begin(), stack->layers.end(), band, is_behind) - 1);
+  const auto is_after = [](int number, const Layer &layer) { return number < layer.first_band; };
+  return *(std::upper_bound(stack->layers.begin(), stack->layers.end(), band, is_after) - 1);
 }
 
 CPLErr Level::GetGeoTransform(double *transform) {
@@ -78,7 +78,7 @@ CPLErr Level::IRasterIO(GDALRWFlag flag, int x, int y, int width, int height, vo
 }
 
 // Reports progress. Fails if GDAL's user cancels.
-CPLErr tell(const Share &share, double done) {
+CPLErr report_progress(const Share &share, double done) {
   GDALRasterIOExtraArg *const extra = share.extra;
   if (extra == nullptr || extra->pfnProgress == nullptr ||
       extra->pfnProgress(share.from + share.size * done, "", extra->pProgressData)) {
@@ -124,7 +124,7 @@ CPLErr Level::read_cells(const Window &window, int band_count, const int *bands,
         return CE_Failure;
       }
     }
-    if (tell({extra}, static_cast<double>(top + strip.height - window.y) / window.height) != CE_None) {
+    if (report_progress({extra}, static_cast<double>(top + strip.height - window.y) / window.height) != CE_None) {
       return CE_Failure;
     }
   }
@@ -140,17 +140,17 @@ CPLErr Level::copy_blocks(const Window &strip, int band, const Samples &samples)
   const GSpacing width_in_bytes = strip.width * size;
   const int row = strip.y / BLOCK, first = strip.x / BLOCK, last = (strip.x + strip.width - 1) / BLOCK;
   // Maximum number of blocks that are locked in the cache at a time.
-  constexpr int MOST = 64;
-  for (int begin = first; begin <= last; begin += MOST) {
-    const int end = std::min(begin + MOST, last + 1);
-    struct Piece {
+  constexpr int MAX_LOCKED = 64;
+  for (int begin = first; begin <= last; begin += MAX_LOCKED) {
+    const int end = std::min(begin + MAX_LOCKED, last + 1);
+    struct BlockSpan {
       GDALRasterBlock *block;
       const GByte *from;
       GByte *to;
       int width;
       size_t bytes;
     };
-    Piece pieces[MOST];
+    BlockSpan spans[MAX_LOCKED];
     int count = 0;
     for (int column = begin; column < end; ++column) {
       GDALRasterBlock *const block = channel->GetLockedBlockRef(column, row);
@@ -160,29 +160,29 @@ CPLErr Level::copy_blocks(const Window &strip, int band, const Samples &samples)
       const int left = std::max(strip.x, column * BLOCK), right = std::min(strip.x + strip.width, (column + 1) * BLOCK);
       const GSpacing at = static_cast<GSpacing>(strip.y - row * BLOCK) * BLOCK + (left - column * BLOCK);
       const int width = right - left;
-      pieces[count++] = {block, static_cast<GByte *>(block->GetDataRef()) + at * size,
+      spans[count++] = {block, static_cast<GByte *>(block->GetDataRef()) + at * size,
                          samples.first + (left - strip.x) * samples.pixel, width, static_cast<size_t>(width * size)};
     }
     const bool is_whole = count == end - begin;
-    if (is_whole && plain && count == 1 && width_in_bytes == samples.line && pieces[0].width == BLOCK) {
-      std::memcpy(pieces[0].to, pieces[0].from, pieces[0].bytes * static_cast<size_t>(strip.height));
+    if (is_whole && plain && count == 1 && width_in_bytes == samples.line && spans[0].width == BLOCK) {
+      std::memcpy(spans[0].to, spans[0].from, spans[0].bytes * static_cast<size_t>(strip.height));
     } else if (is_whole) {
       for (int line = 0; line < strip.height; ++line) {
         for (int i = 0; i < count; ++i) {
-          Piece &piece = pieces[i];
+          BlockSpan &span = spans[i];
           if (plain) {
-            std::memcpy(piece.to, piece.from, piece.bytes);
+            std::memcpy(span.to, span.from, span.bytes);
           } else {
-            GDALCopyWords(piece.from, own, static_cast<int>(size), piece.to, samples.type,
-                          static_cast<int>(samples.pixel), piece.width);
+            GDALCopyWords(span.from, own, static_cast<int>(size), span.to, samples.type,
+                          static_cast<int>(samples.pixel), span.width);
           }
-          piece.from += size * BLOCK;
-          piece.to += samples.line;
+          span.from += size * BLOCK;
+          span.to += samples.line;
         }
       }
     }
     for (int i = 0; i < count; ++i) {
-      pieces[i].block->DropLock();
+      spans[i].block->DropLock();
     }
     if (!is_whole) {
       return CE_Failure;
@@ -202,7 +202,7 @@ CPLErr Level::read_directly(const Layer &layer, const Window &window, int band_c
   const bool as_it_is = band_count == 1 && layer.channels() == 1 && is_packed;
   // Read some rows at a time, so that memory does not grow with the window.
   const int rows = std::clamp(static_cast<int>((1 << 24) / std::max<GSpacing>(1, line)), 1, std::max(1, window.height));
-  const auto cells = as_it_is ? nullptr : room(static_cast<size_t>(line) * static_cast<size_t>(rows));
+  const auto cells = as_it_is ? nullptr : allocate(static_cast<size_t>(line) * static_cast<size_t>(rows));
   if (!as_it_is && cells == nullptr) {
     return CE_Failure;
   }
@@ -216,7 +216,7 @@ CPLErr Level::read_directly(const Layer &layer, const Window &window, int band_c
       copy({cells.get() + (bands[i] - layer.first_band) * size, own, cell, line},
            {to + i * band_space, samples.type, samples.pixel, samples.line}, part.width, part.height);
     }
-    if (tell(share, static_cast<double>(top + part.height) / window.height) != CE_None) {
+    if (report_progress(share, static_cast<double>(top + part.height) / window.height) != CE_None) {
       return CE_Failure;
     }
   }
@@ -290,10 +290,10 @@ void Level::list_layers(const std::string &file) {
     const std::string item = "SUBDATASET_" + std::to_string(i + 1);
     const std::string shape = std::to_string(layer.channels()) + "x" + std::to_string(layer.info.size[1]) + "x" +
                               std::to_string(layer.info.size[0]);
-    const std::string told =
+    const std::string text =
         "[" + shape + "] " + layer.name + " (" + GDALGetDataTypeName(type_of(layer.info.sample)) + ")";
     SetMetadataItem((item + "_NAME").c_str(), (file + ":" + layer.name).c_str(), "SUBDATASETS");
-    SetMetadataItem((item + "_DESC").c_str(), told.c_str(), "SUBDATASETS");
+    SetMetadataItem((item + "_DESC").c_str(), text.c_str(), "SUBDATASETS");
   }
 }
 
@@ -313,8 +313,8 @@ void Level::describe_crs(const CPLJSONObject &crs) {
   SetMetadataItem("SPINNEY_CRS", definition.c_str());
   if (is_finest()) {
     const std::string problem = crs.GetString("problem");
-    CPLError(CE_Warning, CPLE_AppDefined, "the coordinate system is told by the metadata item SPINNEY_CRS alone: %s",
-             problem.empty() ? "PROJ does not know it" : problem.c_str());
+    CPLError(CE_Warning, CPLE_AppDefined, "the coordinate system is only in the metadata item SPINNEY_CRS: %s",
+             problem.empty() ? "unknown to PROJ" : problem.c_str());
   }
 }
 
@@ -351,8 +351,8 @@ void Level::describe_band(const Layer &layer, const CPLJSONObject &document, int
   // Statistics, in GDAL's metadata items.
   const spinney_channel_statistics &known = layer.statistics.channels[channel];
   if (known.cells > 0) {
-    band->SetMetadataItem("STATISTICS_MINIMUM", layer.extreme(layer.least, known.min).c_str());
-    band->SetMetadataItem("STATISTICS_MAXIMUM", layer.extreme(layer.greatest, known.max).c_str());
+    band->SetMetadataItem("STATISTICS_MINIMUM", layer.extreme(layer.minimum, known.min).c_str());
+    band->SetMetadataItem("STATISTICS_MAXIMUM", layer.extreme(layer.maximum, known.max).c_str());
     band->SetMetadataItem("STATISTICS_MEAN", CPLSPrintf("%.17g", known.mean));
     band->SetMetadataItem("STATISTICS_STDDEV", CPLSPrintf("%.17g", known.standard_deviation));
   }
@@ -467,7 +467,7 @@ int Level::identify(GDALOpenInfo *info) {
 
 // Opens the first layer of a file that GDAL reads, or the named layer; false, with GDAL's error, on
 // failure.
-bool open_elsewhere(const char *name, bool is_layer, spinney_dataset **opened) {
+bool open_remote(const char *name, bool is_layer, spinney_dataset **opened) {
   std::string whole = name;
   std::string layer;
   if (is_layer) {
@@ -507,7 +507,7 @@ std::shared_ptr<const Stack> open_stack(const char *name, bool is_layer) {
   auto stack = std::make_shared<Stack>();
   spinney_dataset *opened = nullptr;
   if (is_remote(name)) {
-    if (!open_elsewhere(name, is_layer, &opened)) {
+    if (!open_remote(name, is_layer, &opened)) {
       return nullptr;
     }
   } else if (spinney_open(name, nullptr, 0, 0, &opened) != SPINNEY_OK) {
@@ -544,7 +544,7 @@ std::shared_ptr<const Stack> open_stack(const char *name, bool is_layer) {
       return nullptr;
     }
     if (layer.info.axes != 2) {
-      CPLError(CE_Failure, CPLE_NotSupported, "%s: is an octree; GDAL reads pictures (see `spinney export`)", name);
+      CPLError(CE_Failure, CPLE_NotSupported, "%s: is an octree, expected a quadtree (see `spinney export`)", name);
       return nullptr;
     }
     stack->layers.push_back(std::move(layer));
@@ -553,9 +553,9 @@ std::shared_ptr<const Stack> open_stack(const char *name, bool is_layer) {
     report();
     return nullptr;
   }
-  const uint64_t most = static_cast<uint64_t>(std::numeric_limits<int>::max()) - BLOCK;
-  if (stack->size[0] > most || stack->size[1] > most) {
-    CPLError(CE_Failure, CPLE_NotSupported, "%s: is larger than GDAL's pictures can be", name);
+  const uint64_t max_size = static_cast<uint64_t>(std::numeric_limits<int>::max()) - BLOCK;
+  if (stack->size[0] > max_size || stack->size[1] > max_size) {
+    CPLError(CE_Failure, CPLE_NotSupported, "%s: is larger than GDAL's maximum raster size", name);
     return nullptr;
   }
   return stack;

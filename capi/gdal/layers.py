@@ -18,7 +18,7 @@ import sys
 TYPES = {"u8": ("Byte", "B"), "f32": ("Float32", "f"), "u64": ("UInt64", "Q"), "i16": ("Int16", "h")}
 
 
-def told(*words):
+def output_of(*words):
     return subprocess.check_output([str(word) for word in words])
 
 
@@ -35,8 +35,8 @@ class Layer:
         """Rows of a channel's samples on the raster's cells, or `coarser` levels above these."""
         level = self.depth - coarser
         own = min(level, self.info["depth"])
-        raw = FOLDER / "layer.raw"
-        told(SPINNEY, "get", "-q", self.path, raw, "--level", own, "--nodata", self.void)
+        raw = DIRECTORY / "layer.raw"
+        output_of(SPINNEY, "get", "-q", self.path, raw, "--level", own, "--nodata", self.void)
         samples = array.array(self.code, raw.read_bytes())[channel :: self.channels]
         width, height = (ceiling(size, self.info["depth"] - own) for size in self.info["size"])
         assert len(samples) == width * height
@@ -57,12 +57,12 @@ def ceiling(size, levels):
 
 def read(file, *options):
     """Samples of all bands, band by band."""
-    picture = FOLDER / "bands.tif"
-    picture.unlink(missing_ok=True)
+    raster_file = DIRECTORY / "bands.tif"
+    raster_file.unlink(missing_ok=True)
     plain = ["-of", "GTiff", "-mask", "none", "-co", "INTERLEAVE=BAND", "-co", "BLOCKYSIZE=1"]
-    told("gdal_translate", "-q", *plain, *options, file, picture)
+    output_of("gdal_translate", "-q", *plain, *options, file, raster_file)
     # (GeoTIFF is GDAL's only uncompressed format with all types.) Its strips are rows, by band.
-    tiff = picture.read_bytes()
+    tiff = raster_file.read_bytes()
     (directory,) = struct.unpack_from("<I", tiff, 4)
     tags = {}
     for entry in range(struct.unpack_from("<H", tiff, directory)[0]):
@@ -76,8 +76,8 @@ def read(file, *options):
 
 def compare(file):
     # (GDAL may have stored statistics in a sidecar file.)
-    info = json.loads(told("gdalinfo", "-json", "-hist", "--config", "GDAL_PAM_ENABLED", "NO", file))
-    layers = json.loads(told(SPINNEY, "info", "--json", file))["layers"]
+    info = json.loads(output_of("gdalinfo", "-json", "-hist", "--config", "GDAL_PAM_ENABLED", "NO", file))
+    layers = json.loads(output_of(SPINNEY, "info", "--json", file))["layers"]
     depth = max(layer["depth"] for layer in layers)
     finest = next(layer for layer in layers if layer["depth"] == depth)
     raster = info["size"]
@@ -90,11 +90,11 @@ def compare(file):
     for number, layer in enumerate(layers, 1):
         name = names[f"SUBDATASET_{number}_NAME"]
         assert name == f"{file}:{layer['layer']}" and layer["layer"] in names[f"SUBDATASET_{number}_DESC"], names
-        alone = json.loads(told("gdalinfo", "-json", name))
+        alone = json.loads(output_of("gdalinfo", "-json", name))
         assert alone["size"] == layer["size"] and "SUBDATASETS" not in alone["metadata"], alone
-        (FOLDER / "alone.tif.aux.xml").unlink(missing_ok=True)
-        told(SPINNEY, "get", "-q", name, FOLDER / "alone.tif", "--nodata", layer["nodata"] or 0)
-        assert read(name) == read(FOLDER / "alone.tif"), f"{name}: other samples through GDAL"
+        (DIRECTORY / "alone.tif.aux.xml").unlink(missing_ok=True)
+        output_of(SPINNEY, "get", "-q", name, DIRECTORY / "alone.tif", "--nodata", layer["nodata"] or 0)
+        assert read(name) == read(DIRECTORY / "alone.tif"), f"{name}: other samples through GDAL"
 
     bands = iter(enumerate(info["bands"], 1))
     for each in layers:
@@ -138,7 +138,7 @@ def check_bands(file, number, layer, channel, cells, band):
         assert not valid or (x < reach[0] and y < reach[1]), (number, x, y)
     # Statistics are those of the raster's cells.
     values = [sample for sample, valid in zip(samples, mask) if valid]
-    known = json.loads(told(SPINNEY, "stats", "--json", layer.path))
+    known = json.loads(output_of(SPINNEY, "stats", "--json", layer.path))
     if reach == layer.raster:
         assert len(values) == known["cells"] << 2 * (layer.depth - layer.info["depth"]), number
     mean = math.fsum(values) / len(values)
@@ -159,6 +159,6 @@ def check_bands(file, number, layer, channel, cells, band):
 
 
 if __name__ == "__main__":
-    SPINNEY, FOLDER = sys.argv[1], pathlib.Path(sys.argv[2])
+    SPINNEY, DIRECTORY = sys.argv[1], pathlib.Path(sys.argv[2])
     for path in sys.argv[3:]:
         compare(path)

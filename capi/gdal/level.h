@@ -151,7 +151,7 @@ protected:
   CPLErr IReadBlock(int column, int row, void *data) override {
     const Window block = block_at(column, row);
     const Layer &layer = level->stack->layers[number];
-    const auto samples = room(block.cells() * layer.info.cell_size);
+    const auto samples = allocate(block.cells() * layer.info.cell_size);
     auto *const flags = static_cast<GByte *>(data);
     if (samples == nullptr || read(layer, level->level(), block, samples.get(), flags) != CE_None) {
       return CE_Failure;
@@ -250,10 +250,10 @@ public:
       return CE_Warning;
     }
     const double values[] = {known.min, known.max, known.mean, known.standard_deviation};
-    double *const places[] = {min, max, mean, deviation};
+    double *const outputs[] = {min, max, mean, deviation};
     for (int i = 0; i < 4; ++i) {
-      if (places[i] != nullptr) {
-        *places[i] = values[i];
+      if (outputs[i] != nullptr) {
+        *outputs[i] = values[i];
       }
     }
     return CE_None;
@@ -324,7 +324,7 @@ protected:
     if (layer.channels() == 1) {
       return read(layer, level->level(), block, static_cast<GByte *>(data), nullptr);
     }
-    const auto cells = room(block.cells() * layer.info.cell_size);
+    const auto cells = allocate(block.cells() * layer.info.cell_size);
     if (cells == nullptr || read(layer, level->level(), block, cells.get(), nullptr) != CE_None) {
       return CE_Failure;
     }

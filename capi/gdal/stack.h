@@ -20,7 +20,7 @@ namespace {
 void report() { CPLError(CE_Failure, CPLE_AppDefined, "%s", spinney_error()); }
 
 // Allocates bytes; null, with GDAL's error, if there is no memory.
-std::unique_ptr<GByte[]> room(size_t bytes) {
+std::unique_ptr<GByte[]> allocate(size_t bytes) {
   std::unique_ptr<GByte[]> bytes_there(new (std::nothrow) GByte[bytes]);
   if (bytes_there == nullptr) {
     CPLError(CE_Failure, CPLE_OutOfMemory, "no memory for %llu bytes", static_cast<unsigned long long>(bytes));
@@ -69,7 +69,7 @@ struct Layer {
   bool has_band(int band) const { return band >= first_band && band < first_band + channels(); }
 
   // Extremes of the first channel, if it has 64-bit integers.
-  GByte least[8] = {}, greatest[8] = {};
+  GByte minimum[8] = {}, maximum[8] = {};
 
   // Formats an extreme exactly.
   std::string extreme(const GByte *sample, double nearest) const {
@@ -94,11 +94,11 @@ struct Layer {
 
   // Cells of the layer, and the number of raster cells that each of them covers. The raster may cut
   // cells in the last column or row.
-  struct Part {
+  struct WeightedBox {
     spinney_box cells;
     uint64_t weight;
   };
-  std::vector<Part> parts;
+  std::vector<WeightedBox> parts;
 
   // Reads the layer's properties from the handle.
   bool describe() {
@@ -108,7 +108,7 @@ struct Layer {
     }
     has_nodata_sample = spinney_nodata(handle.get(), nodata_sample, sample_size()) == SPINNEY_OK;
     const bool is_long = info.sample == SPINNEY_U64 || info.sample == SPINNEY_I64;
-    return !is_long || spinney_extremes(handle.get(), nullptr, least, greatest, sizeof least) == SPINNEY_OK;
+    return !is_long || spinney_extremes(handle.get(), nullptr, minimum, maximum, sizeof minimum) == SPINNEY_OK;
   }
 
   // Aligns the layer with a raster of the given depth and size in cells, and computes its
@@ -141,7 +141,7 @@ struct Layer {
   // Counts the raster's cells in equal intervals of a range.
   bool histogram(double low, double high, std::vector<uint64_t> &found) const {
     std::vector<uint64_t> counts(found.size());
-    for (const Part &part : parts) {
+    for (const WeightedBox &part : parts) {
       if (spinney_histogram(handle.get(), &part.cells, low, high, counts.data(), counts.size()) != SPINNEY_OK) {
         return false;
       }
@@ -280,8 +280,8 @@ CPLErr read(const Layer &layer, uint32_t level, const Window &window, GByte *sam
   const int x = window.x >> shift, y = window.y >> shift;
   const Window large = {x, y, ((window.x + window.width - 1) >> shift) - x + 1,
                         ((window.y + window.height - 1) >> shift) - y + 1};
-  const auto cells = room(large.cells() * layer.info.cell_size);
-  const auto flags = valid != nullptr ? room(large.cells()) : nullptr;
+  const auto cells = allocate(large.cells() * layer.info.cell_size);
+  const auto flags = valid != nullptr ? allocate(large.cells()) : nullptr;
   if (cells == nullptr || (valid != nullptr && flags == nullptr) ||
       read_own(layer, layer.info.depth, large, cells.get(), flags.get()) != CE_None) {
     return CE_Failure;

@@ -534,13 +534,13 @@ spinney_status spinney_point_samples(const spinney_dataset *dataset,
                                      size_t samples_size,
                                      uint8_t *valid);
 
-// Writes the minimum and maximum sample of each channel to `least` and `greatest`, over a box of
+// Writes the minimum and maximum sample of each channel to `min` and `max`, over a box of
 // cells of the deepest level, or over all cells if `cells` is NULL. Both buffers have `cell_size`
 // bytes (`size`). Channels without samples get 0.
 spinney_status spinney_extremes(const spinney_dataset *dataset,
                                 const spinney_box *cells,
-                                void *least,
-                                void *greatest,
+                                void *min,
+                                void *max,
                                 size_t size);
 
 // Like spinney_classes(), but `values` gets samples of the dataset's type. It has a capacity of

@@ -5,7 +5,7 @@ use std::ffi::{c_int, c_void};
 use engine::Bounds;
 
 use crate::dataset::{level_of, opened, spinney_dataset};
-use crate::questions::{flags, some_bounds_at, spinney_box};
+use crate::queries::{flags, some_bounds_at, spinney_box};
 use crate::status::{Failure, guarded, spinney_status};
 
 /// A block of cells, as passed to the caller's function.
@@ -47,14 +47,14 @@ pub unsafe extern "C" fn spinney_read_blocks(
         let form = dataset.header().form;
         let side = SIDES[usize::from(form.axes() == 3)];
         // A block has at most 2^18 cells of 16 bytes.
-        let most = side.pow(form.axes() as u32);
-        let room = |bytes: u64| {
-            let mut room = Vec::new();
-            room.try_reserve_exact(bytes as usize).map_err(|_| Failure::memory(bytes))?;
-            room.resize(bytes as usize, 0u8);
-            Ok::<_, Failure>(room)
+        let max_cells = side.pow(form.axes() as u32);
+        let allocate = |bytes: u64| {
+            let mut bytes_there = Vec::new();
+            bytes_there.try_reserve_exact(bytes as usize).map_err(|_| Failure::memory(bytes))?;
+            bytes_there.resize(bytes as usize, 0u8);
+            Ok::<_, Failure>(bytes_there)
         };
-        let (mut samples, mut valid) = (room(most * form.width() as u64)?, room(most)?);
+        let (mut samples, mut valid) = (allocate(max_cells * form.width() as u64)?, allocate(max_cells)?);
         let parts = |axis: usize| {
             let Bounds { min, max } = bounds;
             let starts = (min[axis] / side..max[axis].div_ceil(side)).map(move |part| part * side);

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 use engine::raw::dataset;
 use engine::raw::store::TreeFormat;
-use engine::{DataKind, Dataset, FileAccess, OpenOptions, SampleType, ViewStep};
+use engine::{DataKind, Dataset, FileAccess, OpenOptions, SampleType, ViewOperation};
 
 use crate::metadata;
 use crate::status::{Failure, guarded, spinney_status, text_of};
@@ -36,10 +36,10 @@ impl spinney_dataset {
     }
 
     /// Returns a dataset to the caller, through a pointer that is not NULL.
-    pub(crate) unsafe fn hand_out(dataset: Dataset, place: *mut *mut spinney_dataset) {
+    pub(crate) unsafe fn write_handle(dataset: Dataset, output: *mut *mut spinney_dataset) {
         let handle = Box::new(spinney_dataset::new(dataset));
-        // SAFETY: `place` is not NULL, and the caller has a pointer there.
-        unsafe { place.write(Box::into_raw(handle)) };
+        // SAFETY: `output` is not NULL, and the caller has a pointer there.
+        unsafe { output.write(Box::into_raw(handle)) };
     }
 }
 
@@ -141,7 +141,7 @@ pub unsafe extern "C" fn spinney_open(
     guarded(|| {
         if path.is_null() || dataset.is_null() || (steps.is_null() && step_count > 0) {
             return Err(Failure::invalid(
-                "spinney_open: got NULL, expected a path and a place for the dataset",
+                "spinney_open: got NULL, expected a path, and a pointer to the dataset",
             ));
         }
         if flags & !SPINNEY_POSITIONED != 0 {
@@ -156,24 +156,26 @@ pub unsafe extern "C" fn spinney_open(
             options.access = options.access.positioned(None);
         }
         let mut opened = dataset::open(&path, &options)?;
-        let mut chain: Vec<ViewStep> = Vec::new();
+        let mut chain: Vec<ViewOperation> = Vec::new();
         for step in 0..step_count {
             // SAFETY: the caller passes `step_count` pointers to zero-terminated strings.
             let text = unsafe {
                 let text = *steps.add(step);
                 if text.is_null() {
-                    return Err(Failure::invalid("spinney_open: got NULL, expected a step"));
+                    return Err(Failure::invalid("spinney_open: got NULL, expected an operation of a view"));
                 }
                 CStr::from_ptr(text)
             };
-            let text = text.to_str().map_err(|_| Failure::invalid("spinney_open: a step is not UTF-8"))?;
+            let text = text.to_str().map_err(|_| {
+                Failure::invalid("spinney_open: got other bytes, expected an operation in UTF-8")
+            })?;
             chain.push(text.parse()?);
         }
         if !chain.is_empty() {
             opened = opened.view(&chain)?;
         }
         // SAFETY: `dataset` is not NULL, and points to the caller's pointer.
-        unsafe { spinney_dataset::hand_out(opened, dataset) };
+        unsafe { spinney_dataset::write_handle(opened, dataset) };
         Ok(())
     })
 }
@@ -228,8 +230,8 @@ pub unsafe extern "C" fn spinney_refresh(
             handle.layers = OnceLock::new();
         }
         // SAFETY: it is NULL, or points to the caller's variable.
-        if let Some(place) = unsafe { is_newer.as_mut() } {
-            *place = newer;
+        if let Some(output) = unsafe { is_newer.as_mut() } {
+            *output = newer;
         }
         Ok(())
     })
@@ -257,7 +259,7 @@ pub unsafe extern "C" fn spinney_describe(
         if info.is_null() || info_size != size_of::<spinney_info>() {
             let expected = size_of::<spinney_info>();
             return Err(Failure::invalid(format!(
-                "info: got {info_size} bytes, expected a place of {expected}"
+                "info: got {info_size} bytes, expected a pointer to {expected}"
             )));
         }
         let (header, metadata) = (dataset.header(), dataset.metadata());
@@ -297,7 +299,7 @@ pub unsafe extern "C" fn spinney_level_size(
         let dataset = &unsafe { opened(dataset) }?.dataset;
         // SAFETY: it is NULL, or points to the caller's array.
         let size =
-            unsafe { size.as_mut() }.ok_or_else(|| Failure::invalid("size: got NULL, expected a place"))?;
+            unsafe { size.as_mut() }.ok_or_else(|| Failure::invalid("size: got NULL, expected a pointer"))?;
         *size = dataset.extent_at(level_of(level)).max;
         Ok(())
     })

@@ -7,7 +7,7 @@ use engine::query::PointSamples;
 use engine::{Number, Value, ValueType};
 
 use crate::dataset::{level_of, opened, spinney_dataset};
-use crate::questions::{bounds_at, buffer, flags, sizes, some_bounds_at, spinney_box};
+use crate::queries::{bounds_at, buffer, flags, sizes, some_bounds_at, spinney_box};
 use crate::status::{Failure, guarded, spinney_status};
 
 /// Like spinney_read(), but cells that are VOID or outside get the sample that `fill` points to, in
@@ -63,8 +63,8 @@ pub unsafe extern "C" fn spinney_point_samples(
         let dataset = &unsafe { opened(dataset) }?.dataset;
         let width = dataset.header().form.width();
         let bytes = count.checked_mul(width).filter(|_| !cells.is_null() || count == 0);
-        let bytes = bytes
-            .ok_or_else(|| Failure::invalid("cells: got NULL, or too many, expected x, y, z of each"))?;
+        let bytes =
+            bytes.ok_or_else(|| Failure::invalid("cells: got NULL or too many, expected x, y, z of each"))?;
         // SAFETY: the caller has `count` cells and flags there, and `samples_size` bytes for
         // samples.
         let (cells, samples, valid) = unsafe {
@@ -85,15 +85,15 @@ pub unsafe extern "C" fn spinney_point_samples(
     })
 }
 
-/// Writes the minimum and maximum sample of each channel to `least` and `greatest`, over a box of
+/// Writes the minimum and maximum sample of each channel to `min` and `max`, over a box of
 /// cells of the deepest level, or over all cells if `cells` is NULL. Both buffers have `cell_size`
 /// bytes (`size`). Channels without samples get 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_extremes(
     dataset: *const spinney_dataset,
     cells: *const spinney_box,
-    least: *mut c_void,
-    greatest: *mut c_void,
+    min: *mut c_void,
+    max: *mut c_void,
     size: usize,
 ) -> spinney_status {
     guarded(|| {
@@ -102,17 +102,17 @@ pub unsafe extern "C" fn spinney_extremes(
         let value = dataset.header().form.value;
         let width = Some(value.size() as u64);
         // SAFETY: see `buffer`.
-        let (least, greatest) = unsafe {
-            let least = buffer("least", least.cast::<u8>(), size, width)?;
-            (least, buffer("greatest", greatest.cast::<u8>(), size, width)?)
+        let (min, max) = unsafe {
+            let min = buffer("min", min.cast::<u8>(), size, width)?;
+            (min, buffer("max", max.cast::<u8>(), size, width)?)
         };
         let found = dataset.statistics(bounds, &())?;
         let channel = |channel: usize| found.channels.get(channel).filter(|channel| channel.cells > 0);
         let sample = |index: usize, of: fn(&engine::query::ChannelStatistics) -> Number| {
             channel(index).map_or(Number::default(), of)
         };
-        value.nearest_numbers(|index| sample(index, |channel| channel.min)).write(least);
-        value.nearest_numbers(|index| sample(index, |channel| channel.max)).write(greatest);
+        value.nearest_numbers(|index| sample(index, |channel| channel.min)).write(min);
+        value.nearest_numbers(|index| sample(index, |channel| channel.max)).write(max);
         Ok(())
     })
 }
@@ -133,18 +133,20 @@ pub unsafe extern "C" fn spinney_class_samples(
         let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, bounds_at(cells)?) };
         let value = ValueType::new(dataset.header().form.value.sample, 1);
         let bytes = capacity.checked_mul(value.size());
-        let bytes = bytes.ok_or_else(|| Failure::invalid("capacity: got more than there is memory for"))?;
+        let bytes = bytes.ok_or_else(|| {
+            Failure::invalid(format!("capacity: got {capacity}, which exceeds the address space"))
+        })?;
         // SAFETY: these point to the caller's memory, or are NULL, which is detected.
         let (values, counts, count) = unsafe {
             let count =
-                count.as_mut().ok_or_else(|| Failure::invalid("count: got NULL, expected a place"))?;
+                count.as_mut().ok_or_else(|| Failure::invalid("count: got NULL, expected a pointer"))?;
             let values = buffer("values", values.cast::<u8>(), bytes, None)?;
             (values, buffer("counts", counts, capacity, None)?, count)
         };
         let found = dataset.statistics(bounds, &())?;
-        let places = values.chunks_exact_mut(value.size()).zip(counts);
-        for ((place, cells), (class, found)) in places.zip(&found.classes) {
-            value.nearest_numbers(|_| *class).write(place);
+        let outputs = values.chunks_exact_mut(value.size()).zip(counts);
+        for ((output, cells), (class, found)) in outputs.zip(&found.classes) {
+            value.nearest_numbers(|_| *class).write(output);
             *cells = *found;
         }
         *count = found.classes.len();
@@ -170,7 +172,7 @@ pub unsafe extern "C" fn spinney_nodata(
         let nodata = dataset.metadata().nodata;
         let held = nodata.filter(|number| value.sample.is_float() || value.sample.can_hold(*number));
         let held =
-            held.ok_or_else(|| Failure::unsupported("nodata: none of the samples is such a number"))?;
+            held.ok_or_else(|| Failure::unsupported("nodata: there is none that the sample type can hold"))?;
         value.nearest_numbers(|_| held).write(sample);
         Ok(())
     })

@@ -18,8 +18,8 @@ pub unsafe extern "C" fn spinney_layer_count(
         // SAFETY: see `opened`.
         let dataset = unsafe { opened(dataset) }?;
         // SAFETY: it is NULL, or points to the caller's variable.
-        let count =
-            unsafe { count.as_mut() }.ok_or_else(|| Failure::invalid("count: got NULL, expected a place"))?;
+        let count = unsafe { count.as_mut() }
+            .ok_or_else(|| Failure::invalid("count: got NULL, expected a pointer"))?;
         *count = dataset.layers()?.len();
         Ok(())
     })
@@ -61,7 +61,7 @@ pub unsafe extern "C" fn spinney_open_layer(
         let dataset = &unsafe { opened(dataset) }?.dataset;
         if layer.is_null() || opened_layer.is_null() {
             return Err(Failure::invalid(
-                "spinney_open_layer: got NULL, expected a layer and a place for the dataset",
+                "spinney_open_layer: got NULL, expected a layer, and a pointer to the dataset",
             ));
         }
         if flags & !SPINNEY_ALIGNED != 0 {
@@ -75,7 +75,7 @@ pub unsafe extern "C" fn spinney_open_layer(
         let found =
             if flags == SPINNEY_ALIGNED { dataset.aligned_layer(layer) } else { dataset.layer(layer) }?;
         // SAFETY: `opened_layer` is not NULL, and points to the caller's pointer.
-        unsafe { spinney_dataset::hand_out(found, opened_layer) };
+        unsafe { spinney_dataset::write_handle(found, opened_layer) };
         Ok(())
     })
 }

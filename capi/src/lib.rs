@@ -20,7 +20,7 @@ mod model;
 #[cfg(test)]
 mod model_tests;
 mod parts;
-mod questions;
+mod queries;
 mod sections;
 mod shells;
 mod status;
@@ -35,7 +35,7 @@ pub use layers::*;
 pub use meshes::*;
 pub use model::*;
 pub use parts::*;
-pub use questions::*;
+pub use queries::*;
 pub use sections::*;
 pub use shells::*;
 pub use status::*;

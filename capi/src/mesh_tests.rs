@@ -44,18 +44,18 @@ fn usual() -> spinney_mesh_options {
 }
 
 /// A directory for one output file.
-struct Place {
-    _folder: TempDir,
+struct OutputFile {
+    _directory: TempDir,
     path: PathBuf,
     name: CString,
 }
 
-impl Place {
-    fn new() -> Place {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("made.goblin");
+impl OutputFile {
+    fn new() -> OutputFile {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("made.goblin");
         let name = CString::new(path.to_str().unwrap()).unwrap();
-        Place { _folder: folder, path, name }
+        OutputFile { _directory: directory, path, name }
     }
 
     fn build(
@@ -103,12 +103,12 @@ fn volume(path: &Path) -> f64 {
 
 #[test]
 fn boxes_have_their_volumes() {
-    let (place, vertices, corners) = (Place::new(), corners_of([2.0, 3.0, 4.0]), triangles());
+    let (output, vertices, corners) = (OutputFile::new(), corners_of([2.0, 3.0, 4.0]), triangles());
     let mesh = mesh_of(&vertices, &corners);
-    let report = place.build(&[mesh], &usual()).unwrap();
+    let report = output.build(&[mesh], &usual()).unwrap();
     assert_eq!((report.read, report.faces, report.displacement), (12, 12, 0.0));
-    assert_eq!(volume(&place.path), 24.0);
-    let made = library(&place.path);
+    assert_eq!(volume(&output.path), 24.0);
+    let made = library(&output.path);
     assert_eq!((made.parts(), made.metadata().provenance.len()), (&["mesh".to_owned()][..], 1));
     // 64-bit indices, polygons, and options.
     let wide: Vec<u64> = corners.iter().map(|corner| (*corner).into()).collect();
@@ -117,15 +117,15 @@ fn boxes_have_their_volumes() {
     wide_mesh.name = name.as_ptr();
     let [unit, crs] = ["mm", "EPSG:25832"].map(|text| CString::new(text).unwrap());
     let options = spinney_mesh_options { snap: 0.5, unit: unit.as_ptr(), crs: crs.as_ptr(), ..usual() };
-    assert_eq!(place.build(&[wide_mesh], &options).unwrap().step, 0.5);
-    let made = library(&place.path);
-    assert_eq!((volume(&place.path), made.parts()), (24.0, &["a box".to_owned()][..]));
+    assert_eq!(output.build(&[wide_mesh], &options).unwrap().step, 0.5);
+    let made = library(&output.path);
+    assert_eq!((volume(&output.path), made.parts()), (24.0, &["a box".to_owned()][..]));
     assert!(made.crs().is_some());
     let ends: Vec<u64> = (1..=6).map(|side| 4 * side).collect();
     let mut sides = mesh_of(&vertices, SIDES.as_flattened());
     (sides.ring_ends, sides.ring_count) = (ends.as_ptr(), ends.len());
-    assert_eq!(place.build(&[sides], &usual()).unwrap().faces, 6);
-    assert_eq!(volume(&place.path), 24.0);
+    assert_eq!(output.build(&[sides], &usual()).unwrap().faces, 6);
+    assert_eq!(volume(&output.path), 24.0);
 }
 
 /// A block of 8 x 8 x 4 with a tunnel of 2 x 2 along z, whose ends are holes.
@@ -143,14 +143,14 @@ fn frame() -> (Vec<[f64; 3]>, Vec<u32>, Vec<u64>, Vec<u64>) {
 
 #[test]
 fn sections_are_those_of_the_library() {
-    let place = Place::new();
+    let output = OutputFile::new();
     let (vertices, corners, ring_ends, face_ends) = frame();
     let mut mesh = mesh_of(&vertices, &corners);
     (mesh.ring_ends, mesh.ring_count) = (ring_ends.as_ptr(), ring_ends.len());
     (mesh.face_ends, mesh.face_count) = (face_ends.as_ptr(), face_ends.len());
-    assert_eq!(place.build(&[mesh], &usual()).unwrap().faces, 10);
-    assert_eq!(volume(&place.path), (64.0 - 4.0) * 4.0);
-    let (library, model) = (library(&place.path), open_model(place.path.to_str().unwrap(), 0).unwrap());
+    assert_eq!(output.build(&[mesh], &usual()).unwrap().faces, 10);
+    assert_eq!(volume(&output.path), (64.0 - 4.0) * 4.0);
+    let (library, model) = (library(&output.path), open_model(output.path.to_str().unwrap(), 0).unwrap());
     let size = size_of::<spinney_ring>();
     // Through the tunnel and along it, next to it, across both, and outside of the block.
     let planes = [
@@ -163,17 +163,17 @@ fn sections_are_those_of_the_library() {
     for (normal, point, area, count) in planes {
         let (mut rings, mut points) = ([NO_RING; 9], [9.0; 300]);
         let (mut ring_count, mut point_count) = (9, 9);
-        let mut cut = |ring_room: usize, point_room: usize| unsafe {
+        let mut cut = |ring_capacity: usize, point_capacity: usize| unsafe {
             spinney_model_section(
                 model,
                 point.as_ptr(),
                 normal.as_ptr(),
-                if ring_room == 0 { null_mut() } else { rings.as_mut_ptr() },
-                ring_room,
+                if ring_capacity == 0 { null_mut() } else { rings.as_mut_ptr() },
+                ring_capacity,
                 size,
                 &mut ring_count,
-                if point_room == 0 { null_mut() } else { points.as_mut_ptr() },
-                point_room,
+                if point_capacity == 0 { null_mut() } else { points.as_mut_ptr() },
+                point_capacity,
                 &mut point_count,
             )
         };
@@ -212,19 +212,19 @@ fn sections_are_those_of_the_library() {
 
 #[test]
 fn parts_and_colours_are_kept() {
-    let (place, vertices, corners) = (Place::new(), corners_of([2.0, 3.0, 4.0]), triangles());
+    let (output, vertices, corners) = (OutputFile::new(), corners_of([2.0, 3.0, 4.0]), triangles());
     let colours: Vec<[u8; 3]> = (0..8).map(|vertex| [vertex, 10 * vertex, 200]).collect();
     let parts: Vec<u32> = (0..12).map(|triangle| u32::from(triangle >= 4)).collect();
-    let texts =
+    let strings =
         ["ends", "walls", "{\"attributes\": {\"height\": 4}}"].map(|text| CString::new(text).unwrap());
-    let names = [texts[0].as_ptr(), texts[1].as_ptr()];
-    let attributes = [null(), texts[2].as_ptr()];
+    let names = [strings[0].as_ptr(), strings[1].as_ptr()];
+    let attributes = [null(), strings[2].as_ptr()];
     let mut mesh = mesh_of(&vertices, &corners);
     mesh.colours = colours.as_ptr().cast();
     mesh.parts = parts.as_ptr();
     (mesh.part_names, mesh.part_attributes, mesh.part_count) = (names.as_ptr(), attributes.as_ptr(), 2);
-    place.build(&[mesh], &usual()).unwrap();
-    let made = library(&place.path);
+    output.build(&[mesh], &usual()).unwrap();
+    let made = library(&output.path);
     assert_eq!(made.parts(), ["ends", "walls"]);
     assert_eq!(made.part_attributes(0).unwrap(), None);
     assert_eq!(made.part_attributes(1).unwrap().as_deref(), Some("{\"attributes\":{\"height\":4}}"));
@@ -243,78 +243,75 @@ fn parts_and_colours_are_kept() {
 
 #[test]
 fn what_is_no_body_is_refused_closed_or_repaired() {
-    let (place, vertices, corners) = (Place::new(), corners_of([2.0, 2.0, 2.0]), triangles());
+    let (output, vertices, corners) = (OutputFile::new(), corners_of([2.0, 2.0, 2.0]), triangles());
     let open = mesh_of(&vertices, &corners[..30]);
-    let told = place.build(&[open], &usual()).unwrap_err();
+    let message = output.build(&[open], &usual()).unwrap_err();
     assert!(
-        told.starts_with("mesh: the surface is open") && told.contains("a boundary of 4 edges from"),
-        "{told}"
+        message.starts_with("mesh: the surface is open") && message.contains("a boundary of 4 edges from"),
+        "{message}"
     );
-    assert!(place.is_empty());
-    let report = place.build(&[open], &spinney_mesh_options { close: true, ..usual() }).unwrap();
-    assert_eq!((report.closed_boundaries, report.closing_triangles, volume(&place.path)), (1, 2, 8.0));
+    assert!(output.is_empty());
+    let report = output.build(&[open], &spinney_mesh_options { close: true, ..usual() }).unwrap();
+    assert_eq!((report.closed_boundaries, report.closing_triangles, volume(&output.path)), (1, 2, 8.0));
     // Several meshes with names; each is a part.
-    let beside: Vec<[f64; 3]> = vertices.iter().map(|[x, y, z]| [x + 1.0, *y, *z]).collect();
+    let adjacent: Vec<[f64; 3]> = vertices.iter().map(|[x, y, z]| [x + 1.0, *y, *z]).collect();
     let names = ["left", "right"].map(|name| CString::new(name).unwrap());
     let left = spinney_mesh { name: names[0].as_ptr(), ..mesh_of(&vertices, &corners) };
-    let right = spinney_mesh { name: names[1].as_ptr(), ..mesh_of(&beside, &corners) };
-    std::fs::remove_file(&place.path).unwrap();
-    let told = place.build(&[left, right], &usual()).unwrap_err();
-    assert!(told.contains("passes through itself") && told.contains("of left and right"), "{told}");
-    assert!(place.is_empty());
+    let right = spinney_mesh { name: names[1].as_ptr(), ..mesh_of(&adjacent, &corners) };
+    std::fs::remove_file(&output.path).unwrap();
+    let message = output.build(&[left, right], &usual()).unwrap_err();
+    assert!(message.contains("intersects itself") && message.contains("of left and right"), "{message}");
+    assert!(output.is_empty());
     let repair = spinney_mesh_options { repair: true, ..usual() };
-    let report = place.build(&[left, right], &repair).unwrap();
-    assert_eq!((report.volume_before, report.volume, volume(&place.path)), (16.0, 12.0, 12.0));
-    assert_eq!(library(&place.path).parts(), ["left", "right"]);
+    let report = output.build(&[left, right], &repair).unwrap();
+    assert_eq!((report.volume_before, report.volume, volume(&output.path)), (16.0, 12.0, 12.0));
+    assert_eq!(library(&output.path).parts(), ["left", "right"]);
     let odd = spinney_mesh_options { inside: SPINNEY_INSIDE_ODD, ..repair };
-    let report = place.build(&[left, right], &odd).unwrap();
+    let report = output.build(&[left, right], &odd).unwrap();
     assert_eq!((report.volume, report.cells_volume), (8.0, 12.0));
     // Inside out.
     let turned: Vec<u32> = corners.iter().rev().copied().collect();
-    let report = place.build(&[mesh_of(&vertices, &turned)], &repair).unwrap();
-    assert_eq!((report.turned_bodies, volume(&place.path)), (1, 8.0));
+    let report = output.build(&[mesh_of(&vertices, &turned)], &repair).unwrap();
+    assert_eq!((report.turned_bodies, volume(&output.path)), (1, 8.0));
 }
 
 #[test]
 fn arguments_that_make_no_sense_are_refused() {
-    let (place, vertices, corners) = (Place::new(), corners_of([2.0, 2.0, 2.0]), triangles());
+    let (output, vertices, corners) = (OutputFile::new(), corners_of([2.0, 2.0, 2.0]), triangles());
     let mesh = mesh_of(&vertices, &corners);
     let refused = |change: &dyn Fn(&mut spinney_mesh), expected: &str| {
         let mut mesh = mesh;
         change(&mut mesh);
-        let told = place.build(&[mesh], &usual()).unwrap_err();
-        assert!(told.contains(expected), "{told}");
+        let message = output.build(&[mesh], &usual()).unwrap_err();
+        assert!(message.contains(expected), "{message}");
     };
     let (no_utf8, parts) = ([0xffu8, 0], [0u32; 12]);
     let missing: [*const c_char; 1] = [null()];
     refused(&|mesh| mesh.vertices = null(), "vertices: got NULL");
     refused(&|mesh| mesh.vertex_count = 0, "vertices: got none");
-    refused(&|mesh| mesh.vertex_count = 7, "corners: got 7, expected numbers of vertices, 0 to 6");
+    refused(&|mesh| mesh.vertex_count = 7, "corners: got 7, expected vertex indices, 0 to 6");
     refused(&|mesh| mesh.vertex_count = usize::MAX, "vertices: got");
     refused(&|mesh| mesh.corners = null(), "corners: got NULL");
     refused(&|mesh| mesh.corners = mesh.corners.wrapping_byte_add(1), "corners: got 36 at");
     refused(&|mesh| mesh.corner_size = 2, "corner_size: got 2, expected 4 or 8");
-    refused(&|mesh| mesh.corner_count = 35, "corners: got 35, expected three of each triangle");
+    refused(&|mesh| mesh.corner_count = 35, "corners: got 35, expected a multiple of three: triangles");
     refused(&|mesh| mesh.ring_count = 1, "ring_ends: got NULL");
     refused(&|mesh| mesh.part_count = 1, "part_names: got NULL");
     refused(&|mesh| (mesh.part_names, mesh.part_count) = (missing.as_ptr(), 1), "expected a name");
     refused(&|mesh| mesh.name = no_utf8.as_ptr().cast(), "name: got other bytes, expected UTF-8");
     let only = [1; 12];
-    refused(
-        &|mesh| mesh.parts = only.as_ptr(),
-        "parts: got 1, expected numbers of parts that have names, 0 to 0",
-    );
-    assert!(place.is_empty());
+    refused(&|mesh| mesh.parts = only.as_ptr(), "parts: got 1, expected indices of named parts, 0 to 0");
+    assert!(output.is_empty());
     for (options, expected) in [
         (spinney_mesh_options { inside: 3, ..usual() }, "inside: got 3"),
         (spinney_mesh_options { snap: -1.0, ..usual() }, "expected"),
         (spinney_mesh_options { crs: no_utf8.as_ptr().cast(), ..usual() }, "crs: got other bytes"),
     ] {
-        let told = place.build(&[mesh], &options).unwrap_err();
-        assert!(told.contains(expected), "{told}");
+        let message = output.build(&[mesh], &options).unwrap_err();
+        assert!(message.contains(expected), "{message}");
     }
-    assert!(place.build(&[], &usual()).unwrap_err().contains("models"));
-    let (mesh_size, path) = (size_of::<spinney_mesh>(), place.name.as_ptr());
+    assert!(output.build(&[], &usual()).unwrap_err().contains("models"));
+    let (mesh_size, path) = (size_of::<spinney_mesh>(), output.name.as_ptr());
     let (mesh, none): (*const _, _) = (&spinney_mesh { parts: parts.as_ptr(), ..mesh }, null());
     let mut report: spinney_mesh_report = unsafe { std::mem::zeroed() };
     unsafe {
@@ -326,17 +323,17 @@ fn arguments_that_make_no_sense_are_refused() {
         assert_eq!(done, SPINNEY_INVALID);
         let done = spinney_model_build(mesh, 1, mesh_size, null(), 0, path, &mut report, 3);
         assert_eq!(done, SPINNEY_INVALID);
-        assert!(place.is_empty());
+        assert!(output.is_empty());
         assert_eq!(build(mesh, mesh_size, path), SPINNEY_OK);
     }
-    assert_eq!(volume(&place.path), 8.0);
+    assert_eq!(volume(&output.path), 8.0);
 }
 
 /// Changes by a repair are reported, one line each, until the next call that makes a model.
 #[test]
-fn warnings_are_told() {
+fn warnings_are_reported() {
     let warnings = || unsafe { CStr::from_ptr(spinney_warnings()) }.to_str().unwrap().to_owned();
-    let (place, sides) = (Place::new(), triangles());
+    let (output, sides) = (OutputFile::new(), triangles());
     let one = corners_of([2.0; 3]);
     let other: Vec<[f64; 3]> = one.iter().map(|corner| corner.map(|at| at + 1.0)).collect();
     let meshes = [mesh_of(&one, &sides), mesh_of(&other, &sides)];
@@ -344,11 +341,11 @@ fn warnings_are_told() {
     (options.repair, options.inside) = (true, SPINNEY_INSIDE_ODD);
     let build = |count: usize, options: &spinney_mesh_options| unsafe {
         let (size, sizes) = (size_of::<spinney_mesh>(), size_of::<spinney_mesh_options>());
-        spinney_model_build(meshes.as_ptr(), count, size, options, sizes, place.name.as_ptr(), null_mut(), 0)
+        spinney_model_build(meshes.as_ptr(), count, size, options, sizes, output.name.as_ptr(), null_mut(), 0)
     };
     assert_eq!((build(2, &options), warnings().lines().count()), (SPINNEY_OK, 1));
     assert!(
-        warnings().contains("the volume is ") && warnings().contains(" percent of what cells"),
+        warnings().contains("the volume differs by ") && warnings().contains(" percent from that of cells"),
         "{}",
         warnings()
     );

@@ -9,7 +9,7 @@ use engine::{Crs, Output};
 
 use crate::dataset::path_of;
 use crate::model::check_size;
-use crate::questions::items;
+use crate::queries::items;
 use crate::status::{Failure, guarded, spinney_status};
 use crate::warnings::Warnings;
 
@@ -159,7 +159,7 @@ pub unsafe extern "C" fn spinney_model_build(
             (options.as_ref(), report.as_mut())
         };
         if path.is_null() {
-            return Err(Failure::invalid("path: got NULL, expected one"));
+            return Err(Failure::invalid("path: got NULL, expected a path"));
         }
         // SAFETY: the pointers in the options are valid or NULL.
         let options = unsafe { options.map_or_else(|| Ok(ExactOptions::new()), |options| options.exact())? };
@@ -244,8 +244,8 @@ impl spinney_mesh {
                 mesh.parts.push(name.into());
             }
             if !self.part_attributes.is_null() {
-                for told in items("part_attributes", self.part_attributes, self.part_count)? {
-                    mesh.attributes.push(text("part_attributes", *told)?.map(String::from));
+                for json in items("part_attributes", self.part_attributes, self.part_count)? {
+                    mesh.attributes.push(text("part_attributes", *json)?.map(String::from));
                 }
             }
         }

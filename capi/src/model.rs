@@ -6,7 +6,7 @@ use engine::brep::{Faces, Hit, Location, MassProperties};
 use engine::{ExactModel, OpenOptions};
 
 use crate::dataset::{SPINNEY_POSITIONED, path_of};
-use crate::questions::{buffer, items};
+use crate::queries::{buffer, items};
 use crate::status::{Failure, guarded, spinney_status};
 
 /// An exact model: the boundary of a body, stored unchanged, not as cells.
@@ -88,7 +88,7 @@ pub unsafe extern "C" fn spinney_model_open(
 ) -> spinney_status {
     guarded(|| {
         if path.is_null() || model.is_null() {
-            let text = "spinney_model_open: got NULL, expected a path and a place for the model";
+            let text = "spinney_model_open: got NULL, expected a path, and a pointer to the model";
             return Err(Failure::invalid(text));
         }
         if flags & !SPINNEY_POSITIONED != 0 {
@@ -130,16 +130,17 @@ pub(crate) unsafe fn opened<'a>(model: *const spinney_model) -> Result<&'a Exact
 }
 
 /// Returns the caller's variable for a result.
-pub(crate) unsafe fn place<'a, T>(name: &str, place: *mut T) -> Result<&'a mut T, Failure> {
+pub(crate) unsafe fn output<'a, T>(name: &str, output: *mut T) -> Result<&'a mut T, Failure> {
     // SAFETY: it is NULL, or points to the caller's variable.
-    unsafe { place.as_mut() }.ok_or_else(|| Failure::invalid(format!("{name}: got NULL, expected a place")))
+    unsafe { output.as_mut() }
+        .ok_or_else(|| Failure::invalid(format!("{name}: got NULL, expected a pointer")))
 }
 
 /// Returns the caller's struct for a result, after a check of its size.
-unsafe fn sized<'a, T>(name: &str, answer: *mut T, size: usize) -> Result<&'a mut T, Failure> {
+unsafe fn sized<'a, T>(name: &str, result: *mut T, size: usize) -> Result<&'a mut T, Failure> {
     check_size(name, size, size_of::<T>())?;
-    // SAFETY: see `place`.
-    unsafe { place(name, answer) }
+    // SAFETY: see `output`.
+    unsafe { output(name, result) }
 }
 
 /// Fails if the caller's struct has another size.
@@ -147,7 +148,7 @@ pub(crate) fn check_size(name: &str, size: usize, expected: usize) -> Result<(),
     if size == expected {
         return Ok(());
     }
-    Err(Failure::invalid(format!("{name}: got {size} bytes, expected a place of {expected}")))
+    Err(Failure::invalid(format!("{name}: got {size} bytes, expected a pointer to {expected}")))
 }
 
 /// Returns the caller's points: `count` of them, three coordinates each.
@@ -195,8 +196,8 @@ pub unsafe extern "C" fn spinney_model_bounds(
     bounds: *mut [f64; 6],
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: see `opened` and `place`.
-        let (model, bounds) = unsafe { (opened(model)?, place("bounds", bounds)?) };
+        // SAFETY: see `opened` and `output`.
+        let (model, bounds) = unsafe { (opened(model)?, output("bounds", bounds)?) };
         let found = model.bounds()?;
         bounds.copy_from_slice(found.as_flattened());
         Ok(())
@@ -312,7 +313,7 @@ fn check_ray(origin: &[f64; 3], direction: &[f64; 3]) -> Result<(), Failure> {
         return Ok(());
     }
     let found = format!("{origin:?} and {direction:?}");
-    Err(Failure::invalid(format!("ray: got {found}, expected a point and a direction")))
+    Err(Failure::invalid(format!("ray: got {found}, expected a finite point and a direction other than 0")))
 }
 
 fn hit_of(found: Option<&Hit>) -> spinney_hit {

@@ -81,7 +81,7 @@ fn shells_are_those_of_the_library() {
             let of = (expected.vertices, expected.edges, expected.faces, expected.rings, expected.boundaries);
             assert_eq!((found, shell.genus), (of, expected.genus().map_or(-1, |genus| genus as i64)));
         }
-        assert_eq!(shells[count].faces, 9, "nothing is written behind them");
+        assert_eq!(shells[count].faces, 9, "nothing is written after them");
         // A shorter buffer, no buffer, and arguments that are refused.
         let done = spinney_model_shells(model, 1 << 30, shells.as_mut_ptr(), 1, size, &mut count);
         assert_eq!((done, count), (SPINNEY_OK, topology.shells() as usize));
@@ -97,8 +97,8 @@ fn shells_are_those_of_the_library() {
 #[test]
 fn models_are_combined() {
     let model = open_model("chapel.goblin", 0).unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("made.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("made.goblin");
     let name = CString::new(path.to_str().unwrap()).unwrap();
     let both = [model.cast_const(), model.cast_const()];
     let volume = || {

@@ -72,8 +72,8 @@ impl Fetch for Reader {
         match status {
             0 => Ok(parts),
             status => {
-                let cause = std::io::Error::other(format!("the caller's function has returned {status}"));
-                Err(Error::Io { path: path.clone(), doing: "read a part", cause })
+                let cause = std::io::Error::other(format!("the caller's function returned {status}"));
+                Err(Error::Io { path: path.clone(), doing: "read a range", cause })
             }
         }
     }
@@ -96,7 +96,7 @@ pub unsafe extern "C" fn spinney_open_parts(
     guarded(|| {
         let missing = || {
             Failure::invalid(
-                "spinney_open_parts: got NULL, expected a name, a function and a place for the dataset",
+                "spinney_open_parts: got NULL, expected a name, a function, and a pointer to the dataset",
             )
         };
         let fetch = fetch.filter(|_| !name.is_null() && !dataset.is_null()).ok_or_else(missing)?;
@@ -116,7 +116,7 @@ pub unsafe extern "C" fn spinney_open_parts(
         });
         let opened = dataset::open(&path, &OpenOptions::new().source(source))?;
         // SAFETY: `dataset` is not NULL, and points to the caller's pointer.
-        unsafe { spinney_dataset::hand_out(opened, dataset) };
+        unsafe { spinney_dataset::write_handle(opened, dataset) };
         Ok(())
     })
 }

@@ -2,8 +2,8 @@
 
 use engine::brep::CuttingPlane;
 
-use crate::model::{check_size, opened, place, spinney_model};
-use crate::questions::{buffer, items};
+use crate::model::{check_size, opened, output, spinney_model};
+use crate::queries::{buffer, items};
 use crate::status::{guarded, spinney_status};
 
 /// A ring of a section.
@@ -48,9 +48,9 @@ pub unsafe extern "C" fn spinney_model_section(
         // SAFETY: the caller has three coordinates each there, or NULL, which is detected.
         let (model, point, normal) =
             unsafe { (opened(model)?, items("point", point, 3)?, items("normal", normal, 3)?) };
-        // SAFETY: see `place`.
+        // SAFETY: see `output`.
         let (ring_count, point_count) =
-            unsafe { (place("ring_count", ring_count)?, place("point_count", point_count)?) };
+            unsafe { (output("ring_count", ring_count)?, output("point_count", point_count)?) };
         // SAFETY: the caller has the stated capacities there; NULL with a capacity above 0 is
         // detected.
         let (rings, points) = unsafe {
@@ -64,12 +64,12 @@ pub unsafe extern "C" fn spinney_model_section(
         (*ring_count, *point_count) = (0, 0);
         for (number, polygon) in (0..).zip(&found) {
             for (hole, ring) in polygon.rings.iter().enumerate() {
-                let places = points.iter_mut().skip(*point_count);
-                places.zip(ring).for_each(|(place, point)| *place = *point);
+                let outputs = points.iter_mut().skip(*point_count);
+                outputs.zip(ring).for_each(|(output, point)| *output = *point);
                 *point_count += ring.len();
-                if let Some(place) = rings.get_mut(*ring_count) {
+                if let Some(output) = rings.get_mut(*ring_count) {
                     let area = if hole == 0 { polygon.area } else { 0.0 };
-                    *place = spinney_ring { polygon: number, end: *point_count as u64, area };
+                    *output = spinney_ring { polygon: number, end: *point_count as u64, area };
                 }
                 *ring_count += 1;
             }

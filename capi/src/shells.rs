@@ -8,8 +8,8 @@ use engine::raw::brep::topology::{Topology, TopologyOptions};
 use engine::{Codec, ExactModel, Output, SetOperation};
 
 use crate::dataset::path_of;
-use crate::model::{check_size, opened, place, spinney_model};
-use crate::questions::buffer;
+use crate::model::{check_size, opened, output, spinney_model};
+use crate::queries::buffer;
 use crate::status::{Failure, guarded, spinney_status};
 use crate::warnings::Warnings;
 
@@ -45,16 +45,16 @@ pub unsafe extern "C" fn spinney_model_shells(
 ) -> spinney_status {
     guarded(|| {
         check_size("shells", shell_size, size_of::<spinney_shell>())?;
-        // SAFETY: see `opened` and `place`.
-        let (model, count) = unsafe { (opened(model)?, place("count", count)?) };
+        // SAFETY: see `opened` and `output`.
+        let (model, count) = unsafe { (opened(model)?, output("count", count)?) };
         // SAFETY: the caller has the stated capacity there; NULL with a capacity above 0 is
         // detected.
         let shells = unsafe { buffer("shells", shells, capacity, None)? };
         let options = TopologyOptions { memory, path: model.path().to_path_buf() };
         let topology = Topology::of(model, &options, &())?;
         let cube = model.grid().width().powi(3) / 6.0;
-        for (number, (place, found)) in (0..).zip(shells.iter_mut().zip(topology.counts_by_shell())) {
-            *place = spinney_shell {
+        for (number, (output, found)) in (0..).zip(shells.iter_mut().zip(topology.counts_by_shell())) {
+            *output = spinney_shell {
                 vertices: found.vertices,
                 edges: found.edges,
                 faces: found.faces,
@@ -88,7 +88,8 @@ pub unsafe extern "C" fn spinney_model_combine(
             || path.is_null()
             || count > isize::MAX as usize / size_of::<*const spinney_model>()
         {
-            let text = format!("spinney_model_combine: got NULL or {count} models, expected some and a path");
+            let text =
+                format!("spinney_model_combine: got NULL or {count} models, expected models and a path");
             return Err(Failure::invalid(text));
         }
         let operation = u8::try_from(operation)
@@ -103,7 +104,7 @@ pub unsafe extern "C" fn spinney_model_combine(
         // SAFETY: the caller passes a zero-terminated string.
         let path = path_of(unsafe { CStr::from_ptr(path) })?;
         if models.iter().any(|model| model.path() == path) {
-            return Err(Failure::invalid("path: is that of one of the models, expected another file"));
+            return Err(Failure::invalid("path: got that of one of the models, expected another file"));
         }
         combine(operation, &models, Output::create(&path)?, Codec::Plain, memory, &warnings)?;
         Ok(())

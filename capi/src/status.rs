@@ -51,7 +51,7 @@ impl Failure {
     pub(crate) fn stopped() -> Failure {
         Failure {
             status: spinney_status::SPINNEY_STOPPED,
-            text: "the caller's function asked to stop".into(),
+            text: "the caller's function stopped the call".into(),
         }
     }
 
@@ -71,7 +71,7 @@ impl Failure {
     fn panicked(cause: &(dyn Any + Send)) -> Failure {
         let text = cause.downcast_ref::<&str>().map(|text| (*text).to_owned());
         let text = text.or_else(|| cause.downcast_ref::<String>().cloned()).unwrap_or_default();
-        Failure { status: spinney_status::SPINNEY_INTERNAL, text: format!("mistake in the library: {text}") }
+        Failure { status: spinney_status::SPINNEY_INTERNAL, text: format!("bug in the library: {text}") }
     }
 }
 

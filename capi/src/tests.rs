@@ -56,7 +56,7 @@ fn expected(dataset: &Dataset, level: u8, bounds: &Bounds, fill: f64) -> (Vec<u8
 }
 
 #[test]
-fn answers_are_those_of_the_library() {
+fn results_are_those_of_the_library() {
     for name in ["classes.goblin", "elevation.goblin", "rgb.goblin", "ball.goblin", "history.autumn"] {
         for flags in [0, SPINNEY_POSITIONED] {
             let dataset = open_with(&fixture(name), &[], flags).unwrap();
@@ -90,21 +90,21 @@ fn answers_are_those_of_the_library() {
 }
 
 /// Blocks that were passed to `take`.
-struct Taken {
+struct BlockSink {
     blocks: Vec<(spinney_box, Vec<u8>, Vec<u8>)>,
     width: usize,
-    most: usize,
+    limit: usize,
 }
 
 unsafe extern "C" fn take(user: *mut c_void, block: *const spinney_block) -> c_int {
-    let (taken, block) = unsafe { (&mut *user.cast::<Taken>(), &*block) };
+    let (sink, block) = unsafe { (&mut *user.cast::<BlockSink>(), &*block) };
     let count = block.cells.size.iter().product::<u64>() as usize;
     let (samples, valid) = unsafe {
-        let samples = std::slice::from_raw_parts(block.samples.cast::<u8>(), count * taken.width);
+        let samples = std::slice::from_raw_parts(block.samples.cast::<u8>(), count * sink.width);
         (samples.to_vec(), std::slice::from_raw_parts(block.valid, count).to_vec())
     };
-    taken.blocks.push((block.cells, samples, valid));
-    c_int::from(taken.blocks.len() == taken.most)
+    sink.blocks.push((block.cells, samples, valid));
+    c_int::from(sink.blocks.len() == sink.limit)
 }
 
 #[test]
@@ -114,23 +114,23 @@ fn blocks_are_all_of_a_box() {
         engine::open(fixture("elevation.goblin")).unwrap().view(&["scale=3".parse().unwrap()]).unwrap();
     let info = describe(dataset);
     let part = cells([5, 7, 0], [600, 300, 1]);
-    let user = |taken: &mut Taken| std::ptr::from_mut(taken).cast();
-    let mut taken = Taken { blocks: Vec::new(), width: info.cell_size as usize, most: usize::MAX };
-    let read = unsafe { spinney_read_blocks(dataset, info.depth, &part, 0.0, Some(take), user(&mut taken)) };
+    let user = |sink: &mut BlockSink| std::ptr::from_mut(sink).cast();
+    let mut sink = BlockSink { blocks: Vec::new(), width: info.cell_size as usize, limit: usize::MAX };
+    let read = unsafe { spinney_read_blocks(dataset, info.depth, &part, 0.0, Some(take), user(&mut sink)) };
     assert_eq!(read, SPINNEY_OK, "{}", error());
-    assert_eq!(taken.blocks.len(), 3 * 2);
-    for (cells, samples, valid) in &taken.blocks {
+    assert_eq!(sink.blocks.len(), 3 * 2);
+    for (cells, samples, valid) in &sink.blocks {
         let max = std::array::from_fn(|axis| cells.start[axis] + cells.size[axis]);
         let bounds = Bounds { min: cells.start, max };
         assert_eq!((samples.clone(), valid.clone()), expected(&library, info.depth as u8, &bounds, 0.0));
     }
     assert_eq!(
-        taken.blocks.iter().map(|(cells, ..)| cells.size.iter().product::<u64>()).sum::<u64>(),
+        sink.blocks.iter().map(|(cells, ..)| cells.size.iter().product::<u64>()).sum::<u64>(),
         180_000
     );
-    let mut taken = Taken { blocks: Vec::new(), width: info.cell_size as usize, most: 2 };
-    let read = unsafe { spinney_read_blocks(dataset, info.depth, &part, 0.0, Some(take), user(&mut taken)) };
-    assert_eq!((read, taken.blocks.len()), (SPINNEY_STOPPED, 2));
+    let mut sink = BlockSink { blocks: Vec::new(), width: info.cell_size as usize, limit: 2 };
+    let read = unsafe { spinney_read_blocks(dataset, info.depth, &part, 0.0, Some(take), user(&mut sink)) };
+    assert_eq!((read, sink.blocks.len()), (SPINNEY_STOPPED, 2));
     let read = unsafe { spinney_read_blocks(dataset, info.depth, &part, 0.0, None, null_mut()) };
     assert_eq!(read, SPINNEY_INVALID);
     unsafe { spinney_close(dataset) };
@@ -138,8 +138,8 @@ fn blocks_are_all_of_a_box() {
 
 #[test]
 fn views_are_what_is_read() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("noise.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("noise.goblin");
     let form =
         engine::TreeType::new(engine::Dimension::Quad, engine::ValueType::new(engine::SampleType::U8, 1));
     let cell =
@@ -186,14 +186,14 @@ fn points_statistics_classes_and_histograms_agree() {
     let dataset = open("classes.goblin");
     let library = engine::open(fixture("classes.goblin")).unwrap();
     let info = describe(dataset);
-    let places: Vec<[u64; 3]> = (0..40).map(|i| [i * 3, i * 2, 0]).chain([[u64::MAX, 5, 0]]).collect();
-    let (mut samples, mut valid) = (vec![0.0; places.len()], vec![9; places.len()]);
-    let asked = unsafe {
+    let positions: Vec<[u64; 3]> = (0..40).map(|i| [i * 3, i * 2, 0]).chain([[u64::MAX, 5, 0]]).collect();
+    let (mut samples, mut valid) = (vec![0.0; positions.len()], vec![9; positions.len()]);
+    let status = unsafe {
         let (to, flag) = (samples.as_mut_ptr(), valid.as_mut_ptr());
-        spinney_points(dataset, info.depth, places.as_ptr(), places.len(), to, flag)
+        spinney_points(dataset, info.depth, positions.as_ptr(), positions.len(), to, flag)
     };
-    assert_eq!(asked, SPINNEY_OK, "{}", error());
-    for ((place, sample), valid) in places.iter().zip(&samples).zip(valid) {
+    assert_eq!(status, SPINNEY_OK, "{}", error());
+    for ((place, sample), valid) in positions.iter().zip(&samples).zip(valid) {
         let mut value = [Number::default(); 4];
         let is_there = library.point(*place, info.depth as u8, &mut value).unwrap();
         assert_eq!((valid, sample.is_nan()), (is_there.into(), !is_there), "{place:?}");
@@ -210,10 +210,10 @@ fn points_statistics_classes_and_histograms_agree() {
         assert_eq!(found.channels[0].mean, expected.channels[0].mean);
         assert!(found.channels[1].mean.is_nan());
         let (mut values, mut counts, mut count) = (vec![0.0; 99], vec![0; 99], 0);
-        let asked = unsafe {
+        let status = unsafe {
             spinney_classes(dataset, part, values.as_mut_ptr(), counts.as_mut_ptr(), 99, &mut count)
         };
-        assert_eq!((asked, count as u64), (SPINNEY_OK, found.classes));
+        assert_eq!((status, count as u64), (SPINNEY_OK, found.classes));
         let classes: Vec<_> = values.into_iter().zip(counts).take(count).collect();
         assert!(
             classes
@@ -223,13 +223,13 @@ fn points_statistics_classes_and_histograms_agree() {
         );
         // A capacity below the class count.
         let mut one = (0.0, 0);
-        let asked = unsafe { spinney_classes(dataset, part, &mut one.0, &mut one.1, 1, &mut count) };
-        assert_eq!((asked, count, one), (SPINNEY_OK, classes.len(), classes[0]));
+        let status = unsafe { spinney_classes(dataset, part, &mut one.0, &mut one.1, 1, &mut count) };
+        assert_eq!((status, count, one), (SPINNEY_OK, classes.len(), classes[0]));
     }
     let mut bins = [0; 5];
-    let asked = unsafe { spinney_histogram(dataset, null(), 0.0, 5.0, bins.as_mut_ptr(), 5) };
-    assert_eq!(asked, SPINNEY_OK);
-    assert_eq!(bins[..], library.histogram(&library.header().picture(), 0.0, 5.0, 5, &()).unwrap());
+    let status = unsafe { spinney_histogram(dataset, null(), 0.0, 5.0, bins.as_mut_ptr(), 5) };
+    assert_eq!(status, SPINNEY_OK);
+    assert_eq!(bins[..], library.histogram(&library.header().extent_bounds(), 0.0, 5.0, 5, &()).unwrap());
     unsafe { spinney_close(dataset) };
 }
 
@@ -245,8 +245,8 @@ fn metadata_are_a_document() {
 
 #[test]
 fn a_dataset_of_commits_moves_on() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("h.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("h.autumn");
     std::fs::copy(fixture("history.autumn"), &path).unwrap();
     let path = path.to_str().unwrap();
     let (newest, first) =
@@ -272,17 +272,17 @@ fn a_dataset_of_commits_moves_on() {
 
 #[test]
 fn what_makes_no_sense_is_a_code_with_a_text() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let file = |name: &str, bytes: &[u8]| {
-        let path = folder.path().join(name);
+        let path = directory.path().join(name);
         std::fs::write(&path, bytes).unwrap();
         path.to_str().unwrap().to_owned()
     };
     let whole = std::fs::read(fixture("classes.goblin")).unwrap();
-    let missing = folder.path().join("missing.goblin");
+    let missing = directory.path().join("missing.goblin");
     for (path, steps, flags, status, says) in [
         (missing.to_str().unwrap(), vec![], 0, SPINNEY_NOT_FOUND, "missing.goblin"),
-        (folder.path().to_str().unwrap(), vec![], 0, SPINNEY_IO, ""),
+        (directory.path().to_str().unwrap(), vec![], 0, SPINNEY_IO, ""),
         (&file("half.goblin", &whole[..whole.len() / 2]), vec![], 0, SPINNEY_CORRUPT, "half.goblin"),
         (
             &file("text.goblin", b"no tree at all, but long enough to be one, as far as one sees"),
@@ -318,14 +318,14 @@ fn what_makes_no_sense_is_a_code_with_a_text() {
         ("no buffer", read(dataset, 0, &part, null_mut(), 16, null_mut(), 0)),
         ("too small", read(dataset, 0, &part, to, 15, null_mut(), 0)),
         ("too large", read(dataset, 0, &part, to, 17, null_mut(), 0)),
-        ("no room for flags", read(dataset, 0, &part, to, 16, null_mut(), 16)),
+        ("no buffer for flags", read(dataset, 0, &part, to, 16, null_mut(), 16)),
         ("too few flags", read(dataset, 0, &part, to, 16, to, 3)),
         ("too deep", read(dataset, info.depth + 1, &part, to, 16, null_mut(), 0)),
         ("much too deep", read(dataset, u32::MAX, &part, to, 16, null_mut(), 0)),
         ("a box that goes round", read(dataset, 0, &cells([u64::MAX; 3], [1; 3]), to, 16, null_mut(), 0)),
         ("a huge box", read(dataset, 0, &cells([0; 3], [1 << 39; 3]), to, 16, null_mut(), 0)),
-        ("no places", unsafe { spinney_points(dataset, 0, null(), 3, null_mut(), null_mut()) }),
-        ("very many places", unsafe {
+        ("no positions", unsafe { spinney_points(dataset, 0, null(), 3, null_mut(), null_mut()) }),
+        ("very many positions", unsafe {
             spinney_points(dataset, 0, null(), usize::MAX, null_mut(), null_mut())
         }),
         ("no statistics", unsafe { spinney_statistics_of(dataset, null(), null_mut()) }),
@@ -405,7 +405,7 @@ pub(crate) fn open_model(name: &str, flags: u32) -> Result<*mut spinney_model, s
 }
 
 #[test]
-fn exact_models_answer_as_the_library() {
+fn exact_models_have_the_results_of_the_library() {
     use engine::ExactModel;
     use engine::brep::{Faces, Location, MassProperties};
     let library = ExactModel::open(fixture("chapel.goblin").as_ref(), &Default::default()).unwrap();
@@ -434,13 +434,13 @@ fn exact_models_answer_as_the_library() {
         let points: Vec<[f64; 3]> = (0..5000)
             .map(|i| [x + f64::from(i % 29), y + f64::from(i / 29 % 22) + 0.5, z + f64::from(i / 638) * 1.9])
             .collect();
-        let (mut places, mut distances) = (vec![9i8; points.len()], vec![0.0; points.len()]);
+        let (mut positions, mut distances) = (vec![9i8; points.len()], vec![0.0; points.len()]);
         let (from, count) = (points.as_flattened().as_ptr(), points.len());
-        let done = unsafe { spinney_model_locate(model, from, count, places.as_mut_ptr(), count) };
+        let done = unsafe { spinney_model_locate(model, from, count, positions.as_mut_ptr(), count) };
         assert_eq!(done, SPINNEY_OK);
         let done = unsafe { spinney_model_distance(model, from, count, distances.as_mut_ptr(), count) };
         assert_eq!(done, SPINNEY_OK);
-        for ((point, place), distance) in points.iter().zip(&places).zip(&distances) {
+        for ((point, place), distance) in points.iter().zip(&positions).zip(&distances) {
             let expected = match library.locate(*point).unwrap() {
                 Location::Inside => SPINNEY_INSIDE,
                 Location::Outside => SPINNEY_OUTSIDE,
@@ -449,7 +449,7 @@ fn exact_models_answer_as_the_library() {
             assert_eq!(*place, expected, "{point:?}");
             assert_eq!(*distance, library.signed_distance(*point).unwrap(), "{point:?}");
         }
-        assert!([-1, 0, 1].iter().all(|place| places.contains(place)));
+        assert!([-1, 0, 1].iter().all(|place| positions.contains(place)));
         let ray = |origin: [f64; 3], direction: [f64; 3]| {
             let mut hit = std::mem::MaybeUninit::<spinney_hit>::uninit();
             let size = size_of::<spinney_hit>();
@@ -505,8 +505,8 @@ fn integers_of_64_bits_are_exact() {
     use engine::tree::MemTree;
     use engine::{BuildOptions, DataKind, Metadata, Rule, SampleType, TreeType, Value, ValueType};
     const BASE: u64 = (1 << 63) + 3;
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("u.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("u.goblin");
     let form = TreeType::new(engine::Dimension::Quad, ValueType::new(SampleType::U64, 1));
     let number = |x: u64, y: u64| (x != y).then_some(BASE + x / 2 + 4 * (y / 2));
     let cell = |[x, y, _]: [u32; 3]| number(x.into(), y.into()).map(|number| Value::from([number]));
@@ -533,33 +533,33 @@ fn integers_of_64_bits_are_exact() {
         spinney_read_filled(dataset, 3, &all, from, to, 512, valid.as_mut_ptr(), 64)
     };
     assert_eq!(read, SPINNEY_OK, "{}", error());
-    let places: Vec<[u64; 3]> = (0..64).map(|index| [index % 8, index / 8, 0]).collect();
+    let positions: Vec<[u64; 3]> = (0..64).map(|index| [index % 8, index / 8, 0]).collect();
     let (mut found, mut flags) = (vec![7u64; 64], vec![9u8; 64]);
-    let asked = unsafe {
+    let status = unsafe {
         let to = found.as_mut_ptr().cast();
-        spinney_point_samples(dataset, 3, places.as_ptr(), 64, to, 512, flags.as_mut_ptr())
+        spinney_point_samples(dataset, 3, positions.as_ptr(), 64, to, 512, flags.as_mut_ptr())
     };
-    assert_eq!((asked, &flags), (SPINNEY_OK, &valid));
-    for (index, [x, y, _]) in places.iter().enumerate() {
+    assert_eq!((status, &flags), (SPINNEY_OK, &valid));
+    for (index, [x, y, _]) in positions.iter().enumerate() {
         let expected = number(*x, *y);
         assert_eq!((samples[index], valid[index] == 1), (expected.unwrap_or(fill), expected.is_some()));
         assert_eq!(found[index], expected.unwrap_or(0));
     }
     // Extremes and classes.
-    let (mut least, mut greatest) = (0, 0);
+    let (mut min, mut max) = (0, 0);
     let part = cells([2, 0, 0], [3, 2, 1]);
-    let asked = unsafe { spinney_extremes(dataset, &part, place(&mut least), place(&mut greatest), 8) };
-    assert_eq!((asked, least, greatest), (SPINNEY_OK, BASE + 1, BASE + 2));
+    let status = unsafe { spinney_extremes(dataset, &part, place(&mut min), place(&mut max), 8) };
+    assert_eq!((status, min, max), (SPINNEY_OK, BASE + 1, BASE + 2));
     let (mut values, mut counts, mut count) = (vec![0u64; 20], vec![0; 20], 0);
-    let asked = unsafe {
+    let status = unsafe {
         let to = values.as_mut_ptr().cast();
         spinney_class_samples(dataset, null(), to, counts.as_mut_ptr(), 20, &mut count)
     };
-    assert_eq!((asked, count), (SPINNEY_OK, 16));
+    assert_eq!((status, count), (SPINNEY_OK, 16));
     assert_eq!(values[..16], std::array::from_fn::<u64, 16, _>(|index| BASE + index as u64));
     assert_eq!((counts[0], counts[1], counts[5]), (2, 4, 2));
     let wrong =
-        unsafe { spinney_point_samples(dataset, 3, places.as_ptr(), 64, null_mut(), 512, null_mut()) };
+        unsafe { spinney_point_samples(dataset, 3, positions.as_ptr(), 64, null_mut(), 512, null_mut()) };
     assert_eq!(wrong, SPINNEY_INVALID);
     unsafe { spinney_close(dataset) };
     // The sample type u8 can hold the nodata number.

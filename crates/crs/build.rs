@@ -47,8 +47,8 @@ fn main() {
     // dependencies of build scripts with other settings than those of tests, and would compile all
     // dependants of this crate again.)
     let strings: String = known.iter().map(|(code, words)| format!("{code} {}\n", words.join(" "))).collect();
-    let folder = env::var_os("OUT_DIR").expect("Cargo says where to write");
+    let directory = env::var_os("OUT_DIR").expect("Cargo says where to write");
     for (name, contents) in [("definitions", &bytes[..]), ("definitions.txt", strings.as_bytes())] {
-        fs::write(Path::new(&folder).join(name), contents).expect("a file can be written there");
+        fs::write(Path::new(&directory).join(name), contents).expect("a file can be written there");
     }
 }

@@ -96,23 +96,23 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
             })
         }
         "rgb" => {
-            let picture = island.picture();
+            let image = island.image();
             let band_names = ["red", "green", "blue"].map(String::from).to_vec();
             let metadata = Metadata { frame: frame().coarser(2), band_names, ..Metadata::default() };
             let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 3));
             file(path, small, (form, Rule::Mean, DataKind::Continuous, metadata), &|cell| {
-                coarse(cell).map(|i| Value::from(picture[i]))
+                coarse(cell).map(|i| Value::from(image[i]))
             })
         }
         // The sea is transparent but has a colour; snow is half transparent.
         "rgba" => {
-            let picture = island.picture();
+            let image = island.image();
             let band_names = ["red", "green", "blue", "opacity"].map(String::from).to_vec();
             let metadata =
                 Metadata { frame: frame().coarser(2), band_names, alpha: Some(3), ..Metadata::default() };
             let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 4).with_alpha());
             file(path, small, (form, Rule::Mean, DataKind::Continuous, metadata), &|cell| {
-                coarse(cell).map(|i| rgba(island.cover[i], picture[i]))
+                coarse(cell).map(|i| rgba(island.cover[i], image[i]))
             })
         }
         "ball" => {
@@ -235,8 +235,8 @@ pub(crate) fn make_stack(island: &Island, path: &Path) -> Result<()> {
         &(),
     )?;
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 3));
-    let picture = island.picture();
-    let colours = tree(form, depth - 2, Rule::Mean, &|cell| coarse(cell).map(|i| Value::from(picture[i])));
+    let image = island.image();
+    let colours = tree(form, depth - 2, Rule::Mean, &|cell| coarse(cell).map(|i| Value::from(image[i])));
     file.tree(&colours, small, &options(DataKind::Continuous, 2, named("colour", 2)), &())?;
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U64, 1));
     let labels = tree(form, depth, Rule::Majority, &|cell| {

@@ -165,7 +165,7 @@ impl Island {
     }
 
     /// Returns land cover as colours, lit from the north-west.
-    pub(crate) fn picture(&self) -> Vec<[u8; 3]> {
+    pub(crate) fn image(&self) -> Vec<[u8; 3]> {
         let at = |x: usize, y: usize| self.height[y.min(HEIGHT - 1) * WIDTH + x.min(WIDTH - 1)].max(0.0);
         (0..self.height.len())
             .map(|i| {

@@ -16,24 +16,24 @@ use spinney::raw::value::Palette;
 use spinney::{Frame, Metadata, Output, Result, SampleType, ValueType};
 
 fn main() -> Result<()> {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+    let directory = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("fixtures");
     let island = island::make();
-    pictures(&folder, &island)?;
+    write_images(&directory, &island)?;
     if std::env::args().any(|argument| argument == "--frozen") {
         for name in frozen::FILES {
-            frozen::make(name, &island, &folder.join("v1").join(format!("{name}.goblin")))?;
+            frozen::make(name, &island, &directory.join("v1").join(format!("{name}.goblin")))?;
         }
         for (codec, end) in frozen::CODECS {
-            let path = |name: &str| folder.join("v1").join(format!("{name}{end}.goblin"));
+            let path = |name: &str| directory.join("v1").join(format!("{name}{end}.goblin"));
             frozen::make_model(&path(frozen::MODEL), codec)?;
             frozen::make_crossing(&path(frozen::CROSSING), codec)?;
         }
-        let history = folder.join("v1/history.autumn");
+        let history = directory.join("v1/history.autumn");
         // (Files with a history are not replaced.)
         let _ = std::fs::remove_file(&history);
         frozen::make_history(&island, &history)?;
         for name in frozen::STACKS {
-            let path = folder.join("v1").join(name);
+            let path = directory.join("v1").join(name);
             let _ = std::fs::remove_file(&path);
             frozen::make_stack(&island, &path)?;
         }
@@ -59,7 +59,7 @@ fn write(path: &Path, spec: &ImageSpec, bytes: &[u8]) -> Result<()> {
     writer.finish()
 }
 
-fn pictures(folder: &Path, island: &Island) -> Result<()> {
+fn write_images(directory: &Path, island: &Island) -> Result<()> {
     let size = [WIDTH, HEIGHT];
     let frame = Some(frozen::frame());
 
@@ -69,9 +69,9 @@ fn pictures(folder: &Path, island: &Island) -> Result<()> {
     let mut spec_classes = spec(size, SampleType::U8, 1, frame.clone());
     spec_classes.void = true;
     (spec_classes.metadata.nodata, spec_classes.metadata.palette) = (Some(0.into()), palette);
-    write(&folder.join("island_classes.png"), &spec_classes, &classes)?;
+    write(&directory.join("island_classes.png"), &spec_classes, &classes)?;
     spec_classes.metadata.band_names = vec!["land cover".into()];
-    write(&folder.join("island_classes.tif"), &spec_classes, &classes)?;
+    write(&directory.join("island_classes.tif"), &spec_classes, &classes)?;
 
     // Heights: -9999 is no data.
     let nodata = -9999f32;
@@ -80,13 +80,13 @@ fn pictures(folder: &Path, island: &Island) -> Result<()> {
     let mut spec_heights = spec(size, SampleType::F32, 1, frame);
     (spec_heights.void, spec_heights.metadata.nodata) = (true, Some(nodata.into()));
     spec_heights.metadata.band_names = vec!["height".into()];
-    write(&folder.join("island_elevation.tif"), &spec_heights, &heights)?;
+    write(&directory.join("island_elevation.tif"), &spec_heights, &heights)?;
 
-    let picture: Vec<u8> = island.picture().into_iter().flatten().collect();
-    write(&folder.join("island_rgb.png"), &spec(size, SampleType::U8, 3, None), &picture)?;
+    let image: Vec<u8> = island.image().into_iter().flatten().collect();
+    write(&directory.join("island_rgb.png"), &spec(size, SampleType::U8, 3, None), &image)?;
 
     let mut spec_classic = spec([8, 8], SampleType::U8, 1, None);
     let colours = vec![[0, 0, 0, 255], [246, 240, 214, 255], [92, 158, 110, 255], [62, 96, 160, 255]];
     spec_classic.metadata.palette = Some(Palette { colours });
-    write(&folder.join("classic.png"), &spec_classic, &frozen::CLASSIC.concat())
+    write(&directory.join("classic.png"), &spec_classic, &frozen::CLASSIC.concat())
 }

@@ -46,7 +46,7 @@ impl Disk {
 }
 
 impl State {
-    fn may_go_on(&mut self) -> io::Result<()> {
+    fn use_quota(&mut self) -> io::Result<()> {
         match self.good.checked_sub(1) {
             Some(good) => self.good = good,
             None => return Err(io::Error::other("the disk has failed")),
@@ -67,7 +67,7 @@ pub fn put(bytes: &mut Vec<u8>, offset: u64, new: &[u8]) {
 impl WriteBackend for Disk {
     fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
         let mut state = self.state();
-        if let Err(error) = state.may_go_on() {
+        if let Err(error) = state.use_quota() {
             // Half of it arrives.
             let half = &bytes[..bytes.len() / 2];
             put(&mut state.bytes, offset, half);
@@ -80,7 +80,7 @@ impl WriteBackend for Disk {
 
     fn sync(&mut self) -> io::Result<()> {
         let mut state = self.state();
-        state.may_go_on()?;
+        state.use_quota()?;
         state.events.push(Event::Sync);
         Ok(())
     }

@@ -47,8 +47,8 @@ pub fn edit_as(script: &[u8], file: Vec<u8>) {
     if was_good {
         let expected = changed.unwrap();
         let tree = Autumnal::from_bytes(file).and_then(|file| Dataset::of(Arc::new(file).into())).unwrap();
-        assert_eq!(tree.verify(MEMORY, &()).unwrap(), [], "an edit has damaged a good file");
-        assert_eq!(cells(&tree), expected, "an edit has made something else");
+        assert_eq!(tree.verify(MEMORY, &()).unwrap(), [], "a valid file is corrupt after an edit");
+        assert_eq!(cells(&tree), expected, "the cells after an edit differ");
     }
 }
 
@@ -74,8 +74,8 @@ fn change(editor: &mut Editor, script: &[u8], cells: Option<EditedCells>) -> Res
                 fill(&mut cells, Bounds { min: at, max: at.map(|at| at + 1) }, value);
             }
             1 | 2 => {
-                let most = u64::from(what);
-                let max = std::array::from_fn(|axis| (at[axis] + 1 + most).min(extent[axis]));
+                let added = u64::from(what);
+                let max = std::array::from_fn(|axis| (at[axis] + 1 + added).min(extent[axis]));
                 let bounds = Bounds { min: at, max };
                 let edit = Edit::Fill(FillRegion::Box(bounds), sample(value));
                 apply_edits(editor, &mut [Ok(edit)].into_iter(), &())?;
@@ -119,7 +119,7 @@ fn cells(tree: &Dataset) -> Option<EditedCells> {
     if size.iter().any(|cells| *cells > SIDE) {
         return None;
     }
-    let (bounds, width) = (Bounds::picture(size), header.form.width());
+    let (bounds, width) = (Bounds::of_extent(size), header.form.width());
     let count = bounds.volume() as usize;
     let (mut bytes, mut valid) = (vec![0; count * width], vec![false; count]);
     tree.window(tree.depth(), &bounds, 0.0, &mut bytes, Some(&mut valid)).ok()?;
@@ -178,7 +178,7 @@ pub fn autumnal_file(bytes: &[u8]) {
             edited.unwrap();
             let made = made.unwrap();
             let tree = dataset::open(&small, &OpenOptions::new()).unwrap();
-            assert!(is_good(&tree), "compaction has damaged a good file");
+            assert!(is_good(&tree), "the compacted file is corrupt");
             assert_eq!(tree.commit().map(|commit| commit.number), made.last().map(|commit| commit.number));
         }
         let _ = std::fs::remove_file(&small);

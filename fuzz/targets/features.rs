@@ -52,7 +52,7 @@ fn read_features(path: &Path) {
     if let Ok(features) = all(path) {
         // (NaN does not equal itself.)
         let again = all(path).unwrap();
-        assert_eq!(format!("{features:?}"), format!("{again:?}"), "other features the second time");
+        assert_eq!(format!("{features:?}"), format!("{again:?}"), "the second read differs");
     }
     drop(read_polygons(path, &FeatureOptions { memory: MEMORY, ..FeatureOptions::default() }));
 }

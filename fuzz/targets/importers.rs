@@ -24,16 +24,16 @@ const MAX_CELLS: u64 = 1 << 14;
 const MAX_FACES: u32 = 200;
 
 /// A target for each image format, with the same code: the first bytes determine the format.
-macro_rules! pictures {
+macro_rules! images {
     ($($name:ident $file:literal),*) => {
-        $(#[doc = concat!("A picture, as a file with the name `", $file, "`.")]
+        $(#[doc = concat!("An image, as a file with the name `", $file, "`.")]
         pub fn $name(bytes: &[u8]) {
-            in_file($file, bytes, read_picture);
+            in_file($file, bytes, read_image);
         })*
     };
 }
 
-pictures!(
+images!(
     tiff "a.tif", png "a.png", exr "a.exr", jpeg "a.jpg", webp "a.webp", chain_code "a.chain", bmp "a.bmp", gif "a.gif", hdr "a.hdr", pnm "a.pgm",
     qoi "a.qoi", tga "a.tga"
 );
@@ -46,31 +46,31 @@ pub fn hgt(bytes: &[u8]) {
     let name = if Path::new(&name).file_name().is_some() { name } else { "N46E008.hgt".into() };
     in_file(&name, bytes, |path| {
         std::fs::File::options().write(true).open(path).and_then(|file| file.set_len(LENGTH)).unwrap();
-        read_picture(path);
+        read_image(path);
         std::fs::remove_file(path).unwrap();
     });
 }
 
 /// A grey pixel.
-const PICTURE: &[u8] = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01\x08\0\0\0\0:~\x9bU\0\0\0\nIDATx\x9cc`\x07\0\0\x09\0\x08 #\xc3\x8c\0\0\0\0IEND\xaeB`\x82";
+const GREY_PIXEL: &[u8] = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01\x08\0\0\0\0:~\x9bU\0\0\0\nIDATx\x9cc`\x07\0\0\x09\0\x08 #\xc3\x8c\0\0\0\0IEND\xaeB`\x82";
 
 /// GDAL's sidecar file of an image.
 pub fn sidecar(bytes: &[u8]) {
-    in_file("c.png.aux.xml", bytes, |_| in_file("c.png", PICTURE, read_picture));
+    in_file("c.png.aux.xml", bytes, |_| in_file("c.png", GREY_PIXEL, read_image));
 }
 
 /// A world file of an image.
 pub fn world_file(bytes: &[u8]) {
-    in_file("b.pgw", bytes, |_| in_file("b.png", PICTURE, read_picture));
+    in_file("b.pgw", bytes, |_| in_file("b.png", GREY_PIXEL, read_image));
 }
 
 /// GDAL's virtual raster, with an image that may be its source.
 pub fn vrt(bytes: &[u8]) {
-    in_file("d.png", PICTURE, |_| in_file("d.vrt", bytes, read_picture));
+    in_file("d.png", GREY_PIXEL, |_| in_file("d.vrt", bytes, read_image));
 }
 
 /// Reads an image, and builds it if it is small: the built tree must be valid.
-fn read_picture(path: &Path) {
+fn read_image(path: &Path) {
     let Ok(is_small) = read_pixels(path) else { return };
     if !is_small {
         return;
@@ -134,7 +134,7 @@ fn read_mesh(path: &Path) -> Result<()> {
         Ok::<_, Error>((faces, corners))
     };
     let (faces, corners) = count()?;
-    assert_eq!(count()?, (faces, corners), "another model the second time");
+    assert_eq!(count()?, (faces, corners), "the second read differs");
     if faces > MAX_FACES {
         return Ok(());
     }
@@ -155,14 +155,14 @@ fn read_mesh(path: &Path) -> Result<()> {
     )?;
     let model = ExactModel::open(&built, &OpenOptions::new())?;
     assert_eq!(model.verify(16 << 20, &()).unwrap(), []);
-    super::models::questions(&model).unwrap();
+    super::models::fast_queries(&model).unwrap();
     Ok(())
 }
 
 /// Cells with values, in the text format or as a NumPy array, for a quadtree of bytes.
 pub fn cells(bytes: &[u8]) {
     thread_local! {
-        static TREE: Goblin = Goblin::from_bytes(super::texts::CLASSIC.to_vec()).unwrap();
+        static TREE: Goblin = Goblin::from_bytes(super::text_formats::CLASSIC.to_vec()).unwrap();
     }
     in_file("cells", bytes, |path| {
         TREE.with(|tree| {

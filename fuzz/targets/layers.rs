@@ -15,7 +15,7 @@ use spinney::{
 
 use super::files::in_file;
 use super::seal;
-use super::trees::{MAX_RECORDS, is_good, long_questions, questions};
+use super::trees::{MAX_RECORDS, fast_queries, is_good, slow_queries};
 
 /// Maximum number of layers that are queried.
 const MAX_LAYERS: usize = 8;
@@ -26,25 +26,25 @@ pub fn goblin_layers(bytes: &[u8]) {
     let mut file = bytes.to_vec();
     seal::goblin_end(&mut file);
     seal::goblin(&mut file);
-    ask_goblin_layers(&file);
+    query_goblin_layers(&file);
 }
 
 /// Runs all queries of a Goblin file and its layers.
-pub fn ask_goblin_layers(file: &[u8]) {
-    in_file("layers.goblin", file, |path| ask(path, "converted.autumn"));
+pub fn query_goblin_layers(file: &[u8]) {
+    in_file("layers.goblin", file, |path| query_layers(path, "converted.autumn"));
 }
 
 /// An Autumnal file of any number of layers, packed (see [`seal::packed`]), whose checksums are
 /// corrected.
 pub fn autumnal_layers(bytes: &[u8]) {
     if let Some(file) = seal::unpacked(bytes) {
-        ask_autumnal_layers(&file);
+        query_autumnal_layers(&file);
     }
 }
 
 /// Runs all queries of an Autumnal file and its layers, and edits them.
-pub fn ask_autumnal_layers(file: &[u8]) {
-    in_file("layers.autumn", file, |path| ask(path, "converted.goblin"));
+pub fn query_autumnal_layers(file: &[u8]) {
+    in_file("layers.autumn", file, |path| query_layers(path, "converted.goblin"));
 }
 
 fn open(path: &Path) -> Result<Dataset> {
@@ -60,7 +60,7 @@ fn layers(tree: &Dataset) -> Result<(usize, Vec<Dataset>)> {
 
 /// Runs all queries of a file. If verification finds no defects, no query may fail, and files
 /// derived from it have the same cells.
-fn ask(path: &Path, converted: &str) {
+fn query_layers(path: &Path, converted: &str) {
     let Ok(tree) = open(path) else { return };
     let (count, trees) = match layers(&tree) {
         Ok(layers) => layers,
@@ -68,20 +68,20 @@ fn ask(path: &Path, converted: &str) {
             // The layers that can still be opened.
             (0..MAX_LAYERS).for_each(|number| {
                 if let Ok(layer) = tree.layer(&number.to_string()) {
-                    let _ = questions(&layer);
+                    let _ = fast_queries(&layer);
                 }
             });
             return;
         }
     };
-    let quick: Vec<Result<bool>> = trees.iter().map(questions).collect();
+    let quick: Vec<Result<bool>> = trees.iter().map(fast_queries).collect();
     let is_small = |tree: &Dataset| {
         matches!(tree.level_counts(MAX_RECORDS, &()), Ok(Some(_))) && tree.stored_records() <= MAX_RECORDS
     };
     if count > MAX_LAYERS || !trees.iter().all(is_small) {
         return;
     }
-    let slow: Vec<Result<bool>> = trees.iter().map(long_questions).collect();
+    let slow: Vec<Result<bool>> = trees.iter().map(slow_queries).collect();
     let was_good = is_good(&tree);
     if was_good {
         assert!(quick.into_iter().all(Result::unwrap), "a window and a point differ");
@@ -117,14 +117,14 @@ fn ask(path: &Path, converted: &str) {
     };
     if was_good {
         has_changed.unwrap();
-        assert!(is_good(&open(path).unwrap()), "a change has damaged a good file");
+        assert!(is_good(&open(path).unwrap()), "a valid file is corrupt after a change");
     }
 }
 
 /// Asserts that a file has the same cells as some layers, and is valid.
 fn same(path: &Path, expected: &[Dataset], what: &str) {
     let tree = open(path).unwrap();
-    assert!(is_good(&tree), "{what} has made a bad file");
+    assert!(is_good(&tree), "{what}: the file is corrupt");
     let (count, found) = layers(&tree).unwrap();
     assert_eq!(count, expected.len(), "{what}");
     for (found, expected) in found.iter().zip(expected) {
@@ -134,13 +134,13 @@ fn same(path: &Path, expected: &[Dataset], what: &str) {
         assert!(a == b && found.depth() == expected.depth(), "{what}");
         let cells = |tree: &Dataset| {
             let size = tree.header().extent.map(|cells| cells.min(64));
-            let bounds = Bounds::picture(size);
+            let bounds = Bounds::of_extent(size);
             let mut bytes = vec![0; bounds.volume() as usize * tree.header().form.width()];
             tree.window(tree.depth(), &bounds, 0.0, &mut bytes, None).unwrap();
             let statistics = tree.statistics(None, &()).unwrap();
             (bytes, statistics.cells, format!("{:?}", statistics.classes))
         };
-        assert!(cells(found) == cells(expected), "{what} has made something else");
+        assert!(cells(found) == cells(expected), "{what}: cells differ");
     }
 }
 
@@ -186,7 +186,7 @@ fn change_autumnal(path: &Path, was_good: bool, trees: &[Dataset]) -> Result<()>
     let _ = std::fs::remove_file(&small);
     for target in [path, &small] {
         if was_good {
-            same(target, trees, "going back");
+            same(target, trees, "revert");
         }
         if target == path {
             let output = Output::create(&small)?;

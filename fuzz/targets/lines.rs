@@ -15,17 +15,17 @@ pub fn lines_read(bytes: &[u8]) {
     let mut file = bytes.to_vec();
     seal::goblin_end(&mut file);
     seal::goblin(&mut file);
-    ask_lines(file);
+    query_lines(file);
 }
 
 /// Runs all queries of a line tree's file. If verification finds no defects, no query may fail.
-pub fn ask_lines(file: Vec<u8>) {
+pub fn query_lines(file: Vec<u8>) {
     let checksum = crc32c::crc32c(&file);
     let Ok(tree) = LineTree::from_backend(Path::new("(fuzz)"), trees::backend(file), &OpenOptions::new())
     else {
         return;
     };
-    let asked = questions(&tree);
+    let outcome = fast_queries(&tree);
     // (Only for some files.)
     if checksum.is_multiple_of(32) {
         in_file("lines.geojson", b"", |path| {
@@ -34,12 +34,12 @@ pub fn ask_lines(file: Vec<u8>) {
         });
     }
     if tree.verify(1 << 20, &()).unwrap().is_empty() {
-        asked.unwrap();
+        outcome.unwrap();
     }
 }
 
 /// Runs all fast queries.
-fn questions(tree: &LineTree) -> Result<()> {
+fn fast_queries(tree: &LineTree) -> Result<()> {
     let grid = tree.grid();
     let _ = (tree.len(), tree.segments(), tree.leaf_size(), tree.bytes(), tree.attributes(), tree.metadata());
     let mut done = Ok(());

@@ -3,6 +3,7 @@
 //!
 //! `fuzz/run` runs them under libFuzzer; `cargo test` replays `fuzz/corpus/`.
 
+mod batches;
 pub mod disk;
 pub mod edits;
 mod features;
@@ -11,11 +12,11 @@ mod importers;
 pub mod layers;
 pub mod lines;
 pub mod models;
-mod rounds;
 pub mod seal;
-mod texts;
+mod text_formats;
 pub mod trees;
 
+pub use batches::batches;
 pub use edits::{autumnal_edit, autumnal_file};
 pub use features::{feature_table, flatgeobuf, geojson, geopackage, shapefile, shapefile_table};
 pub use importers::{
@@ -25,8 +26,7 @@ pub use importers::{
 pub use layers::{autumnal_layers, goblin_layers};
 pub use lines::lines_read;
 pub use models::model_read;
-pub use rounds::rounds;
-pub use texts::{bintree_text, calculation_text, crs_text, df_text, step_text};
+pub use text_formats::{bintree_text, calculation_text, crs_text, df_text, step_text};
 pub use trees::{autumnal_read, goblin_read};
 
 /// Function of bytes that is fuzzed.
@@ -38,6 +38,7 @@ pub const TARGETS: [(&str, Target); 44] = [
     ("autumnal_file", autumnal_file),
     ("autumnal_layers", autumnal_layers),
     ("autumnal_read", autumnal_read),
+    ("batches", batches),
     ("bintree_text", bintree_text),
     ("bmp", bmp),
     ("calculation_text", calculation_text),
@@ -67,7 +68,6 @@ pub const TARGETS: [(&str, Target); 44] = [
     ("png", png),
     ("pnm", pnm),
     ("qoi", qoi),
-    ("rounds", rounds),
     ("shapefile", shapefile),
     ("shapefile_table", shapefile_table),
     ("sidecar", sidecar),

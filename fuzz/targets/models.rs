@@ -19,17 +19,17 @@ pub fn model_read(bytes: &[u8]) {
     let mut file = bytes.to_vec();
     seal::goblin_end(&mut file);
     seal::goblin(&mut file);
-    ask_model(file);
+    query_model(file);
 }
 
 /// Runs all queries of an exact model's file. If verification finds no defects, no query may fail.
-pub fn ask_model(file: Vec<u8>) {
+pub fn query_model(file: Vec<u8>) {
     let Ok(model) =
         ExactModel::from_backend(Path::new("(fuzz)"), trees::backend(file.clone()), &OpenOptions::new())
     else {
         return;
     };
-    let asked = questions(&model);
+    let outcome = fast_queries(&model);
     // (Slower operations, only for some files.)
     if crc32c::crc32c(&file) % 32 < 2 {
         // (Faces that bound no body may not form a surface that can be written or traversed.)
@@ -44,12 +44,12 @@ pub fn ask_model(file: Vec<u8>) {
         });
     }
     if model.verify(64 << 20, &()).unwrap().is_empty() {
-        asked.unwrap();
+        outcome.unwrap();
     }
 }
 
 /// Runs all fast queries.
-pub fn questions(model: &ExactModel) -> Result<()> {
+pub fn fast_queries(model: &ExactModel) -> Result<()> {
     let grid = model.grid();
     let _ = (model.nodes().total(), model.sections(), model.segments(), model.metadata());
     assert!(model.depth() <= grid.bits && !model.parts().is_empty());
@@ -65,9 +65,9 @@ pub fn questions(model: &ExactModel) -> Result<()> {
     note(tables(model));
     note(model.root().and_then(|root| nodes(model, &root)));
     // Vertices of faces, points between them, and points that are far off the grid or NaN.
-    let most = (1 << grid.bits) - 1;
+    let max = (1 << grid.bits) - 1;
     let mut points: Vec<[f64; 3]> =
-        [[0; 3], [most; 3], [most / 2, 1, most / 3]].map(|point| grid.to_world(point)).into();
+        [[0; 3], [max; 3], [max / 2, 1, max / 3]].map(|point| grid.to_world(point)).into();
     let mut buffer = FaceBuffer::default();
     for number in [0, 1, 7, model.len().saturating_sub(1)] {
         if model.face(number, &mut buffer).is_ok() {
@@ -102,8 +102,8 @@ pub fn questions(model: &ExactModel) -> Result<()> {
         }
     }
     for level in [0, model.depth() / 2, grid.bits] {
-        let most = ((1u64 << level) - 1) as u32;
-        for position in [[0; 3], [most; 3], [most / 2, 0, most]] {
+        let max = ((1u64 << level) - 1) as u32;
+        for position in [[0; 3], [max; 3], [max / 2, 0, max]] {
             note(model.cell_coverage(level, position, &()).map(drop));
         }
     }
@@ -115,14 +115,14 @@ fn tables(model: &ExactModel) -> Result<()> {
     model.formula()?;
     model.file_attributes()?;
     let count = model.parts_with_attributes()?;
-    let mut told = 0;
+    let mut with_attributes = 0;
     for (part, name) in (0..).zip(model.parts()) {
-        told += u64::from(model.part_attributes(part)?.is_some());
+        with_attributes += u64::from(model.part_attributes(part)?.is_some());
         let found = model.part_number(name)?;
         assert!(found.is_none_or(|found| &model.parts()[found as usize] == name));
     }
     // (Attributes may refer to parts that do not exist.)
-    assert!(told <= count);
+    assert!(with_attributes <= count);
     for column in 0..model.part_columns()?.len() as u32 {
         model.each_part_value(column, &mut |_, _| Ok(()))?;
     }

@@ -211,8 +211,8 @@ pub fn goblin(file: &mut [u8]) {
 /// Seals the blocks or segments that the entries of a list refer to.
 fn blocks(file: &mut [u8], (start, end): (usize, usize), size: usize) {
     for entry in (start..end).step_by(size).filter(|entry| entry + size <= end) {
-        if let Some(piece) = part(file, long(file, entry + 8), short(file, entry + 16).into()) {
-            let checksum = crc32c::crc32c(piece);
+        if let Some(block) = part(file, long(file, entry + 8), short(file, entry + 16).into()) {
+            let checksum = crc32c::crc32c(block);
             set_short(file, entry + 20, checksum);
         }
     }

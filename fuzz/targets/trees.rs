@@ -10,7 +10,7 @@ use spinney::raw::store::autumnal::Autumnal;
 use spinney::raw::store::goblin::Goblin;
 use spinney::{Bounds, Dataset, Number, OpenOptions, Result};
 
-use super::rounds::far;
+use super::batches::range_file;
 use super::seal;
 
 /// Bytes that must be copied, as those of files that are read at offsets.
@@ -36,7 +36,7 @@ pub fn backend(file: Vec<u8>) -> Box<dyn ReadBackend> {
     match crc32c::crc32c(&file) % 4 {
         0 => Box::new(Copied(file)),
         // (A cache that hardly any range fits into, or a large one.)
-        1 => Box::new(far(Arc::new(file), 1 << 10 << (file_length % 11), 64)),
+        1 => Box::new(range_file(Arc::new(file), 1 << 10 << (file_length % 11), 64)),
         _ => Box::new(file),
     }
 }
@@ -46,31 +46,31 @@ pub fn goblin_read(bytes: &[u8]) {
     let mut file = bytes.to_vec();
     seal::goblin_end(&mut file);
     seal::goblin(&mut file);
-    ask_goblin(file);
+    query_goblin(file);
 }
 
 /// Runs all queries of a Goblin file.
-pub fn ask_goblin(file: Vec<u8>) {
+pub fn query_goblin(file: Vec<u8>) {
     let Ok(file) = Goblin::from_backend(Path::new("(fuzz)"), backend(file), &OpenOptions::new()) else {
         return;
     };
     if let Ok(tree) = Dataset::of(file.into()) {
-        ask(&tree);
+        query_tree(&tree);
     }
 }
 
 /// An Autumnal file, packed (see [`seal::packed`]), whose checksums are corrected.
 pub fn autumnal_read(bytes: &[u8]) {
     if let Some(file) = seal::unpacked(bytes) {
-        ask_autumnal(file);
+        query_autumnal(file);
     }
 }
 
 /// Runs all queries of an Autumnal file.
-pub fn ask_autumnal(file: Vec<u8>) {
+pub fn query_autumnal(file: Vec<u8>) {
     let Ok(file) = Autumnal::from_bytes(file) else { return };
     if let Ok(tree) = Dataset::of(Arc::new(file).into()) {
-        ask(&tree);
+        query_tree(&tree);
     }
 }
 
@@ -82,14 +82,14 @@ const SIDE: u64 = 24;
 
 /// Runs all queries of a tree. If verification finds no defects, no query may fail, and the results
 /// must be consistent.
-pub fn ask(tree: &Dataset) {
+pub fn query_tree(tree: &Dataset) {
     let is_small =
         matches!(tree.level_counts(MAX_RECORDS, &()), Ok(Some(_))) && tree.stored_records() <= MAX_RECORDS;
-    let quick = questions(tree);
+    let quick = fast_queries(tree);
     if !is_small {
         return;
     }
-    let slow = long_questions(tree);
+    let slow = slow_queries(tree);
     if is_good(tree) {
         assert!(quick.unwrap(), "a window and a point differ");
         assert!(slow.unwrap(), "statistics and counts differ");
@@ -101,14 +101,14 @@ pub fn is_good(tree: &Dataset) -> bool {
     tree.verify(1 << 20, &()).is_ok_and(|findings| findings.is_empty())
 }
 
-/// Returns a box of cells in the middle of a raster, along no axis longer than `most`.
-fn middle(size: [u64; 3], most: u64) -> Bounds {
+/// Returns a box of cells in the middle of a raster, along no axis longer than `max_cells`.
+fn middle(size: [u64; 3], max_cells: u64) -> Bounds {
     let min = size.map(|cells| cells / 3);
-    Bounds { min, max: std::array::from_fn(|axis| size[axis].min(min[axis] + most)) }
+    Bounds { min, max: std::array::from_fn(|axis| size[axis].min(min[axis] + max_cells)) }
 }
 
 /// Runs queries that are fast whatever the tree is; returns whether the results are consistent.
-pub(super) fn questions(tree: &Dataset) -> Result<bool> {
+pub(super) fn fast_queries(tree: &Dataset) -> Result<bool> {
     let header = tree.header();
     let (depth, width) = (tree.depth(), header.form.width());
     let (mut done, mut fits) = (Ok(()), true);
@@ -117,7 +117,7 @@ pub(super) fn questions(tree: &Dataset) -> Result<bool> {
             done = result;
         }
     };
-    let all = Bounds::picture(header.extent);
+    let all = Bounds::of_extent(header.extent);
     for level in [0, depth / 2, depth] {
         let size = tree.extent_at(level).max;
         for bounds in [middle(size, SIDE), Bounds { min: [0; 3], max: size.map(|cells| cells.min(SIDE)) }] {
@@ -147,8 +147,8 @@ pub(super) fn questions(tree: &Dataset) -> Result<bool> {
 }
 
 /// Runs queries that may read every node; returns whether the results are consistent.
-pub(super) fn long_questions(tree: &Dataset) -> Result<bool> {
-    let all = Bounds::picture(tree.header().extent);
+pub(super) fn slow_queries(tree: &Dataset) -> Result<bool> {
+    let all = Bounds::of_extent(tree.header().extent);
     let mut count = 0;
     tree.find(Condition::Above(1.0.into()), None, &(), &mut |_| {
         count += 1;

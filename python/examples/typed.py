@@ -8,9 +8,9 @@ import numpy.typing as npt
 import spinney
 
 
-def tour(picture: str) -> float:
+def tour(raster: str) -> float:
     """Builds a tree from a raster, queries and edits it, and returns the share of changed cells."""
-    spinney.build(picture, "map.goblin", memory="256M")
+    spinney.build(raster, "map.goblin", memory="256M")
     with spinney.open("map.goblin") as ds:
         window: npt.NDArray[np.generic] = ds.read(1, window=(0, 0, 64, 64))
         coarse = ds.level(max(ds.depth - 3, 0))[...]

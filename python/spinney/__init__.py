@@ -22,12 +22,12 @@ Point trees are built by `build_points` and opened by `open_points`::
 
     with spinney.open_points("scan.goblin") as points:
         points.read(window=(500100, 5200100, 500300, 5200250))
-        points.nearest(places, k=3)
+        points.nearest(positions, k=3)
 
 Line trees are built by `build_lines` and opened by `open_lines`::
 
     with spinney.open_lines("roads.goblin") as roads:
-        distances, features, places = roads.nearest(houses)
+        distances, features, positions = roads.nearest(houses)
 
 Trees are built from raster files, models of solids and arrays (`build`) or from other trees
 (`transform`, `combine`), and edited in place (`edit`). With xarray installed,

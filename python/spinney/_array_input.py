@@ -11,7 +11,7 @@ import numpy as np
 from ._files import MEMORY
 from ._options import packing_of, refuse
 from ._progress import memory_of
-from ._stack import GivenLayers, layers_of, one_layer, stack_layers
+from ._stack import InputLayers, layers_of, one_layer, stack_layers
 from ._times import text_of_time
 from ._metadata import crs_text
 
@@ -23,12 +23,12 @@ _OPTIONS: dict[str, Any] = {
 }
 
 
-def given_layers(source: Any, memory: int | str = MEMORY, **options: Any) -> GivenLayers:
+def input_layers(source: Any, memory: int | str = MEMORY, **options: Any) -> InputLayers:
     """Returns the layers that `spinney.build` makes of arrays with these options, without reading
     them. Dask chunks are cached within the memory limit.
     """
     if unknown := sorted(options.keys() - _OPTIONS.keys()):
-        raise TypeError(f"{', '.join(unknown)}: not for arrays that are built in shards")
+        raise TypeError(f"{', '.join(unknown)}: not supported for arrays that are built in shards")
     said = _OPTIONS | options
     packing = packing_of(said["codec"], said["max_error"])
     common = {name: said[name] for name in ("kind", "rule", "nodata", "depth")} | {"crs": crs_text(said["crs"])}
@@ -46,7 +46,7 @@ def given_layers(source: Any, memory: int | str = MEMORY, **options: Any) -> Giv
     return given
 
 
-def _keep_chunks(given: GivenLayers, memory: int) -> None:
+def _keep_chunks(given: InputLayers, memory: int) -> None:
     """Has Dask arrays read chunk by chunk, with `memory` for the cached chunks of all layers."""
     each = memory // max(1, len(given.layers))
     for layer in given.layers:
@@ -58,7 +58,7 @@ def _keep_chunks(given: GivenLayers, memory: int) -> None:
                 setattr(blocks, name, Chunks(array, each // 2))
 
 
-def chunks_of(given: GivenLayers) -> list[Chunks]:
+def chunks_of(given: InputLayers) -> list[Chunks]:
     """Returns the Dask arrays that layers are read from."""
     arrays = [getattr(layer["read"].__self__, name) for layer in given.layers for name in ("source", "mask")]
     return [array for array in arrays if isinstance(array, Chunks)]
@@ -114,15 +114,15 @@ class Chunks:
             made[tuple(slice(first, first + length) for first, length in zip(at, cut.shape))] = cut
         return made
 
-    def _computed(self, places: list[tuple[int, ...]]) -> dict[tuple[int, ...], Any]:
+    def _computed(self, positions: list[tuple[int, ...]]) -> dict[tuple[int, ...], Any]:
         """Returns chunks, computing those that are not cached."""
-        missing = [place for place in places if place not in self.kept]
+        missing = [place for place in positions if place not in self.kept]
         found = dict(zip(missing, _dask().compute(*(self.array.blocks[place] for place in missing), scheduler=self.scheduler)))
-        for place in places:
+        for place in positions:
             if place in self.kept:
                 self.kept.move_to_end(place)
                 found[place] = self.kept[place]
         self.kept |= {place: found[place] for place in missing}
         while len(self.kept) > 1 and sum(chunk.nbytes for chunk in self.kept.values()) > self.memory:
             self.kept.popitem(last=False)
-        return {place: found[place] for place in places}
+        return {place: found[place] for place in positions}

@@ -42,10 +42,10 @@ def corner(window: Any, axes: int) -> tuple[list[float], list[float]]:
     if numbers.shape not in ((4,), (6,)) or not np.isfinite(numbers).all():
         raise TypeError(f"window: expected (column, row, width, height) in cells, got {window!r}")
     if len(numbers) != 2 * axes:
-        raise ValueError(f"window: {len(numbers) // 2} axes, the tree has {axes}")
+        raise ValueError(f"window: got {len(numbers) // 2} axes, expected {axes}")
     first, size = numbers[:axes].tolist(), numbers[axes:].tolist()
     if min(size) <= 0:
-        raise ValueError(f"window: {' x '.join(f'{length:g}' for length in size)} cells, expected more than 0 along each axis")
+        raise ValueError(f"window: got {' x '.join(f'{length:g}' for length in size)} cells, expected more than 0 along each axis")
     return first, size
 
 
@@ -63,10 +63,10 @@ def boundless(tree: Dataset, bands: int | list[int] | None, window: Any, sizes: 
     shape = tree._shape_at(None)[::-1]
     fill = _fill(tree, fill, want_mask, _sticks_out(first, size, shape))
     if exact and out_shape is None:
-        raise ValueError("exact: is for out_shape")
+        raise ValueError("exact: needs out_shape")
     if out_shape is not None:
         if level is not None:
-            raise ValueError("out_shape and level: give one of them")
+            raise ValueError("out_shape, level: got both, expected one of them")
         return _boundless_resampled(tree, bands, (first, size, shape), _out_size(tree, bands, out_shape), exact, want_mask, fill)
     shift = _shift(tree, level)
     # In cells of the level: those that the window covers, and those of them in the raster.
@@ -121,16 +121,16 @@ def fractional(tree: Dataset, bands: int | list[int] | None, window: Any, sizes:
     """
     level, out_shape, exact = sizes
     if exact:
-        raise ValueError("exact: is for windows of whole cells")
+        raise ValueError("exact: needs a window of whole cells")
     first, size = corner(window, tree.ndim)
     shape = tree._shape_at(None)[::-1]
     sticks_out = _sticks_out(first, size, shape)
     if not may_stick_out and sticks_out:
         all_cells = " x ".join(map(str, shape))
-        raise IndexError(f"window: sticks out of the {all_cells} cells; boundless=True reads VOID there")
+        raise IndexError(f"window: extends beyond the {all_cells} cells; boundless=True reads VOID there")
     fill, shift = _fill(tree, fill, want_mask, sticks_out), _shift(tree, level)
     if out_shape is not None and level is not None:
-        raise ValueError("out_shape and level: give one of them")
+        raise ValueError("out_shape, level: got both, expected one of them")
     start = np.array(first[::-1]) / 2.0**shift
     length = np.array(size[::-1]) / 2.0**shift
     wanted = [max(1, int(np.floor(cells + 0.5))) for cells in length] if out_shape is None else list(_out_size(tree, bands, out_shape))
@@ -175,7 +175,7 @@ def _fill(tree: Dataset, fill: float | None, want_mask: bool, sticks_out: bool) 
     if fill is not None or not sticks_out:
         return fill
     if not want_mask and not tree._has_free_number():
-        raise ValueError(f"VOID cells: every number of {tree.dtype} is a value, and none is left for them; read with masked=True, or choose a number (fill=)")
+        raise ValueError(f"VOID cells: every number of {tree.dtype} is a value, so no number can represent VOID; read with masked=True, or give a number as fill=")
     return tree.fill_value
 
 
@@ -194,18 +194,18 @@ def _shift(tree: Dataset, level: int | None) -> int:
     """Returns the number of levels above the deepest one."""
     shift = 0 if level is None else tree.depth - level
     if not 0 <= shift <= tree.depth:
-        raise ValueError(f"level: {level}, the tree's levels are 0 to {tree.depth}")
+        raise ValueError(f"level: got {level}, expected 0 to {tree.depth}")
     return shift
 
 
 def _out_size(tree: Dataset, bands: int | list[int] | None, shape: Any) -> tuple[int, int]:
     """Returns rows and columns from `(rows, columns)` or `(bands, rows, columns)`."""
     if tree.ndim == 3:
-        raise ValueError("out_shape: octrees are read by level; see `slice`")
+        raise ValueError("out_shape: got an octree, expected a quadtree; read octrees by level, or see `slice`")
     count = 1 if isinstance(bands, int) else tree.count if bands is None else len(bands)
     sizes = [index(length) for length in shape]
     if len(sizes) not in (2, 3) or (len(sizes) == 3 and sizes[0] != count) or min(sizes) < 1:
-        raise ValueError(f"out_shape: {shape!r}, expected (rows, columns) or ({count}, rows, columns)")
+        raise ValueError(f"out_shape: got {shape!r}, expected (rows, columns) or ({count}, rows, columns)")
     return sizes[-2], sizes[-1]
 
 
@@ -243,7 +243,7 @@ def _position(point: Any, axes: int) -> Sequence[float]:
         raise TypeError(f"points: got a geometry of type {document.get('type')}, expected a point")
     place: Sequence[float] = document["coordinates"] or (np.nan,) * axes
     if len(place) < axes:
-        raise ValueError(f"points: {len(place)} coordinates, expected {axes}")
+        raise ValueError(f"points: got {len(place)} coordinates, expected {axes}")
     return place[:axes]
 
 
@@ -251,7 +251,7 @@ def points_of(points: Points, axes: int, name: str = "points") -> npt.NDArray[np
     """Returns points as an array with a row each."""
     given, crs = coordinates_of_points(points, axes)
     if crs is not None:
-        raise TypeError(f"{name}: points with a coordinate system of their own; bring them to the file's, and give rows of {axes} numbers")
+        raise TypeError(f"{name}: got points with a coordinate system of their own, expected rows of {axes} numbers in the file's system; reproject them")
     if not hasattr(given, "__array__") and isinstance(given, Iterable):
         given = list(given)
     try:
@@ -259,7 +259,7 @@ def points_of(points: Points, axes: int, name: str = "points") -> npt.NDArray[np
     except (TypeError, ValueError) as error:
         raise TypeError(f"{name}: expected rows of {axes} numbers: {error}") from None
     if np.iscomplexobj(given):
-        raise TypeError(f"{name}: expected rows of {axes} numbers, got complex ones")
+        raise TypeError(f"{name}: got complex numbers, expected rows of {axes} real numbers")
     if array.size == 0:
         array = array.reshape(0, axes)
     if array.ndim != 2 or array.shape[1] != axes:
@@ -281,9 +281,9 @@ def of_layers(tree: Any, layers: Any, options: dict[str, Any]) -> Array:
     if not opened:
         raise ValueError("layers: expected at least one name")
     if len({layer.shape for layer in opened}) > 1 and options.get("out_shape") is None:
-        raise ValueError("layers: of cells of different sizes; give out_shape and coordinates, or read them one by one")
+        raise ValueError("layers: their cells have different sizes; give out_shape and coordinates, or read the layers one by one")
     if len({layer.shape for layer in opened}) > 1 and options.get("window") is not None and options.get("coordinates") is None:
-        raise ValueError("layers: of cells of different sizes; give the window in other coordinates, such as 'world'")
+        raise ValueError("layers: their cells have different sizes; give the window in other coordinates, such as 'world'")
     parts = [layer.read(**options) for layer in opened]
     parts = [part if part.ndim > tree.ndim else part[np.newaxis] for part in parts]
     join: Any = np.ma.concatenate if options.get("masked") else np.concatenate

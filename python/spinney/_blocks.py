@@ -22,7 +22,7 @@ class Blocks:
         dtype: npt.DTypeLike | None,
         mask: Any,
         nodata: float | None,
-        told: dict[str, Any],
+        properties: dict[str, Any],
     ) -> None:
         self.in_order = not hasattr(source, "shape")
         if self.in_order:
@@ -44,26 +44,26 @@ class Blocks:
         full = tuple(int(length) for length in source.shape)
         self.dims = dims or usual_dims(full)
         if len(self.dims) != len(full) or self.dims not in ("yx", "byx", "yxb", "zyx", "bzyx", "zyxb"):
-            raise ValueError(f"dims: {self.dims!r} does not fit an array of shape {full}")
+            raise ValueError(f"dims: got {self.dims!r}, which does not match an array of shape {full}")
         if self.in_order and self.dims not in ("yx", "yxb", "zyx", "zyxb"):
-            raise ValueError("dims: iterators hand out rows (or planes) with bands last: 'yx', 'yxb', 'zyx' or 'zyxb'")
+            raise ValueError(f"dims: got {self.dims!r}, expected 'yx', 'yxb', 'zyx' or 'zyxb': iterators yield rows or planes, with bands last")
         sizes = dict(zip(self.dims, full))
         self.axes = 3 if "z" in sizes else 2
         self.channels = sizes.get("b", 1)
         if not 1 <= self.channels <= 4:
             octree = " (an octree is dims='zyx')" if self.dims == "byx" else ""
-            raise ValueError(f"array of shape {full}: {self.channels} bands, 1 to 4 can be kept{octree}")
+            raise ValueError(f"array of shape {full}: got {self.channels} bands, expected 1 to 4{octree}")
         if min(full) < 1:
-            raise ValueError(f"array of shape {full}: there are no cells")
+            raise ValueError(f"array of shape {full}: has no cells")
         self.extent = [sizes["x"], sizes["y"], sizes.get("z", 1)]
         given = np.dtype(source.dtype)
         self.is_mask = given == np.bool_ and self.channels == 1
         self.is_solid = self.is_mask and self.axes == 3
         # Samples that were widened to have a number for VOID get their own type again.
-        self.narrow: np.dtype[Any] | None = told.get("dtype")
-        self.void = told.get("void_sample")
+        self.narrow: np.dtype[Any] | None = properties.get("dtype")
+        self.void = properties.get("void_sample")
         # Whether VOID cells are zeros: without colour and opacity, or empty in a solid.
-        self.is_zero_void = told.get("alpha") is not None or told.get("rule") == "occupancy"
+        self.is_zero_void = properties.get("alpha") is not None or properties.get("rule") == "occupancy"
         self.nodata = None if nodata is None or np.isnan(nodata) else nodata
         self.dtype = _kept(given) if self.narrow is None else self.narrow
         if mask is not None and mask is not np.ma.nomask:
@@ -81,7 +81,7 @@ class Blocks:
             hidden = None if hidden is None else np.moveaxis(hidden, axis, -1)
         wanted = (*reversed(size[: self.axes]), *([self.channels] if "b" in self.dims else []))
         if array.shape != wanted:
-            raise ValueError(f"the source gave a block of shape {array.shape}, expected {wanted}")
+            raise ValueError(f"the source returned a block of shape {array.shape}, expected {wanted}")
         shown: npt.NDArray[np.bool_] | None = None
         if self.mask is not None:
             cut = _loaded(self.mask[tuple(along[name] for name in "zyx"[3 - self.axes :])])
@@ -128,9 +128,9 @@ class Blocks:
             axes = ("plane", "row", "column")[3 - self.axes :]
             place = ", ".join(f"{axis} {index}" for axis, index in zip(axes, cell))
             raise ValueError(
-                f"bands differ in where they have values: the cell at {place} has some and is masked or NaN in others, and a tree "
-                "has one mask for all bands. Give a number that no sample has as nodata=, which such samples then get; "
-                "or give stack=True for a layer of each band"
+                f"bands differ in their masks: the cell at {place} has a value in some bands and is masked or NaN in others, but a tree "
+                "has one mask for all bands. Give a number that no sample has as nodata=, to fill such samples; "
+                "or give stack=True for a layer per band"
             )
         array = np.where(lacking & partial[..., None], np.asarray(self.nodata).astype(array.dtype), array)
         return array, void
@@ -143,8 +143,8 @@ class Blocks:
         fits = (array >= limits.min) & (array <= limits.max) & (array == np.floor(array))
         values = fits if shown is None else fits | ~(shown[..., None] if "b" in self.dims else shown)
         if not values.all():
-            what = f"{array[~values].flat[0]} is no {self.dtype}"
-            raise ValueError(f"the attributes of the DataArray say its values are {self.dtype}, and {what}; give kind= to build it as it is")
+            what = f"{array[~values].flat[0]} is not a {self.dtype}"
+            raise ValueError(f"the attributes of the DataArray declare values of {self.dtype}, but {what}; give kind= to build it unchanged")
         return np.ascontiguousarray(np.where(fits, array, 0), dtype=self.dtype)
 
 
@@ -165,7 +165,7 @@ def _check_mask(mask: Any, cells: list[int]) -> None:
     shape = tuple(int(length) for length in np.shape(mask))
     if shape != tuple(cells):
         bands = "; a tree has one mask for all bands" if len(shape) > len(cells) else ""
-        raise ValueError(f"mask: has the shape {shape}, the cells {tuple(cells)}{bands}")
+        raise ValueError(f"mask: got shape {shape}, expected {tuple(cells)}{bands}")
     kind = getattr(mask, "dtype", None) or np.asarray(mask).dtype
     if kind != np.bool_:
         # (GDAL masks are inverted: they are 0 for cells without data.)
@@ -184,7 +184,7 @@ def _kept(given: np.dtype[Any]) -> np.dtype[Any]:
     name = wider.get(given.name, given.name)
     if name not in kept:
         usual = f"convert it to one of {', '.join(kept)}"
-        raise TypeError(f"an array of {given} cannot be kept: {advice.get(given.kind, usual)}")
+        raise TypeError(f"an array of {given} cannot be stored: {advice.get(given.kind, usual)}")
     return np.dtype(name)
 
 
@@ -220,7 +220,7 @@ class _Bands:
             part = part if isinstance(part, np.ma.MaskedArray) else np.asarray(part)
             if part.shape[1:] != self.shape[1:] or part.dtype != self.dtype:
                 raise ValueError(
-                    f"the iterator gave {part.dtype} of shape {part.shape}, expected {self.dtype} of "
+                    f"the iterator yielded {part.dtype} of shape {part.shape}, expected {self.dtype} of "
                     f"shape (n, {', '.join(map(str, self.shape[1:]))})"
                 )
             fits = part[: wanted - have]
@@ -230,7 +230,7 @@ class _Bands:
             have += len(fits)
         self.row = rows.stop
         if self.row == self.shape[0] and (self.rest is not None or next(self.parts, None) is not None):
-            raise ValueError(f"the iterator gave more than {self.shape[0]} rows")
+            raise ValueError(f"the iterator yielded more than {self.shape[0]} rows")
         if len(taken) == 1:
             return taken[0]
         join: Callable[[list[Any]], Any] = (

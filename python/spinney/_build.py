@@ -18,7 +18,7 @@ from ._remote import path_of
 from ._sources import feature_file, paths_of
 from ._stack import layers_of, one_layer, stack_layers
 from ._times import text_of_time
-from ._metadata import check_bands, colours_of, crs_text, numbers_of, pairs_of, texts_of
+from ._metadata import check_bands, colours_of, crs_text, numbers_of, pairs_of, strings_of
 from ._types import Codec, Path, Progress, Resampling
 from ._zonal import values_of
 
@@ -142,7 +142,7 @@ def build(
     """
     size = memory_of(memory)
     if depth is not None and not 0 <= depth <= 64:
-        raise ValueError(f"depth: {depth}, expected a number of levels")
+        raise ValueError(f"depth: got {depth}, expected a number of levels")
     system = crs_text(crs)
     conditions = where if isinstance(where, str | None) else ",".join(f"{name}={text}" for name, text in values_of(where))
     common: dict[str, Any] = {"kind": kind, "rule": rule, "nodata": nodata, "crs": system, "depth": depth, "memory": size, "share": share, "packing": packing_of(codec, max_error), "time": time_of(time)}
@@ -186,14 +186,14 @@ def build(
         about = for_arrays | {"transform": transform}
         return stack_layers(layers, common, about).write(path_of(out), (progress, threads, max_bytes))
     by_layer = {"nodata": nodata, "kind": kind, "rule": rule, "descriptions": descriptions, "scales": scales, "offsets": offsets, "units": units}
-    refuse("the layers of a stack, if it is said by their names", {name: value for name, value in by_layer.items() if isinstance(value, Mapping)})
+    refuse("the layers of a stack, if it is given by layer name", {name: value for name, value in by_layer.items() if isinstance(value, Mapping)})
     if isinstance(source, Mapping) and not hasattr(source, "data_vars"):
         # (Files by the names of their layers.)
         source, names, stack = list(source.values()), names or [str(name) for name in source], True
     paths = paths_of(source)
     if paths is not None and any(map(_native.is_tree, paths)):
         if len(paths) > 1:
-            raise ValueError("a tree as a source is the only one; spinney.combine lays trees over each other, spinney.add_layer adds one to a file")
+            raise ValueError("source: got a tree among several sources; spinney.combine overlays trees, spinney.add_layer adds one to a file")
         source = Dataset(paths[0], [], None, False, None)
     if hasattr(source, "__geo_interface__") and not is_mesh(source):
         refuse("arrays", for_arrays | {"transform": transform, "dtype": None})
@@ -204,15 +204,15 @@ def build(
         source = source._as_tree()
     if isinstance(source, Dataset):
         of_cells = {"dims": dims, "shape": shape, "dtype": dtype, "mask": mask, "nodata": nodata}
-        refuse("arrays; the cells of a tree are taken as they are", of_cells)
+        refuse("arrays; the cells of a tree are used unchanged", of_cells)
         refuse("files", for_files | of_stacks)
         for_tree = {name: common[name] for name in ("kind", "rule", "crs", "depth", "memory", "share", "packing", "time")} | {
             "transform": None if transform is None else numbers_of(transform),
             "categories": None if categories is None else dict(categories),
             "colormap": colours_of(colormap),
-            "descriptions": texts_of(descriptions),
+            "descriptions": strings_of(descriptions),
             "scale_offset": pairs_of(scales, offsets, source.scales, source.offsets),
-            "units": texts_of(units),
+            "units": strings_of(units),
             "tags": dict(tags or {}),
         }
         check_bands(for_tree, source.count)
@@ -221,7 +221,7 @@ def build(
     meshes = mesh_columns([(None, source)]) if is_mesh(source) else []
     if meshes:
         refuse("arrays", for_arrays | {"transform": transform})
-        refuse("pictures", of_stacks)
+        refuse("rasters", of_stacks)
         for_files["unit"] = unit or unit_of([(None, source)])
     if paths is not None or meshes:
         refuse("arrays", for_arrays | {"dtype": None})
@@ -233,7 +233,7 @@ def build(
         with working(progress, threads, max_bytes) as terms:
             return _native.build_files(paths or [], meshes, path_of(out), for_import, terms)
     if isinstance(source, list | tuple) and any(isinstance(part, Dataset) for part in source):
-        raise TypeError("a tree as a source is the only one; spinney.combine lays trees over each other")
+        raise TypeError("source: got a tree among several sources; spinney.combine overlays trees")
     refuse("files", for_files)
     refuse("stacks", {"names": names, "times": times})
     one_layer(source, common, for_arrays | {"transform": transform}).write(path_of(out), (progress, threads, max_bytes))

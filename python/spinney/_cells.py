@@ -42,17 +42,17 @@ class Cells(BackendArray):
         """Returns cells of all bands, with the number that was chosen for VOID."""
         first, last, parts = [], [], []
         for part, length in zip(key, self.shape[1:]):
-            places = range(length)[part]
-            if isinstance(places, int):
-                places, part = range(places, places + 1), 0
-            elif places:
-                ends = (places[0] - min(places), places[-1] - min(places))
-                stop = ends[1] + (1 if places.step > 0 else -1)
-                part = slice(ends[0], stop if stop >= 0 else None, places.step)
+            positions = range(length)[part]
+            if isinstance(positions, int):
+                positions, part = range(positions, positions + 1), 0
+            elif positions:
+                ends = (positions[0] - min(positions), positions[-1] - min(positions))
+                stop = ends[1] + (1 if positions.step > 0 else -1)
+                part = slice(ends[0], stop if stop >= 0 else None, positions.step)
             else:
-                places, part = range(1), slice(0, 0)
-            first.append(min(places))
-            last.append(max(places) + 1)
+                positions, part = range(1), slice(0, 0)
+            first.append(min(positions))
+            last.append(max(positions) + 1)
             parts.append(part)
         # (Windows are in cells of the deepest level, x first.)
         shift = self.tree.depth - self.level
@@ -110,12 +110,12 @@ def void_of(*trees: Dataset) -> Void:
         same = all(_same(other.fill_value, tree.fill_value) for other in trees)
         return Void(tree.fill_value if same else np.nan, tree.dtype)
     limits = np.iinfo(tree.dtype)
-    told = [other.nodata for other in trees if other.nodata is not None and float(other.nodata).is_integer() and limits.min <= other.nodata <= limits.max]
-    for number in (*dict.fromkeys(told), limits.min, limits.max):
+    numbers = [other.nodata for other in trees if other.nodata is not None and float(other.nodata).is_integer() and limits.min <= other.nodata <= limits.max]
+    for number in (*dict.fromkeys(numbers), limits.min, limits.max):
         if all(_is_missing(other, number) or _is_free(number, about) for other, about in zip(trees, facts)):
             return Void(number, tree.dtype)
     if tree.dtype.itemsize == 8:
-        raise ValueError(f"{tree.path}: both ends of {tree.dtype} are samples, and no wider type has a number for VOID; read it with masked=True")
+        raise ValueError(f"{tree.path}: the minimum and the maximum of {tree.dtype} occur as samples, and no wider type can represent VOID; read it with masked=True")
     return Void(limits.min - 1, np.dtype({1: np.int16, 2: np.int32, 4: np.int64}[tree.dtype.itemsize]))
 
 

@@ -91,7 +91,7 @@ def open(
         if commit is not None and (os.path.exists(name) or "://" in name):
             with Dataset(name, steps, None, positioned, layer, remote) as ds:
                 if ds.commit is None:
-                    raise ValueError(f"{ds.path}: has no commits, as it is a {ds.format} file; leave commit out") from None
+                    raise ValueError(f"{ds.path}: has no commits, since it is a {ds.format} file; omit commit") from None
         raise
 
 
@@ -233,7 +233,7 @@ class Dataset(Zones):
         if wanted.dtype.kind not in "iu" or wanted.ndim > 1:
             raise TypeError("bands: expected a number, counted from 1, or a list of numbers")
         if wanted.size and not 1 <= wanted.min() <= wanted.max() <= self.count:
-            raise IndexError(f"bands: {bands}, the file's bands are 1 to {self.count}")
+            raise IndexError(f"bands: got {bands}, expected 1 to {self.count}")
         return result[:, wanted - 1]  # type: ignore[no-any-return]
 
     async def aread(self, *args: Any, **options: Any) -> Any:
@@ -318,21 +318,21 @@ class Dataset(Zones):
         only cells of those that meet `where` are searched.
         """
         if within is None and (where is not None or edge is not None):
-            raise ValueError("where and edge are for features: give within")
+            raise ValueError("where, edge: select features, expected within")
         given = [(name, number) for name, number in (("equal", value), ("above", above), ("below", below))]
         given = [(name, number) for name, number in given if number is not None]
         if len(given) != 1:
-            raise ValueError("find: give one of value, above and below")
+            raise ValueError("find: expected one of value, above and below")
         if limit is not None and largest is not None:
-            raise ValueError("find: give limit or largest")
+            raise ValueError("find: got limit and largest, expected one of them")
         ((name, number),) = given
         assert number is not None
         if within is None:
             blocks = self._find_blocks(name, number, window, coordinates, limit, largest)
         else:
             own = coordinates if window is None else None
-            with features_over(within, coordinates=own, where=where, edge=edge) as told:
-                blocks = self._find_blocks(name, number, window, coordinates, limit, largest, told, memory_of(memory))
+            with features_over(within, coordinates=own, where=where, edge=edge) as features:
+                blocks = self._find_blocks(name, number, window, coordinates, limit, largest, features, memory_of(memory))
         codes, levels, boxes, found, has_value = blocks
         if self.dtype in (np.uint64, np.int64):
             values: Any = np.ma.MaskedArray(found, mask=~has_value)
@@ -360,9 +360,9 @@ class Dataset(Zones):
         temporary files if needed; the resulting arrays are not included in this limit.
         """
         if connect is not None and classes is not None:
-            raise ValueError("labels: components have classes of their own; give connect or classes")
+            raise ValueError("labels: got connect and classes, expected one of them; components have classes of their own")
         if classes is not None and (classes.shape != self.shape or not np.array_equal(classes.matrix, self.matrix)):
-            raise ValueError(f"classes: a tree of other cells, {classes.shape}, expected {self.shape} in the same place")
+            raise ValueError(f"classes: got a tree of {classes.shape} cells, expected {self.shape} at the same position")
         with working(progress, threads) as terms:
             labels, own, cells, boxes, firsts, pairs, edges, each = self._labels(connect, neighbours, memory_of(memory), terms)
         values: Any = own
@@ -412,7 +412,7 @@ class Dataset(Zones):
         half full (in trees without occupancy, in cells that are not VOID).
         """
         if self.ndim != 3:
-            raise ValueError(f"{_native.shown(str(self.path))}: is a quadtree; this is for octrees")
+            raise ValueError(f"{_native.shown(str(self.path))}: is a quadtree, expected an octree")
         values, found = self._sample_points(points_of(points, 3), level, "world", None)
         if self.rule == "occupancy":
             found &= values[:, 0] >= 128
@@ -448,7 +448,7 @@ class Dataset(Zones):
         """
         given = [(axis, at) for axis, at in enumerate((x, y, z)) if at is not None]
         if len(given) != 1:
-            raise ValueError("slice: give one of x, y and z")
+            raise ValueError("slice: expected one of x, y and z")
         ((axis, at),) = given
         return self._slice_across(axis, at, coordinates, level, masked, fill)
 
@@ -457,8 +457,8 @@ class Dataset(Zones):
     def _repr_png_(self) -> bytes | None:
         if self.closed:
             return None
-        with tempfile.TemporaryDirectory(prefix="spinney-") as folder:
-            path = os.path.join(folder, "picture.png")
+        with tempfile.TemporaryDirectory(prefix="spinney-") as directory:
+            path = os.path.join(directory, "image.png")
             if self.ndim == 3:
                 self.render(path, size=(320, 240), samples=1)
             else:
@@ -471,8 +471,8 @@ class Dataset(Zones):
         from base64 import b64encode
 
         png = self._repr_png_()
-        picture = "" if png is None else f'<img src="data:image/png;base64,{b64encode(png).decode()}"/><br/>'
-        return f"{picture}<code>{escape(repr(self))}</code>"
+        image = "" if png is None else f'<img src="data:image/png;base64,{b64encode(png).decode()}"/><br/>'
+        return f"{image}<code>{escape(repr(self))}</code>"
 
 
 class Level:
@@ -549,5 +549,5 @@ def _reopen(
 def _as_array(array: Array, dtype: npt.DTypeLike | None, copy: bool | None) -> Array:
     """Implements `__array__`: cells are always read, so there is no array without a copy."""
     if copy is False:
-        raise ValueError("cells are read from a file: there is no array without a copy")
+        raise ValueError("copy=False: cells are read from a file, which needs a copy")
     return array if dtype is None else array.astype(dtype, copy=False)

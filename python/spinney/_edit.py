@@ -125,7 +125,7 @@ class Edit:
             return
         if self._count > 1:
             if first[0] != 0 or size[0] != self._count:
-                raise IndexError(f"bands: all {self._count} are assigned to at once")
+                raise IndexError(f"bands: expected values for all {self._count} bands")
             first = first[1:]
         values = np.ma.asarray(value) if isinstance(value, np.ma.MaskedArray) else np.asarray(value)
         values = np.broadcast_to(values, shape, subok=True).reshape(size)
@@ -165,17 +165,17 @@ class Edit:
         if isinstance(source, Dataset):
             steps = [*source.view, *steps]
             source = f"{source.path}@{source.commit}" if source.commit is not None else source.path
-        beside = os.path.dirname(os.path.abspath(self.path))
-        with working(self._progress, self._threads) as terms, tempfile.TemporaryDirectory(prefix="spinney-", dir=beside) as folder:
+        parent = os.path.dirname(os.path.abspath(self.path))
+        with working(self._progress, self._threads) as terms, tempfile.TemporaryDirectory(prefix="spinney-", dir=parent) as directory:
             if is_path(source):
                 name = path = path_of(source)
                 if not _is_tree(path):
-                    path = os.path.join(folder, "patch.goblin")
+                    path = os.path.join(directory, "patch.goblin")
                     build(name, path, kind=self._kind, rule=self._rule, memory=self._memory, threads=self._threads)  # type: ignore[arg-type]
             else:
                 if place is None:
-                    raise ValueError("at: an array needs the cell that its first one goes to")
-                name, path = "an array", os.path.join(folder, "patch.goblin")
+                    raise ValueError("at: expected the target of the array's first cell")
+                name, path = "an array", os.path.join(directory, "patch.goblin")
                 self._build(source, path, mask)
             try:
                 self._editor.paste(path, steps, place, void, ("a", classes, units, round), terms)
@@ -228,18 +228,18 @@ class Edit:
         """
         if zones is not None:
             if window is not None or polygon is not None or block is not None:
-                raise ValueError("fill: give one of window, polygon, block and zones")
+                raise ValueError("fill: expected one of window, polygon, block and zones")
             with (
-                features_over(zones, coordinates=coordinates, where=where, edge=edge, value=value, overlaps=overlaps) as told,
+                features_over(zones, coordinates=coordinates, where=where, edge=edge, value=value, overlaps=overlaps) as features,
                 working(self._progress, self._threads) as terms,
             ):
-                self._editor.fill_zones(told, value is None, memory_of(self._memory), terms)
+                self._editor.fill_zones(features, value is None, memory_of(self._memory), terms)
             self._done.append(f"Fill features with {'VOID' if value is None else value}")
             return
         if where is not None or edge is not None or overlaps is not None:
-            raise ValueError("where, edge and overlaps are for features: give zones")
+            raise ValueError("where, edge, overlaps: select features, expected zones")
         if isinstance(value, str):
-            raise TypeError("value: the name of an attribute is for features: give zones")
+            raise TypeError("value: got the name of an attribute, which needs zones")
         rings = None if polygon is None else _rings(polygon)
         if value is None:
             samples = None
@@ -253,20 +253,20 @@ class Edit:
         """Sets single cells, rows of `(column, row)` or `(x, y, z)`, to values: one for all, or a
         row for each; `None` makes them VOID. Of several values for one cell the last counts.
         """
-        places = np.asarray(cells)
-        if places.size == 0:
+        positions = np.asarray(cells)
+        if positions.size == 0:
             return
-        if places.ndim != 2 or places.shape[1] != self._ndim or places.dtype.kind not in "iu":
-            raise ValueError(f"cells: expected rows of {self._ndim} whole numbers")
+        if positions.ndim != 2 or positions.shape[1] != self._ndim or positions.dtype.kind not in "iu":
+            raise ValueError(f"cells: expected rows of {self._ndim} integers")
         numbers = None
         if values is not None:
             numbers = _numbers(values)
-            if numbers.ndim == 1 and len(numbers) == len(places):
+            if numbers.ndim == 1 and len(numbers) == len(positions):
                 numbers = numbers[:, None]
-            numbers = np.broadcast_to(numbers, (len(places), numbers.shape[-1] if numbers.ndim else 1))
+            numbers = np.broadcast_to(numbers, (len(positions), numbers.shape[-1] if numbers.ndim else 1))
         with working(self._progress, self._threads) as terms:
-            self._editor.set(np.ascontiguousarray(places, dtype=np.int64), numbers, terms)
-        self._done.append(f"Set {len(places)} cells")
+            self._editor.set(np.ascontiguousarray(positions, dtype=np.int64), numbers, terms)
+        self._done.append(f"Set {len(positions)} cells")
 
     def apply(
         self,
@@ -313,18 +313,18 @@ def _region(key: Any, shape: tuple[int, ...]) -> tuple[list[int], list[int], lis
         given[at : at + 1] = [slice(None)] * (len(shape) - len(given) + 1)
     given += [slice(None)] * (len(shape) - len(given))
     if len(given) != len(shape):
-        raise IndexError(f"{len(given)} indexes for {len(shape)} axes")
+        raise IndexError(f"index: got {len(given)} indices, expected {len(shape)}")
     first, size, left = [], [], []
     for part, length in zip(given, shape):
         if isinstance(part, slice):
             start, stop, step = part.indices(length)
             if step != 1:
-                raise IndexError("slices with steps cannot be assigned to")
+                raise IndexError("index: got a slice with a step, expected steps of 1")
             left.append(max(stop - start, 0))
         else:
             start = index(part) + (length if index(part) < 0 else 0)
             if not 0 <= start < length:
-                raise IndexError(f"index {part} is outside of {length}")
+                raise IndexError(f"index: got {part}, expected less than {length}")
             stop = start + 1
         first.append(start)
         size.append(max(stop - start, 0))

@@ -107,7 +107,7 @@ def build_brep(
         refuse("meshes in memory", of_meshes)
     columns = mesh_columns(meshes, **of_meshes) if meshes else []
     if leaf_size is not None and leaf_size < 0:
-        raise ValueError(f"leaf_size: {leaf_size}, expected a number of faces")
+        raise ValueError(f"leaf_size: got {leaf_size}, expected a number of faces")
     options = {
         "snap": None if snap is None else float(snap),
         "close": close,
@@ -189,7 +189,7 @@ class ExactModel(_native.Model):
 
     def __fspath__(self) -> str:
         if self.view:
-            raise ValueError(f"{_native.shown(str(self.path))}: is seen through {', '.join(self.view)}: make a file of it with `transform`")
+            raise ValueError(f"{_native.shown(str(self.path))}: is a view ({', '.join(self.view)}); write it to a file first, with `transform`")
         return os.fspath(self.path)
 
     def __enter__(self) -> Self:
@@ -333,8 +333,8 @@ class ExactModel(_native.Model):
         with working(progress, threads) as terms:
             found = self._objects(memory_of(memory), terms)
         rows = []
-        for name, told, measures in found:
-            row = {**json.loads(told or "{}"), "name": name}
+        for name, attributes, measures in found:
+            row = {**json.loads(attributes or "{}"), "name": name}
             if measures is not None:
                 closed, volume, area, bounds = measures
                 row.update(closed=closed, volume=volume, area=area, bounds=bounds and Box(*bounds[0], *bounds[1]))
@@ -345,12 +345,13 @@ class ExactModel(_native.Model):
         self, name: str, *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None
     ) -> dict[str, Any]:
         """Returns the first part with a name: a row as in `objects`, with its number as `part`. If
-        there is none, raises a KeyError that lists similar names.
+        there is none, raises a KeyError, with similar names if there are any.
         """
         names = self.parts
         if name not in names:
-            near = ", ".join(difflib.get_close_matches(name, names, 5, 0) or names[:5])
-            raise KeyError(f"{_native.shown(str(self.path))}: has no object {name!r}; there are {near}")
+            near = ", ".join(difflib.get_close_matches(name, names, 5))
+            others = f"similar names are {near}" if near else f"parts lists all {len(names)} names"
+            raise KeyError(f"{_native.shown(str(self.path))}: has no object {name!r}; {others}")
         part = names.index(name)
         return {"part": part, **self.objects(memory=memory, threads=threads, progress=progress)[part]}
 
@@ -377,7 +378,7 @@ class ExactModel(_native.Model):
         """
         names = self.face_columns
         if column not in names:
-            raise KeyError(f"{_native.shown(str(self.path))}: has no values of faces {column!r}; there are {', '.join(names) or 'none'}")
+            raise KeyError(f"{_native.shown(str(self.path))}: has no face values {column!r}; there are {', '.join(names) or 'none'}")
         with working(progress, threads) as terms:
             found = self._face_values(names.index(column), terms)
         # (Faces of one surface have the same string.)
@@ -455,7 +456,7 @@ class ExactModel(_native.Model):
         """
         x, y, z = (int(at) for at in cell)
         if not 0 <= level <= 255 or not all(0 <= at < 1 << 32 for at in (x, y, z)):
-            raise ValueError(f"cell: {(x, y, z)} of level {level}, expected levels of 0 to {self.bits}")
+            raise ValueError(f"cell: got {(x, y, z)} of level {level}, expected levels 0 to {self.bits}")
         with working(progress, threads) as terms:
             share, volume, centre = self._coverage(level, [x, y, z], terms)
         return Coverage(share, volume, None if centre is None else (centre[0], centre[1], centre[2]))
@@ -572,7 +573,7 @@ def _rays(origins: Points, directions: Points) -> tuple[npt.NDArray[np.float64],
 def _box(box: BBox) -> tuple[list[float], list[float]]:
     numbers = [float(at) for at in box]
     if len(numbers) != 6 or not all(low <= high for low, high in zip(numbers[:3], numbers[3:])):
-        raise ValueError(f"box: {box!r}, expected least and then greatest x, y, z")
+        raise ValueError(f"box: got {box!r}, expected minimum x, y, z, then maximum x, y, z")
     return numbers[:3], numbers[3:]
 
 

@@ -46,19 +46,19 @@ def features_over(
     With `has_own_system` the file itself specifies the coordinate system.
     """
     conditions = where if isinstance(where, str | None) else ",".join(f"{name}={text}" for name, text in values_of(where))
-    texts = None
+    strings = None
     if value is not None:
-        texts = [value] if isinstance(value, str) else [str(number) for number in np.atleast_1d(np.asarray(value, dtype=object))]
-    told = {"coordinates": coordinates, "where": conditions or None, "edge": edge, "value": texts, "overlaps": overlaps}
+        strings = [value] if isinstance(value, str) else [str(number) for number in np.atleast_1d(np.asarray(value, dtype=object))]
+    description = {"coordinates": coordinates, "where": conditions or None, "edge": edge, "value": strings, "overlaps": overlaps}
     if is_path(source):
-        yield told | {"path": path_of(source)}
+        yield description | {"path": path_of(source)}
         return
     documents = documents_of(source)
     if not documents:
-        raise ValueError("features: none are given")
+        raise ValueError("features: got none, expected at least one")
     systems = {crs for _, crs, _ in documents}
     if any(is_file for _, _, is_file in documents) or len(systems) > 1:
-        raise ValueError("features: give one path, or geometries of one coordinate system")
+        raise ValueError("features: expected one path, or geometries of one coordinate system")
     (crs,) = systems
     document = documents[0][0] if len(documents) == 1 else json.dumps(_collection([text for text, _, _ in documents]))
     if has_own_system and crs is not None:
@@ -66,11 +66,11 @@ def features_over(
         document = json.dumps(_collection([document]) | {"crs": named})
         crs = None
     # (The file is closed before it is read, as some systems require.)
-    with tempfile.TemporaryDirectory(prefix="spinney-") as folder:
-        path = os.path.join(folder, "features.geojson")
+    with tempfile.TemporaryDirectory(prefix="spinney-") as directory:
+        path = os.path.join(directory, "features.geojson")
         with open(path, "w", encoding="utf-8") as file:
             file.write(document)
-        yield told | {"path": path, "coordinates": crs if coordinates is None else coordinates}
+        yield description | {"path": path, "coordinates": crs if coordinates is None else coordinates}
 
 
 def _collection(documents: Sequence[str]) -> dict[str, Any]:
@@ -91,5 +91,5 @@ def _collection(documents: Sequence[str]) -> dict[str, Any]:
 def divided(operands: Sequence[Any]) -> tuple[list[Path], list[tuple[int, Any]]]:
     """Returns the trees among operands, and the features with their indices among all."""
     features = [(place, operand) for place, operand in enumerate(operands) if is_features(operand)]
-    places = {place for place, _ in features}
-    return [operand for place, operand in enumerate(operands) if place not in places], features
+    positions = {place for place, _ in features}
+    return [operand for place, operand in enumerate(operands) if place not in positions], features

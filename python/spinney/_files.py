@@ -71,7 +71,7 @@ def transform(
     if _native.is_feature_file(path_of(path)):
         given = {"resampling": resampling, "move": move or None, "snap": snap, "unit": unit, "max_error": max_error, "codec": None if codec == "plain" else codec}
         if wrong := [name for name, value in given.items() if value is not None]:
-            raise ValueError(f"{', '.join(wrong)}: means nothing for a file of features")
+            raise ValueError(f"{', '.join(wrong)}: does not apply to a file of features")
         with working(progress, threads, max_bytes) as terms:
             return _native.reproject(path_of(path), chain, path_of(out), allow_ballpark, memory_of(memory), terms)
     with working(progress, threads, max_bytes) as terms:
@@ -129,7 +129,7 @@ def combine(
     next smaller power of two.
     """
     if values not in ("first", "second"):
-        raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
+        raise ValueError(f"values: got {values!r}, expected 'first' or 'second'")
     operation, limit = str(operation), cast(Any, within)
     trees, features = divided(paths)
     if features and not trees:
@@ -144,19 +144,19 @@ def combine(
             facts = _native.combine_polygons(operation, sources, path_of(out), files[0]["where"], region, snap, memory_of(memory), terms)
         return CombinedPolygons(**facts)
     if snap is not None:
-        raise ValueError("snap is for polygons")
+        raise ValueError("snap: is for polygons")
     if is_path(limit):
-        raise ValueError("within: a file of polygons limits what is made of polygons; give a box")
+        raise ValueError("within: got a file of polygons, expected a box; polygons limit operations on polygons only")
     box = None if limit is None else list(limit)
     if not features and (value is not None or overlaps is not None or where is not None or edge is not None):
-        raise ValueError("value, overlaps, where and edge are for features that are combined with trees")
+        raise ValueError("value, overlaps, where, edge: are for features that are combined with trees")
     names = [path_of(path) for path in trees]
     with ExitStack() as stack:
         over = {"value": value, "overlaps": overlaps, "where": where, "edge": edge}
-        told = [(place, stack.enter_context(features_over(source, **over))) for place, source in features]  # type: ignore[arg-type]
+        overlaid = [(place, stack.enter_context(features_over(source, **over))) for place, source in features]  # type: ignore[arg-type]
         terms = stack.enter_context(working(progress, threads, max_bytes))
         made = _native.combine(
-            operation, names, path_of(out), values == "second", fill, box, margin, (extent, classes, units, False), told, memory_of(memory), packing_of(codec, max_error), terms
+            operation, names, path_of(out), values == "second", fill, box, margin, (extent, classes, units, False), overlaid, memory_of(memory), packing_of(codec, max_error), terms
         )
     return CombinedModel(**made) if "faces" in made else outcome_of(made)
 

@@ -25,7 +25,7 @@ def trees_of(first: Dataset) -> dict[str, Dataset]:
 def dataset_of_layers(trees: Mapping[str, Dataset], level: int | None, layers: str | None, mask_and_scale: bool | None) -> xr.Dataset:
     """Returns all layers of a file as one dataset."""
     if layers not in (None, "time", "band", "variable"):
-        raise ValueError(f"layers: {layers!r}, expected 'time', 'band' or 'variable'")
+        raise ValueError(f"layers: got {layers!r}, expected 'time', 'band' or 'variable'")
     wanted = max(tree.depth for tree in trees.values()) if level is None else level
     if layers == "band":
         return _bands(trees, wanted, mask_and_scale)
@@ -35,7 +35,7 @@ def dataset_of_layers(trees: Mapping[str, Dataset], level: int | None, layers: s
         series = {}
     if layers == "time" and not series:
         path = next(iter(trees.values())).path
-        raise ValueError(f"{path}: its layers have no times, or are not alike in all else; leave layers out to have variables")
+        raise ValueError(f"{path}: its layers have no times, or differ in other properties; omit layers to have variables")
     made = _Variables(wanted, [*trees, *(group or USUAL for group in series)])
     taken: set[str] = set()
     # (In layer order.)
@@ -132,7 +132,7 @@ def _alike(tree: Dataset) -> Any:
     )
 
 
-def _along(trees: Sequence[Dataset], wanted: int, axis: str, places: Any, mask_and_scale: bool | None) -> xr.Dataset:
+def _along(trees: Sequence[Dataset], wanted: int, axis: str, positions: Any, mask_and_scale: bool | None) -> xr.Dataset:
     """Returns layers with equal properties as one variable, along a new axis."""
     level, void = min(wanted, trees[0].depth), void_of(*trees)
     first = _dataset_of(trees[0], level, void, False)
@@ -147,7 +147,7 @@ def _along(trees: Sequence[Dataset], wanted: int, axis: str, places: Any, mask_a
     encoding = {"preferred_chunks": chunks, "grid_mapping": "spatial_ref"}
     variable = xr.Variable((axis, *like.dims), indexing.LazilyIndexedArray(cells), attrs, encoding)
     coordinates = {name: values for name, values in like.coords.items() if name not in (axis, "time")}
-    made = xr.Dataset({USUAL: variable}, coordinates | {axis: (axis, places)}, first.attrs)
+    made = xr.Dataset({USUAL: variable}, coordinates | {axis: (axis, positions)}, first.attrs)
     return decoded(made) if masks_of(trees[0], mask_and_scale) else made
 
 
@@ -160,11 +160,11 @@ def _bands(trees: Mapping[str, Dataset], wanted: int, mask_and_scale: bool | Non
             size = " x ".join(map(str, reversed(tree.shape)))
             raise ValueError(
                 f"{first.path}: `{name}` has {size} cells of {tree.count} x {tree.dtype}, {tree.kind}: layers as bands have one band each, and one "
-                "size, type and kind; leave layers out to have variables"
+                "size, type and kind; omit layers to have variables"
             )
     members = list(trees.values())
     if any(_scaling(tree) != _scaling(first) for tree in members):
-        raise ValueError(f"{first.path}: scales and offsets of its layers differ; leave layers out to have variables")
+        raise ValueError(f"{first.path}: scales and offsets of its layers differ; omit layers to have variables")
     made = _along(members, wanted, "band", np.array(list(trees), dtype=np.str_), mask_and_scale)
     times = [time_of_text(tree.time) for tree in members]
     if all(time is not None for time in times):

@@ -53,7 +53,7 @@ class LineCrossings:
     """Numbers of the tree's features."""
     lines: npt.NDArray[np.int64]
     """Numbers of the other lines."""
-    places: npt.NDArray[np.float64]
+    positions: npt.NDArray[np.float64]
     """Coordinates of the crossings, of shape (n, 2)."""
 
     def __len__(self) -> int:
@@ -86,8 +86,8 @@ def build_lines(
     names = None if attributes is None else names_of(attributes)
     origin = path_of(source) if is_path(source) else "features"
     given = (leaf_size, crs_text(crs), names, memory_of(memory), where, origin)
-    with features_over(source, has_own_system=True) as told, working(progress, threads, max_bytes) as terms:
-        return BuiltLines(*_native.build_line_file(told["path"], path_of(out), given, terms))
+    with features_over(source, has_own_system=True) as features_file, working(progress, threads, max_bytes) as terms:
+        return BuiltLines(*_native.build_line_file(features_file["path"], path_of(out), given, terms))
 
 
 def open_lines(path: Path, *, positioned: bool = False, storage_options: Mapping[str, Any] | None = None) -> LineTree:
@@ -102,8 +102,8 @@ class LineTree(BlockTree, _native.Lines):
 
         with spinney.open_lines("roads.goblin") as roads:
             roads.features(window=(302450, 3193000, 302700, 3194000))
-            distances, features, places = roads.nearest(houses, k=2, radius=500)
-            roads.crossings([(301000, 3193500), (304000, 3193500)]).places
+            distances, features, positions = roads.nearest(houses, k=2, radius=500)
+            roads.crossings([(301000, 3193500), (304000, 3193500)]).positions
     """
 
     def __repr__(self) -> str:
@@ -142,7 +142,7 @@ class LineTree(BlockTree, _native.Lines):
         """
         corners = [float(number) for number in window]
         if len(corners) != 4:
-            raise ValueError(f"window: {len(corners)} numbers, expected least and greatest coordinates, four")
+            raise ValueError(f"window: got {len(corners)} numbers, expected 4: minimum x, y, then maximum x, y")
         with working(progress, threads) as terms:
             return self._window(corners, terms)
 
@@ -176,7 +176,7 @@ class LineTree(BlockTree, _native.Lines):
 
     def nearest(
         self,
-        places: Points,
+        positions: Points,
         *,
         k: int = 1,
         radius: float = np.inf,
@@ -191,9 +191,9 @@ class LineTree(BlockTree, _native.Lines):
         any coordinate system); results are always in the file's own.
         """
         if k < 1:
-            raise ValueError(f"k: {k}, expected 1 or more")
-        given, own = coordinates_of_points(places, 2)
-        rows = points_of(given, 2, "places")
+            raise ValueError(f"k: got {k}, expected 1 or more")
+        given, own = coordinates_of_points(positions, 2)
+        rows = points_of(given, 2, "positions")
         if coordinates is None:
             coordinates = "world" if own is None or self.crs is None else definition_of(own)
         with working(progress, threads) as terms:
@@ -205,8 +205,8 @@ class LineTree(BlockTree, _native.Lines):
         as rows of x and y, or several.
         """
         with working(progress, threads) as terms:
-            features, numbers, places = self._crossings(_lines_of(lines), terms)
-        return LineCrossings(features, numbers, places.reshape(-1, 2))
+            features, numbers, positions = self._crossings(_lines_of(lines), terms)
+        return LineCrossings(features, numbers, positions.reshape(-1, 2))
 
     def write(
         self,
@@ -229,7 +229,7 @@ class LineTree(BlockTree, _native.Lines):
 
     def _chosen(self, window: Sequence[float] | None, crossing: Any, threads: int | None) -> list[int] | None:
         if window is not None and crossing is not None:
-            raise ValueError("window, crossing: expected one of them")
+            raise ValueError("window, crossing: got both, expected one of them")
         if window is not None:
             return [int(number) for number in self.find(window, threads=threads)]
         if crossing is not None:

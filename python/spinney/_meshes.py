@@ -50,16 +50,16 @@ def meshes_of(source: Any) -> list[tuple[str | None, Any]] | None:
         return None
     for name, mesh in found:
         if not is_mesh(mesh):
-            raise TypeError(f"models: {name!r} is no mesh, but of the type {type(mesh).__name__}; leave it out")
+            raise TypeError(f"models: {name!r} is of type {type(mesh).__name__}, expected a mesh")
     return list(found)
 
 
 def unit_of(meshes: Sequence[tuple[str | None, Any]]) -> str | None:
     """Returns the unit of length of trimesh meshes."""
-    told = {str(getattr(mesh, "units", None)) for _, mesh in meshes} - {"None"}
-    if len(told) > 1:
-        raise ValueError(f"models: meshes in {' and '.join(sorted(told))}; convert them to one unit")
-    return next((_UNITS.get(name) for name in told), None)
+    units = {str(getattr(mesh, "units", None)) for _, mesh in meshes} - {"None"}
+    if len(units) > 1:
+        raise ValueError(f"models: got meshes in {' and '.join(sorted(units))}, expected one unit; convert them")
+    return next((_UNITS.get(name) for name in units), None)
 
 
 def mesh_columns(
@@ -80,17 +80,17 @@ def mesh_columns(
         most = int(numbers.max(initial=0)) + 1
         called = names_of(names) if names is not None else [_name_of(mesh) or "mesh"] if own is None else [str(number) for number in range(most)]
         if len(called) < most:
-            raise ValueError(f"names: {len(called)} of them, expected one for each part, 0 to {most - 1}")
-        return [columns | {"name": _name_of(mesh) or "mesh", "face_parts": numbers, "parts": called, "attributes": _told(attributes, called)}]
+            raise ValueError(f"names: got {len(called)}, expected one for each part, 0 to {most - 1}")
+        return [columns | {"name": _name_of(mesh) or "mesh", "face_parts": numbers, "parts": called, "attributes": _attribute_json(attributes, called)}]
     if colours is not None or parts is not None:
-        raise ValueError("colours, parts: are for a single mesh; of several each has its own colours and is a part")
+        raise ValueError("colours, parts: are for a single mesh; several meshes have colours of their own, and are one part each")
     called = [str(name) for name, _ in meshes] if names is None else names_of(names)
     if len(called) != len(meshes):
-        raise ValueError(f"names: {len(called)} of them, expected one for each of {len(meshes)} meshes")
+        raise ValueError(f"names: got {len(called)}, expected one for each of {len(meshes)} meshes")
     every = []
-    for name, told, (_, mesh) in zip(called, _told(attributes, called), meshes):
+    for name, text, (_, mesh) in zip(called, _attribute_json(attributes, called), meshes):
         columns, _ = _columns(mesh, None)
-        every.append(columns | {"name": name, "face_parts": _NOTHING, "parts": [name], "attributes": [told]})
+        every.append(columns | {"name": name, "face_parts": _NOTHING, "parts": [name], "attributes": [text]})
     return every
 
 
@@ -142,7 +142,7 @@ def _colours_of(mesh: Any) -> tuple[str, Any] | None:
     visual = getattr(mesh, "visual", None)
     kind = getattr(visual, "kind", None)
     if kind == "texture":
-        warnings.warn("the mesh's texture is left out; `mesh.visual.to_color()` makes colours of it", stacklevel=5)
+        warnings.warn("the mesh's texture is not stored; `mesh.visual.to_color()` converts it to colours", stacklevel=5)
     if kind in ("vertex", "face"):
         return ("vertices", visual.vertex_colors) if kind == "vertex" else ("faces", visual.face_colors)  # type: ignore[union-attr]
     return None
@@ -152,11 +152,11 @@ def _channels(rows: Any) -> npt.NDArray[np.uint8]:
     """Returns red, green and blue of integer rows. Opacity is dropped with a warning."""
     colours = np.asarray(rows)
     if colours.ndim != 2 or colours.shape[1] not in (3, 4) or colours.dtype.kind not in "iu":
-        raise ValueError(f"colours: {colours.dtype} of shape {colours.shape}, expected rows of red, green and blue, whole numbers from 0 to 255")
+        raise ValueError(f"colours: got {colours.dtype} of shape {colours.shape}, expected rows of red, green and blue, integers from 0 to 255")
     if colours.size and not 0 <= int(colours.min()) <= int(colours.max()) <= 255:
-        raise ValueError(f"colours: {int(colours.min())} to {int(colours.max())}, expected whole numbers from 0 to 255")
+        raise ValueError(f"colours: got {int(colours.min())} to {int(colours.max())}, expected integers from 0 to 255")
     if colours.shape[1] == 4 and (colours[:, 3] != 255).any():
-        warnings.warn("the opacity of colours is left out", stacklevel=5)
+        warnings.warn("the opacity of colours is not stored", stacklevel=5)
     return np.ascontiguousarray(colours[:, :3], dtype=np.uint8)
 
 
@@ -164,20 +164,20 @@ def _numbers(given: Any, count: int, name: str, of: str) -> npt.NDArray[np.uint3
     """Checks `count` integers from 0."""
     numbers = np.asarray(given)
     if numbers.shape != (count,) or numbers.dtype.kind not in "iu" or (count and not 0 <= int(numbers.min()) <= int(numbers.max()) < 1 << 32):
-        raise ValueError(f"{name}: {numbers.dtype} of shape {numbers.shape}, expected a number from 0 for each of {count} {of}")
+        raise ValueError(f"{name}: got {numbers.dtype} of shape {numbers.shape}, expected a number from 0 for each of {count} {of}")
     return np.ascontiguousarray(numbers, dtype="<u4")
 
 
-def _told(attributes: Any, names: Sequence[str]) -> list[str | None]:
+def _attribute_json(attributes: Any, names: Sequence[str]) -> list[str | None]:
     """Returns the attributes of each part, as JSON."""
     if isinstance(attributes, Mapping):
         unknown = [str(name) for name in attributes if name not in names]
         if unknown:
-            raise ValueError(f"attributes: there is no part {unknown[0]!r}, but {', '.join(map(repr, names[:20]))}")
+            raise ValueError(f"attributes: got an unknown part {unknown[0]!r}, expected one of {', '.join(map(repr, names[:20]))}")
         attributes = [attributes.get(name) for name in names]
     rows = [None] * len(names) if attributes is None else list(attributes)
     if len(rows) != len(names):
-        raise ValueError(f"attributes: {len(rows)} of them, expected one for each of {len(names)} parts")
+        raise ValueError(f"attributes: got {len(rows)}, expected one for each of {len(names)} parts")
     return [None if row is None else json.dumps({"attributes": dict(row)}, default=_plain, allow_nan=False) for row in rows]
 
 
@@ -185,11 +185,11 @@ def _plain(value: Any) -> Any:
     """Converts a NumPy scalar or array to Python."""
     if hasattr(value, "tolist"):
         return value.tolist()
-    raise TypeError(f"attributes: {value!r} is nothing that JSON has")
+    raise TypeError(f"attributes: got {value!r}, expected a value that JSON can represent")
 
 
 def _name_of(mesh: Any) -> str | None:
     """Returns the name in a trimesh mesh's metadata."""
-    told = getattr(mesh, "metadata", None)
-    name = told.get("name") if isinstance(told, Mapping) else None
+    metadata = getattr(mesh, "metadata", None)
+    name = metadata.get("name") if isinstance(metadata, Mapping) else None
     return None if name is None else str(name)

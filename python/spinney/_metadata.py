@@ -15,7 +15,7 @@ def array_options(source: Any, common: Mapping[str, Any], about: Mapping[str, An
     """Returns the blocks of an array and its properties. `common` and `about` are arguments of
     `spinney.build`, which take precedence over the array's own properties.
     """
-    told: dict[str, Any] = {}
+    properties: dict[str, Any] = {}
     said, nodata = dict(about), common["nodata"]
     shared = dict(common)
     if hasattr(source, "data_vars"):
@@ -23,27 +23,27 @@ def array_options(source: Any, common: Mapping[str, Any], about: Mapping[str, An
     if is_rasterio(source):
         source = RasterioArray(source)
     if isinstance(source, RasterioArray):
-        told = source.told()
+        properties = source.properties()
     elif hasattr(source, "dims") and hasattr(source, "coords"):
         from .xarray import described
 
-        told = described(source)
+        properties = described(source)
         source = source.variable
-    if told:
+    if properties:
         kind, rule = shared["kind"], shared["rule"]
         if nodata is not None:
-            told["void_number"] = None
-        nodata = told["nodata"] if nodata is None else nodata
-        if kind is None or kind == told["kind"]:
-            kind, rule = told["kind"], rule or told["rule"]
+            properties["void_number"] = None
+        nodata = properties["nodata"] if nodata is None else nodata
+        if kind is None or kind == properties["kind"]:
+            kind, rule = properties["kind"], rule or properties["rule"]
         elif np.dtype(source.dtype).kind == "f":
-            told["dtype"] = None
-        shared |= {"kind": kind, "rule": rule, "nodata": nodata, "crs": shared["crs"] or crs_text(told["crs"])}
-        said["dims"] = said["dims"] or told["dims"]
+            properties["dtype"] = None
+        shared |= {"kind": kind, "rule": rule, "nodata": nodata, "crs": shared["crs"] or crs_text(properties["crs"])}
+        said["dims"] = said["dims"] or properties["dims"]
         for name in ("transform", "categories", "colormap", "descriptions", "units", "scales", "offsets"):
-            said[name] = told[name] if said[name] is None else said[name]
-        said["tags"] = {**told["tags"], **(said["tags"] or {})}
-    array = Blocks(source, said["dims"], said["shape"], said["dtype"], said["mask"], nodata, told)
+            said[name] = properties[name] if said[name] is None else said[name]
+        said["tags"] = {**properties["tags"], **(said["tags"] or {})}
+    array = Blocks(source, said["dims"], said["shape"], said["dtype"], said["mask"], nodata, properties)
     if array.is_solid:
         shared["rule"] = shared["rule"] or "occupancy"
     elif array.is_mask:
@@ -55,22 +55,22 @@ def array_options(source: Any, common: Mapping[str, Any], about: Mapping[str, An
         "channels": array.channels,
         "in_order": array.in_order,
         "transform": None if said["transform"] is None else numbers_of(said["transform"]),
-        "void_number": told.get("void_number"),
-        "alpha": told.get("alpha"),
+        "void_number": properties.get("void_number"),
+        "alpha": properties.get("alpha"),
         "categories": dict(said["categories"] or {}),
         "colormap": colours_of(said["colormap"]),
-        "descriptions": texts_of(said["descriptions"]) or [],
+        "descriptions": strings_of(said["descriptions"]) or [],
         "scale_offset": pairs_of(said["scales"], said["offsets"], (1.0,) * array.channels, (0.0,) * array.channels) or [],
-        "units": texts_of(said["units"]) or [],
+        "units": strings_of(said["units"]) or [],
         "tags": dict(said["tags"] or {}),
-        "seen": told.get("seen"),
+        "seen": properties.get("seen"),
     }
     check_bands(options, array.channels)
     return array, options
 
 
-def texts_of(texts: Any) -> list[str] | None:
-    return None if texts is None else [text or "" for text in texts]
+def strings_of(strings: Any) -> list[str] | None:
+    return None if strings is None else [text or "" for text in strings]
 
 
 def pairs_of(
@@ -81,14 +81,14 @@ def pairs_of(
         return None
     scales, offsets = usual_scales if scales is None else scales, usual_offsets if offsets is None else offsets
     if len(scales) != len(offsets):
-        raise ValueError(f"scales and offsets: {len(scales)} and {len(offsets)} given")
+        raise ValueError(f"scales, offsets: got {len(scales)} and {len(offsets)}, expected as many of each")
     return [(float(scale), float(offset)) for scale, offset in zip(scales, offsets)]
 
 
 def check_bands(options: dict[str, Any], bands: int) -> None:
     for name in ("descriptions", "scale_offset", "units"):
         if options[name] is not None and len(options[name]) not in (0, bands):
-            raise ValueError(f"{name}: {len(options[name])} given, there are {bands} bands")
+            raise ValueError(f"{name}: got {len(options[name])}, expected one for each of {bands} bands")
 
 
 def crs_text(crs: Any) -> str | None:
@@ -104,7 +104,7 @@ def crs_text(crs: Any) -> str | None:
         return f"EPSG:{number}"
     if hasattr(crs, "to_wkt"):
         return str(crs.to_wkt())
-    raise TypeError(f"crs: expected text, a number or an object with a definition, got {crs!r}")
+    raise TypeError(f"crs: expected a string, a number or an object with a definition, got {crs!r}")
 
 
 def numbers_of(transform: Any) -> list[float]:
@@ -124,11 +124,11 @@ def colours_of(colormap: Any) -> list[list[int]] | None:
     if not colormap:
         return None
     if not 0 <= min(colormap) <= max(colormap) < 65536:
-        raise ValueError("colormap: values are 0 to 65535")
+        raise ValueError("colormap: expected values from 0 to 65535")
     colours = [[0, 0, 0, 0] for _ in range(max(colormap) + 1)]
     for value, colour in colormap.items():
         channels = [int(channel) for channel in colour]
         if len(channels) not in (3, 4) or not all(0 <= channel <= 255 for channel in channels):
-            raise ValueError(f"colormap: {colour!r}, expected red, green, blue and perhaps opacity, 0 to 255")
+            raise ValueError(f"colormap: got {colour!r}, expected red, green, blue and optionally opacity, 0 to 255")
         colours[value] = channels if len(channels) == 4 else [*channels, 255]
     return colours

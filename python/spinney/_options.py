@@ -29,11 +29,11 @@ def time_of(time: int | None) -> int | None:
     try:
         return None if text is None else int(text)
     except ValueError:
-        raise ValueError(f"SOURCE_DATE_EPOCH: {text!r}, expected a whole number of seconds") from None
+        raise ValueError(f"SOURCE_DATE_EPOCH: got {text!r}, expected an integer number of seconds") from None
 
 
 def packing_of(codec: str, max_error: float | None) -> tuple[str, float | None]:
     """Returns the packing: the checked codec, and the maximum error."""
     if codec not in ("plain", "packed"):
-        raise ValueError(f"codec: {codec!r}, expected plain or packed")
+        raise ValueError(f"codec: got {codec!r}, expected plain or packed")
     return codec, max_error

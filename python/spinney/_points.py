@@ -80,8 +80,8 @@ def build_points(
     with working(progress, threads, max_bytes) as terms:
         if paths is not None:
             return BuiltPoints(*_native.build_point_files(paths, path_of(out), given, terms))
-        places, columns = _columns(source)
-        return BuiltPoints(*_native.build_point_array(places, columns, path_of(out), given, terms))
+        positions, columns = _columns(source)
+        return BuiltPoints(*_native.build_point_array(positions, columns, path_of(out), given, terms))
 
 
 def _columns(source: Any) -> tuple[npt.NDArray[np.float64], list[tuple[str, str, npt.NDArray[np.uint8]]]]:
@@ -93,8 +93,8 @@ def _columns(source: Any) -> tuple[npt.NDArray[np.float64], list[tuple[str, str,
     names = list(array.dtype.names)
     coordinates = [name for name in ("x", "y", "z") if name in names]
     if coordinates[:2] != ["x", "y"] or array.ndim != 1:
-        raise ValueError(f"source: fields {', '.join(names)}, expected rows with x and y among them")
-    places = np.ascontiguousarray(np.stack([array[name].astype(np.float64) for name in coordinates], axis=1))
+        raise ValueError(f"source: got fields {', '.join(names)}, expected x and y among them")
+    positions = np.ascontiguousarray(np.stack([array[name].astype(np.float64) for name in coordinates], axis=1))
     known = {np.dtype(code): name for name, code in NAMES.items()}
     columns = []
     for name in names:
@@ -103,10 +103,10 @@ def _columns(source: Any) -> tuple[npt.NDArray[np.float64], list[tuple[str, str,
         column = array[name].astype("u1") if array.dtype[name] == np.bool_ else array[name]
         kind = known.get(column.dtype.newbyteorder("="))
         if kind is None:
-            raise TypeError(f"{name}: numbers of type {column.dtype} are not kept; convert them with astype")
+            raise TypeError(f"{name}: numbers of type {column.dtype} cannot be stored; convert them with astype")
         little = np.ascontiguousarray(column.astype(column.dtype.newbyteorder("<")))
         columns.append((name, kind, little.view(np.uint8)))
-    return places, columns
+    return positions, columns
 
 
 def open_points(path: Path, *, positioned: bool = False, storage_options: Mapping[str, Any] | None = None) -> PointTree:
@@ -125,7 +125,7 @@ class PointTree(BlockTree, _native.Points):
         with spinney.open_points("scan.goblin") as points:
             points.read(window=(500100, 5200100, 500300, 5200250), attributes=["intensity"])
             points.read(level=2)                    # a sketch of all of it
-            points.nearest(places, k=3)
+            points.nearest(positions, k=3)
     """
 
     def __repr__(self) -> str:
@@ -220,7 +220,7 @@ class PointTree(BlockTree, _native.Points):
 
     def nearest(
         self,
-        places: Points,
+        positions: Points,
         *,
         k: int = 1,
         radius: float = np.inf,
@@ -237,11 +237,11 @@ class PointTree(BlockTree, _native.Points):
         always in the file's own.
         """
         if k < 1:
-            raise ValueError(f"k: {k}, expected 1 or more")
-        given = np.asarray(places, dtype=np.float64)
+            raise ValueError(f"k: got {k}, expected 1 or more")
+        given = np.asarray(positions, dtype=np.float64)
         if given.ndim == 2 and given.shape[1] == 2:
             given = np.column_stack([given, np.full(len(given), np.nan)])
-        rows = points_of(given, 3, "places")
+        rows = points_of(given, 3, "positions")
         with working(progress, threads) as terms:
             distances, found = self._nearest(rows, k, float(radius), memory_of(memory), "world" if coordinates is None else coordinates, terms)
         return distances, found.reshape(len(rows), k, 3)
@@ -300,12 +300,12 @@ def _wanted(
 ) -> tuple[Any, Any, Any, int | None, str | None]:
     """Returns the native module's description of a selection."""
     if sum(given is not None for given in (window, polygons, ball)) > 1:
-        raise ValueError("window, polygons, ball: expected one of them")
+        raise ValueError("window, polygons, ball: got several, expected one of them")
     corners = None
     if window is not None:
         numbers = [float(number) for number in window]
         if len(numbers) not in (4, 6):
-            raise ValueError(f"window: {len(numbers)} numbers, expected least and greatest coordinates, four or six")
+            raise ValueError(f"window: got {len(numbers)} numbers, expected 4 or 6: minimum, then maximum coordinates")
         half = len(numbers) // 2
         low, high = numbers[:half], numbers[half:]
         corners = ([*low, -np.inf], [*high, np.inf]) if half == 2 else (low, high)

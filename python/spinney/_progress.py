@@ -24,13 +24,13 @@ def working(progress: Progress, threads: int | None = None, max_bytes: int | str
     """Yields the terms of a job from the arguments of a public function."""
     limit = None if max_bytes is None else bytes_of(max_bytes, "max_bytes")
     if threads is not None and (isinstance(threads, bool) or not isinstance(threads, Integral) or threads < 1):
-        raise ValueError(f"threads: {threads!r}, expected a whole number, 1 or more")
-    with telling(progress) as tell:
-        yield tell, None if threads is None else int(threads), limit
+        raise ValueError(f"threads: got {threads!r}, expected an integer, 1 or more")
+    with progress_callback(progress) as callback:
+        yield callback, None if threads is None else int(threads), limit
 
 
 @contextmanager
-def telling(progress: Progress) -> Iterator[Callable[[int, int], object] | None]:
+def progress_callback(progress: Progress) -> Iterator[Callable[[int, int], object] | None]:
     """Yields a progress callback: that of a new bar if `progress` is `True`, or of a tqdm bar."""
     if progress is None or progress is False:
         yield None
@@ -38,8 +38,8 @@ def telling(progress: Progress) -> Iterator[Callable[[int, int], object] | None]
         try:
             from tqdm.auto import tqdm  # type: ignore[import-untyped,unused-ignore]
         except ImportError:
-            with _line() as tell:
-                yield tell
+            with _line() as callback:
+                yield callback
         else:
             with tqdm(unit="cells", unit_scale=True) as bar:
                 yield _updates_of(bar)
@@ -99,7 +99,7 @@ def bytes_of(given: int | str, name: str) -> int:
         try:
             size = int(float(text[: len(text) - len(unit)]) * 1024 ** units[unit])
         except (ValueError, KeyError, OverflowError):
-            raise ValueError(f"{name}: {given!r}, expected a number of bytes, such as 256M or 2G") from None
+            raise ValueError(f"{name}: got {given!r}, expected a number of bytes, such as 256M or 2G") from None
     if not 0 < size < 1 << 62:
-        raise ValueError(f"{name}: {given!r} is out of range")
+        raise ValueError(f"{name}: got {given!r}, which is out of range")
     return size

@@ -121,8 +121,8 @@ class Properties(_native.Tree):
         return list(self._facts()["provenance"])
 
     def _by_band(self, name: str) -> tuple[str | None, ...]:
-        texts = self._facts()[name] or [""] * self.count
-        return tuple(text or None for text in texts)
+        strings = self._facts()[name] or [""] * self.count
+        return tuple(text or None for text in strings)
 
     # Georeferencing
 

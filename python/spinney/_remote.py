@@ -53,9 +53,9 @@ def path_of(path: Any, name: str = "path") -> str:
     if _is_local(system):
         return str(within)
     if protocol not in _SCHEMES:
-        raise ValueError(f"{name}: a file of fsspec's {protocol!r}, which only Python reads; copy it to a local file first (fs.get)")
+        raise ValueError(f"{name}: is a file of fsspec's {protocol!r}, which only Python reads; copy it to a local file first (fs.get)")
     if getattr(system, "storage_options", None):
-        raise ValueError(f"{name}: a file system with options of its own; give the URL, with credentials in the environment (docs/remote.md)")
+        raise ValueError(f"{name}: is in a file system with options; give the URL, with credentials in the environment (docs/remote.md)")
     url = str(system.unstrip_protocol(within)) if _SCHEMES[protocol] == "" else _SCHEMES[protocol] + str(within)
     return url
 
@@ -102,7 +102,7 @@ def _file_of(path: Any) -> tuple[str, PythonFile | None]:
     system, within = _system_of(path)
     if system is not None:
         if getattr(path, "compression", None):
-            raise ValueError(f"path: a file of fsspec with compression={path.compression!r}, of which ranges cannot be read; decompress it first")
+            raise ValueError(f"path: got a file of fsspec with compression={path.compression!r}, whose ranges cannot be read; decompress it first")
         if _is_local(system):
             return str(within), None
         return f"{_protocol(system)}::{within}", _file_of_system(system, within, path)
@@ -126,7 +126,7 @@ def _opened(path: str, storage_options: Mapping[str, Any] | None) -> Any:
     try:
         import fsspec  # type: ignore[import-untyped,unused-ignore]
     except ImportError:
-        raise ValueError(f"{_native.shown(path)}: a URL for fsspec, which is not installed (pip install fsspec)") from None
+        raise ValueError(f"{_native.shown(path)}: is a URL for fsspec, which is not installed (pip install fsspec)") from None
     return fsspec.open(path, "rb", **(storage_options or {}))
 
 
@@ -176,7 +176,7 @@ def _open_file(file: Any) -> tuple[str, PythonFile]:
         length = file.tell() if length is None else length
         file.seek(0)
         if not isinstance(file.read(0), bytes | bytearray | memoryview):
-            raise TypeError(f"path: a text file, {file!r}; open it with mode 'rb'")
+            raise TypeError(f"path: got a text file, {file!r}; open it with mode 'rb'")
         file.seek(at)
 
     def fetch(starts: list[int], ends: list[int]) -> list[bytes]:
@@ -274,7 +274,7 @@ def _translated(store: str, key: str, value: Any) -> dict[str, str]:
             return {found: text for name, own in inner.items() for found, text in _translated("s3", name, own).items()}
         case _, "client_kwargs" | "config_kwargs" | "s3_additional_kwargs":
             if value:
-                raise ValueError(f"storage_options: {key}: is not known of {store or 'local'} files; see docs/remote.md, or give the file of fsspec itself")
+                raise ValueError(f"storage_options: {key}: is unknown for {store or 'local'} files; see docs/remote.md, or pass a file of fsspec")
             return {}
         case "s3", "endpoint_url":
             return {"endpoint": _text(value), **({"allow_http": "true"} if str(value).startswith("http://") else {})}

@@ -11,7 +11,7 @@ from typing import Any
 from . import _native
 
 # Maximum size in bytes of a message to the page; its reader requests less.
-_MOST = 64 << 20
+_MAX_BYTES = 64 << 20
 
 
 def title_of(path: str) -> str:
@@ -27,7 +27,7 @@ def shown(path: str, start: dict[str, Any], height: int) -> Any:
     except ImportError as error:
         raise ImportError("show() is for notebooks, and needs the package anywidget: pip install 'spinney[notebook]'") from error
     if not os.path.isfile(path):
-        raise ValueError(f"{path}: show() reads files of this machine; for one that is elsewhere, write a page with export('index.html')")
+        raise ValueError(f"{path}: is not a local file, which show() needs; write a page with export('index.html')")
     size, pixels = os.path.getsize(path), height
     html = _native.page_html(os.path.basename(path), title_of(path), size, start)
 
@@ -43,7 +43,7 @@ def shown(path: str, start: dict[str, Any], height: int) -> Any:
 
         def __init__(self) -> None:
             super().__init__()
-            self.on_msg(self._answer)
+            self.on_msg(self._send_range)
 
         @property
         def polygon(self) -> dict[str, Any] | None:
@@ -64,11 +64,11 @@ def shown(path: str, start: dict[str, Any], height: int) -> Any:
             """The statistics on the page; cells count by their share inside the polygon."""
             return json.loads(self._drawn)["zone"] if self._drawn else None
 
-        def _answer(self, _widget: Any, message: Any, _buffers: Any) -> None:
+        def _send_range(self, _widget: Any, message: Any, _buffers: Any) -> None:
             number = message["range"]
             try:
                 start, end = int(message["start"]), int(message["end"])
-                if not 0 <= start <= end <= size or end - start > _MOST:
+                if not 0 <= start <= end <= size or end - start > _MAX_BYTES:
                     raise ValueError(f"bytes {start} to {end} of {size} in {path}")
                 with builtins.open(path, "rb") as file:
                     file.seek(start)

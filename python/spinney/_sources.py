@@ -43,7 +43,7 @@ class RasterioArray:
         types = [str(dataset.dtypes[band]) for band in self.bands]
         self.dtype = np.dtype(types[0])
         if len(set(types)) > 1:
-            raise TypeError(f"bands of several types, {', '.join(types)}: give stack=True for a layer of each")
+            raise TypeError(f"source: got bands of several types, {', '.join(types)}; give stack=True for a layer per band")
         every = [role.name.capitalize() for role in dataset.colorinterp]
         self.roles = [every[band] for band in self.bands]
         self.alpha = self.roles.index("Alpha") if "Alpha" in self.roles and len(self.roles) > 1 else None
@@ -64,7 +64,7 @@ class RasterioArray:
         opacity = self.dataset.read(self.opacity + 1, window=window)
         return np.ma.MaskedArray(samples, mask=np.broadcast_to(opacity == 0, samples.shape))
 
-    def told(self) -> dict[str, Any]:
+    def properties(self) -> dict[str, Any]:
         """Returns the dataset's properties, as arguments of `spinney.build`."""
         dataset = self.dataset
         placed = dataset.crs is not None or not dataset.transform.is_identity
@@ -80,7 +80,7 @@ class RasterioArray:
             tags["colour_roles"] = ",".join(self.roles)
         lost = [what for what, there in (("ground control points", dataset.gcps[0]), ("rational polynomials", dataset.rpcs)) if there]
         if lost:
-            warnings.warn(f"{dataset.name}: {' and '.join(lost)} are not kept of a dataset of rasterio; build from its path", stacklevel=3)
+            warnings.warn(f"{dataset.name}: {' and '.join(lost)} of a rasterio dataset are not stored; build from its path", stacklevel=3)
         return {
             "dims": "byx",
             "kind": "categorical" if colours else None,
@@ -119,17 +119,17 @@ def one_array(dataset: Any) -> Any:
     """
     names = [name for name, array in dataset.data_vars.items() if array.ndim >= 2]
     if not names:
-        raise ValueError("a dataset of xarray without a variable that has rows and columns")
+        raise ValueError("source: got an xarray dataset without a variable that has rows and columns")
     if len(names) == 1:
         return dataset[names[0]]
     first = dataset[names[0]]
     arrays = [dataset[name] for name in names]
     if any(array.dtype != first.dtype or array.dims != first.dims for array in arrays):
-        raise ValueError(f"variables of several types or axes, {', '.join(map(str, names))}: give stack=True for a layer of each")
+        raise ValueError(f"source: got variables of several types or axes, {', '.join(map(str, names))}; give stack=True for a layer per variable")
     about = [{**array.encoding, **array.attrs} for array in arrays]
     for key in ("_FillValue", "missing_value", "nodata", "flag_values", "flag_meanings"):
         if any(str(other.get(key)) != str(about[0].get(key)) for other in about):
-            raise ValueError(f"variables that differ in {key}, {', '.join(map(str, names))}: give stack=True for a layer of each")
+            raise ValueError(f"source: got variables that differ in {key}, {', '.join(map(str, names))}; give stack=True for a layer per variable")
     made = dataset[names].to_dataarray("band")
     # Common attributes are those of the whole; some others become values per band.
     by_band = {"units": "", "scale_factor": 1.0, "add_offset": 0.0}
@@ -141,7 +141,7 @@ def one_array(dataset: Any) -> Any:
     made.attrs["long_name"] = tuple(str(array.attrs.get("long_name", name)) for name, array in zip(names, arrays))
     lost = sorted({str(key) for array in arrays for key in array.attrs if key not in alike and key not in {"long_name", *by_band}})
     if lost:
-        warnings.warn(f"attributes that are not those of all variables are left out: {', '.join(lost)}", stacklevel=3)
+        warnings.warn(f"attributes that not all variables share are not stored: {', '.join(lost)}", stacklevel=3)
     made.encoding = {key: value for key, value in first.encoding.items() if key not in by_band}
     return made
 
@@ -155,8 +155,8 @@ def feature_file(source: Any, out: Path) -> Iterator[tuple[str, str | None]]:
     if crs == "world":
         # (Without a known system, coordinates are not assumed to be degrees.)
         document = json.dumps({**json.loads(document), "crs": None})
-    folder = os.path.dirname(os.path.abspath(path_of(out)))
-    with tempfile.NamedTemporaryFile("w", encoding="utf-8", suffix=".geojson", dir=folder) as file:
+    directory = os.path.dirname(os.path.abspath(path_of(out)))
+    with tempfile.NamedTemporaryFile("w", encoding="utf-8", suffix=".geojson", dir=directory) as file:
         file.write(document)
         file.flush()
         yield file.name, None if crs == "world" else crs

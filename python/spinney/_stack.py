@@ -52,11 +52,11 @@ class _OneBand:
 
 
 def layers_of(
-    source: Any, stack: bool, told: tuple[Sequence[str] | None, Sequence[str] | None], dims: str | None, descriptions: Any
+    source: Any, stack: bool, labels: tuple[Sequence[str] | None, Sequence[str] | None], dims: str | None, descriptions: Any
 ) -> list[ArrayLayer] | None:
     """Returns the layers of a source in memory: from a mapping of names, arrays in a list, bands,
-    variables, or times. Returns `None` for other sources: one tree, or files. `told` are names and
-    times of all layers.
+    variables, or times. Returns `None` for other sources: one tree, or files. `labels` are names
+    and times of all layers.
     """
     if hasattr(source, "data_vars"):
         variables = {str(name): array for name, array in source.data_vars.items() if array.ndim >= 2}
@@ -85,11 +85,11 @@ def layers_of(
     else:
         raise TypeError(f"stack: expected paths, arrays by their names, or an array with bands, got {source!r}")
     if not found:
-        raise ValueError("a stack needs at least one layer")
-    for what, texts in zip(("names", "times"), told):
-        if texts is not None and len(texts) != len(found):
-            raise ValueError(f"{what}: {len(texts)} given, there are {len(found)} layers")
-    names, times = told
+        raise ValueError("stack: got no layers, expected at least one")
+    for what, strings in zip(("names", "times"), labels):
+        if strings is not None and len(strings) != len(found):
+            raise ValueError(f"{what}: got {len(strings)}, expected one for each of {len(found)} layers")
+    names, times = labels
     if names is not None:
         found = [layer._replace(name=str(name)) for layer, name in zip(found, names)]
     if times is not None:
@@ -97,7 +97,7 @@ def layers_of(
     known: set[str] = set()
     for layer in found:
         if not layer.name.strip() or layer.name in known:
-            raise ValueError(f"names: `{layer.name}` given, each layer needs a name that no other one has; say them with names=")
+            raise ValueError(f"names: got `{layer.name}`, expected a unique name for each layer; give them as names=")
         known.add(layer.name)
     return found
 
@@ -120,9 +120,9 @@ def _parts_of(name: str, array: Any, stack: bool) -> Iterator[ArrayLayer]:
     band.
     """
     if isinstance(array, _native.Tree) or hasattr(array, "_as_tree"):
-        raise TypeError(f"{name}: is a tree; spinney.add_layer adds trees to a file, as they are")
+        raise TypeError(f"{name}: is a tree; spinney.add_layer adds trees to a file unchanged")
     if is_path(array):
-        raise TypeError(f"{name}: is a path among arrays; build a stack of paths, or of arrays")
+        raise TypeError(f"{name}: is a path among arrays, expected only paths or only arrays")
     if is_rasterio(array):
         for band, part in rasterio_layers(array):
             yield ArrayLayer(name if array.count == len(part.bands) else f"{name}_{band}", name, part)
@@ -132,7 +132,7 @@ def _parts_of(name: str, array: Any, stack: bool) -> Iterator[ArrayLayer]:
         return
     axis = _time_axis(array)
     if axis is None:
-        for band, part in _bands_told(array, stack):
+        for band, part in _named_bands(array, stack):
             yield ArrayLayer("_".join(filter(None, (name, band))) or USUAL, name, part)
         return
     times = array.coords[axis].values if axis in array.coords else np.empty(0)
@@ -140,22 +140,22 @@ def _parts_of(name: str, array: Any, stack: bool) -> Iterator[ArrayLayer]:
         raise ValueError(f"axis {axis!r} of the DataArray: expected coordinates of datetime64, got {times.dtype if times.size else 'none'}")
     for number, time in enumerate(times):
         seen = text_of_time(time)
-        for band, part in _bands_told(array.isel({axis: number}), stack):
+        for band, part in _named_bands(array.isel({axis: number}), stack):
             yield ArrayLayer("_".join(filter(None, (name, band, short_of(seen)))), name, part.drop_vars(axis), seen)
 
 
-def _bands_told(array: Any, stack: bool) -> Iterator[tuple[str, Any]]:
+def _named_bands(array: Any, stack: bool) -> Iterator[tuple[str, Any]]:
     """Yields the bands of a DataArray with their names, or the whole without a name."""
     if not stack or "band" not in array.dims:
         yield "", array
         return
-    told = array.coords["band"].values if "band" in array.coords else np.arange(1, array.sizes["band"] + 1)
-    are_names = told.dtype.kind not in "iuf"
-    texts = array.attrs.get("long_name")
-    for number, label in enumerate(told):
+    labels = array.coords["band"].values if "band" in array.coords else np.arange(1, array.sizes["band"] + 1)
+    are_names = labels.dtype.kind not in "iuf"
+    strings = array.attrs.get("long_name")
+    for number, label in enumerate(labels):
         text = str(label) if are_names else ""
-        if not text and isinstance(texts, tuple | list | np.ndarray) and len(texts) == len(told):
-            text = str(texts[number]).split(",")[0].strip()
+        if not text and isinstance(strings, tuple | list | np.ndarray) and len(strings) == len(labels):
+            text = str(strings[number]).split(",")[0].strip()
         part = array.isel(band=number)
         # (Names and units are selected by number.)
         yield text or f"band_{label}", part.assign_coords(band=number + 1) if are_names else part
@@ -166,18 +166,18 @@ def _bands_of(array: Any, dims: str | None, descriptions: Any) -> list[ArrayLaye
     shape = tuple(int(length) for length in array.shape)
     dims = dims or usual_dims(shape)
     if len(dims) != len(shape):
-        raise ValueError(f"dims: {dims!r} does not fit an array of shape {shape}")
+        raise ValueError(f"dims: got {dims!r}, which does not match an array of shape {shape}")
     if "b" not in dims:
         return [ArrayLayer("band_1", "", array)]
     axis = dims.index("b")
-    told = list(descriptions) if descriptions is not None and not isinstance(descriptions, Mapping) else []
-    if told and len(told) != shape[axis]:
-        raise ValueError(f"descriptions: {len(told)} given, there are {shape[axis]} bands")
-    texts = [str(text or "").split(",")[0].strip() for text in told] or [""] * shape[axis]
-    return [ArrayLayer(text or f"band_{band + 1}", "", _OneBand(array, axis, band), None, band) for band, text in enumerate(texts)]
+    given = list(descriptions) if descriptions is not None and not isinstance(descriptions, Mapping) else []
+    if given and len(given) != shape[axis]:
+        raise ValueError(f"descriptions: got {len(given)}, expected one for each of {shape[axis]} bands")
+    names = [str(text or "").split(",")[0].strip() for text in given] or [""] * shape[axis]
+    return [ArrayLayer(text or f"band_{band + 1}", "", _OneBand(array, axis, band), None, band) for band, text in enumerate(names)]
 
 
-class GivenLayers(NamedTuple):
+class InputLayers(NamedTuple):
     """Array layers with all options: the native module's input for a file."""
 
     layers: list[dict[str, Any]]
@@ -190,13 +190,13 @@ class GivenLayers(NamedTuple):
             _native.build_layers(self.layers, out, self.depth, work)
 
 
-def one_layer(source: Any, common: Mapping[str, Any], about: Mapping[str, Any]) -> GivenLayers:
+def one_layer(source: Any, common: Mapping[str, Any], about: Mapping[str, Any]) -> InputLayers:
     """Returns the only layer of a file; `common` and `about` are arguments of `spinney.build`."""
     array, options = array_options(source, common, about)
-    return GivenLayers([{"name": "", "read": array.read, "coarser": 0, "options": options}], common["depth"])
+    return InputLayers([{"name": "", "read": array.read, "coarser": 0, "options": options}], common["depth"])
 
 
-def stack_layers(layers: Sequence[ArrayLayer], common: Mapping[str, Any], about: Mapping[str, Any]) -> GivenLayers:
+def stack_layers(layers: Sequence[ArrayLayer], common: Mapping[str, Any], about: Mapping[str, Any]) -> InputLayers:
     """Returns the layers of a file; `common` and `about` are arguments of `spinney.build`, for all
     layers or by name.
     """
@@ -208,7 +208,7 @@ def stack_layers(layers: Sequence[ArrayLayer], common: Mapping[str, Any], about:
         {"name": layer.name, "read": blocks.read, "coarser": options.pop("coarser"), "options": options}
         for layer, (blocks, options) in zip(layers, planned)
     ]
-    return GivenLayers(made, common["depth"])
+    return InputLayers(made, common["depth"])
 
 
 def _planned(layer: ArrayLayer, common: Mapping[str, Any], about: Mapping[str, Any], known: set[str]) -> tuple[Blocks, dict[str, Any]]:
@@ -225,7 +225,7 @@ def _planned(layer: ArrayLayer, common: Mapping[str, Any], about: Mapping[str, A
             if own[name] is not None and layer.band is not None:
                 count = array.source.shape[array.axis]
                 if len(own[name]) != count:
-                    raise ValueError(f"{name}: {len(own[name])} given, there are {count} bands")
+                    raise ValueError(f"{name}: got {len(own[name])}, expected one for each of {count} bands")
                 own[name] = [own[name][layer.band]]
     blocks, options = array_options(array, {name: own[name] for name in common}, {name: own[name] for name in about})
     if about["transform"] is not None:
@@ -244,7 +244,7 @@ def _of_layer(name: str, value: Any, layer: ArrayLayer, known: set[str]) -> Any:
         return value
     for key in value:
         if key not in known:
-            raise ValueError(f"{name}: {key!r} is no layer; they are {', '.join(sorted(known))}")
+            raise ValueError(f"{name}: got an unknown layer {key!r}, expected one of {', '.join(sorted(known))}")
     return value.get(layer.name, value.get(layer.group))
 
 
@@ -253,15 +253,15 @@ def _place(planned: Sequence[dict[str, Any]], layers: Sequence[ArrayLayer], tran
     one, else from its size. Sets all transforms to that of the finest cells.
     """
     if len({options["octree"] for options in planned}) > 1:
-        raise ValueError("layers of a file are pictures, or volumes, not both")
+        raise ValueError("stack: got rasters and volumes, expected layers of one dimension")
     systems = {options["crs"] for options in planned} - {None}
     if len(systems) > 1:
-        raise ValueError(f"layers in different coordinate systems: {', '.join(sorted(systems))}; reproject them first, or give crs=")
-    told = [None if options["transform"] is None else _matrix(options["transform"]) for options in planned]
+        raise ValueError(f"stack: got layers in different coordinate systems, {', '.join(sorted(systems))}; reproject them first, or give crs=")
+    matrices = [None if options["transform"] is None else _matrix(options["transform"]) for options in planned]
     axes = 3 if planned[0]["octree"] else 2
     given = transform is not None
-    finest = _matrix(transform) if given else min((matrix for matrix in told if matrix is not None), key=lambda matrix: _width(matrix, axes), default=np.eye(4)[:3])
-    coarser = [None if matrix is None else _levels_between(finest, matrix, axes, layer) for matrix, layer in zip(told, layers)]
+    finest = _matrix(transform) if given else min((matrix for matrix in matrices if matrix is not None), key=lambda matrix: _width(matrix, axes), default=np.eye(4)[:3])
+    coarser = [None if matrix is None else _levels_between(finest, matrix, axes, layer) for matrix, layer in zip(matrices, layers)]
     sizes = [options["extent"] for options in planned]
     # The extent in finest cells: of layers known to have these, or of the largest layer without a
     # transform.
@@ -274,7 +274,7 @@ def _place(planned: Sequence[dict[str, Any]], layers: Sequence[ArrayLayer], tran
         matrix = finest * scale
         options["coarser"] = levels
         options["crs"] = next(iter(systems), None)
-        if levels or given or any(other is not None for other in told):
+        if levels or given or any(other is not None for other in matrices):
             options["transform"] = matrix.ravel().tolist() if axes == 3 else [*matrix[0, [0, 1, 3]].tolist(), *matrix[1, [0, 1, 3]].tolist()]
 
 
@@ -301,8 +301,8 @@ def _levels_between(finest: npt.NDArray[np.float64], matrix: npt.NDArray[np.floa
     corner = matrix[:axes, 3] - finest[:axes, 3]
     if np.abs(linear).max() > 1e-6 * width * 2.0**levels or np.abs(corner).max() > 1e-2 * width:
         raise ValueError(
-            f"`{layer.name}` lies on another grid: layers begin at one corner, with cells as large as the finest or 2, 4, 8 ... times; "
-            "interpolate it first, or say the place of all by transform="
+            f"`{layer.name}` is on another grid: layers must start at the same corner, with cells as large as the finest ones or 2, 4, 8 ... times; "
+            "resample it first, or give transform= for all layers"
         )
     return levels
 
@@ -316,6 +316,6 @@ def _levels_of(size: Sequence[int], extent: Sequence[int], layer: ArrayLayer) ->
             return levels
     found, whole = (" x ".join(map(str, reversed(lengths[: 2 if extent[2] == 1 else 3]))) for lengths in (size, extent))
     raise ValueError(
-        f"`{layer.name}` has {found} cells, the finest layer {whole}: layers of arrays have as many, or those of cells 2, 4, 8 ... times as "
-        "large; DataArrays with coordinates tell their own place"
+        f"`{layer.name}` has {found} cells, the finest layer {whole}: layers of arrays must have as many, or those of cells 2, 4, 8 ... times as "
+        "large; DataArrays with coordinates have positions of their own"
     )

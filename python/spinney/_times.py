@@ -50,7 +50,7 @@ def text_of_time(time: Any) -> str:
     """Formats a datetime64 in ISO 8601, with as many digits as it needs."""
     at = np.datetime64(time, "ns")
     if np.isnat(at):
-        raise ValueError("time: NaT is no time")
+        raise ValueError("time: got NaT, expected a time")
     text = str(np.datetime_as_string(at, unit="ns"))
     return text.rstrip("0").rstrip(".") + "Z" if "." in text else text + "Z"
 

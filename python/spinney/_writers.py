@@ -165,13 +165,13 @@ class Writers(Properties):
             if self._is_tiles(to):
                 refuse("solids and GeoTIFF", of_surfaces | of_cog)
                 if not update and (since is not None or restyle):
-                    raise ValueError("since and restyle are for an update")
+                    raise ValueError("since, restyle: are for an update")
                 if update and resume:
-                    raise ValueError("update and resume: give one of them")
+                    raise ValueError("update, resume: got both, expected one of them")
                 old = None if isinstance(update, bool) else path_of(update)
                 options = of_tiles | {"tile_size": tile_size, "allow_ballpark": allow_ballpark, "resume": resume}
                 if update and (part is not None or parts is not None):
-                    raise ValueError("update and parts: an update is of all tiles")
+                    raise ValueError("update, part, parts: an update is of all tiles")
                 names = [path_of(archive) for archive in parts or []]
                 options |= {"update": bool(update), "old": old, "restyle": restyle, "parts": names}
                 return self._write_tiles(to, window, coordinates, options, terms)
@@ -180,9 +180,9 @@ class Writers(Properties):
                 refuse("solids", of_surfaces)
                 self._write_cog(to, tile_size, compression, nodata, terms)
                 return None
-            refuse("pictures", of_cog | {"tile_size": tile_size})
+            refuse("rasters", of_cog | {"tile_size": tile_size})
             if to.lower().endswith(".glb") or os.path.basename(to) == "tileset.json":
-                refuse("meshes; it has triangles anyway", {"triangles": triangles or None})
+                refuse("meshes of other formats; glTF always has triangles", {"triangles": triangles or None})
                 return self._write_gltf(to, level, smooth, meshopt, terms)
             refuse("meshes of other formats than glTF", {"meshopt": meshopt or None})
             return self._write_mesh(to, level, smooth, triangles, terms)
@@ -201,7 +201,7 @@ class Writers(Properties):
     def _page_start(self, style: Style | None) -> tuple[str, dict[str, Any]]:
         """Returns the file, and the initial state of a page."""
         if self.view:
-            raise ValueError("a page shows a file as it is: write this view to a file first, with transform")
+            raise ValueError("a page shows an unmodified file; write this view to a file first, with transform")
         start = {"layer": self.layer or None, "commit": self.commit, "style": _style_text(style)}
         return os.fspath(self.path), start
 
@@ -260,7 +260,7 @@ class Writers(Properties):
         default `style` (see `save`) is the tree's own. `scale` enlarges a .png, 1 to 8 times.
         """
         if not 1 <= index(scale) <= 8:
-            raise ValueError(f"scale: {scale}, expected 1 to 8")
+            raise ValueError(f"scale: got {scale}, expected 1 to 8")
         with working(progress, threads) as terms:
             self._write_legend(path_of(out), _style_text(style), index(scale), terms)
 
@@ -287,16 +287,16 @@ class Writers(Properties):
         y), `elevation` degrees above the horizon. Without a background the image has opacity as a
         fourth channel.
         """
-        with working(progress, threads) as terms, tempfile.TemporaryDirectory(prefix="spinney-") as folder:
-            to = os.path.join(folder, "picture.npy") if path is None else path_of(path)
+        with working(progress, threads) as terms, tempfile.TemporaryDirectory(prefix="spinney-") as directory:
+            to = os.path.join(directory, "image.npy") if path is None else path_of(path)
             direction = (azimuth, elevation)
             self._write_render(
                 to, size, direction, level, scale, orthographic, up, background, samples, terms
             )
             if path is not None:
                 return None
-            picture: npt.NDArray[np.uint8] = np.load(to)
-            return picture
+            image: npt.NDArray[np.uint8] = np.load(to)
+            return image
 
 
 def _style_text(style: Style | None) -> str | None:

@@ -92,7 +92,7 @@ def measures_of(measures: str | Iterable[str] | None, quantiles: float | Sequenc
     """
     names = re.findall(r"[^\s,]+", measures) if isinstance(measures, str) else [str(name) for name in measures or ()]
     if unknown := [name for name in names if name not in MEASURES]:
-        raise ValueError(f"measures: {', '.join(unknown)}, expected names among {', '.join(MEASURES)}")
+        raise ValueError(f"measures: got {', '.join(unknown)}, expected names among {', '.join(MEASURES)}")
     return names, [float(quantile) for quantile in np.atleast_1d(np.asarray(quantiles, dtype=float))]
 
 
@@ -104,17 +104,17 @@ def column_of(quantile: float) -> str:
 def named(zones: Sequence[ZoneStatistics], measures: Sequence[str], quantiles: Sequence[float]) -> list[dict[str, Any]]:
     """Returns the named measures, and quantiles, of each zone."""
 
-    def told(zone: ZoneStatistics) -> dict[str, Any]:
+    def row_of(zone: ZoneStatistics) -> dict[str, Any]:
         band = zone.bands[0] if zone.bands else NOTHING
         found = {name: MEASURES[name](zone, band) for name in measures}
         return found | {column_of(quantile): _of(band).quantiles.get(quantile, NAN) for quantile in quantiles}
 
-    return [told(zone) for zone in zones]
+    return [row_of(zone) for zone in zones]
 
 
-def zone_of(told: Any, quantiles: Sequence[float]) -> ZoneStatistics:
+def zone_of(raw: Any, quantiles: Sequence[float]) -> ZoneStatistics:
     """Converts the statistics of a zone from the native module."""
-    (cells, void, outside), bands, classes = told
+    (cells, void, outside), bands, classes = raw
 
     def band_of(cells: float, low: float, high: float, mean: float, std: float, total: float, values: Any) -> ZoneBand:
         if values is not None:

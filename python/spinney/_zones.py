@@ -140,8 +140,8 @@ class Zones(Writers):
         "EPSG:4326", WKT, a pyproj object, or "world" for the tree's own. If all polygons lie
         outside of the tree, that is an error. Cells at edges count fully if their `"centre"` is
         inside or if they `"touch"` the polygon, or by the exact share of their `"area"` that is
-        inside. `where` selects features by attribute values: `{"kind": "lake", "lod": 2}`, or by
-        conditions that must all hold: `"kind!=lake,lod>=2"`. The features of a file must fit into
+        inside. `where` selects features by attribute values: `{"kind": "lake", "code": 2}`, or by
+        conditions that must all hold: `"kind!=lake,code>=2"`. The features of a file must fit into
         `memory`; values that do not fit into it go to temporary files.
 
         With the names of some `measures` (one, a list, or several in a string, `"min mean"`;
@@ -173,7 +173,7 @@ class Zones(Writers):
             raise TypeError("layers: expected a list of names, such as ds.names")
         names, levels = measures_of(measures, quantiles)
         if is_frame(geometries) and where is not None:
-            raise ValueError("where: expected rows of the frame that are chosen beforehand, as in frame[frame.kind == 'lake']")
+            raise ValueError("where: is for files; select rows of the frame beforehand, as in frame[frame.kind == 'lake']")
         if out is not None:
             return self._write_joined(geometries, (names, levels), edge, crs, where, memory, layers, (out, attribute), (progress, threads))
         if attribute is not None:
@@ -181,20 +181,20 @@ class Zones(Writers):
         with working(progress, threads) as terms:
             documents = documents_of(geometries, None if crs is None else definition_of(crs))
             chosen = where if isinstance(where, str) else values_of(where)
-            asked = (chosen, memory_of(memory), names, levels)
-            found = self._zones(documents, edge, asked, None if layers is None else list(layers), self._outside_is_error, terms)
-        told = [[zone_of(zone, levels) for zone in zones] for zones in found]
+            query = (chosen, memory_of(memory), names, levels)
+            found = self._zones(documents, edge, query, None if layers is None else list(layers), self._outside_is_error, terms)
+        statistics = [[zone_of(zone, levels) for zone in zones] for zones in found]
 
-        def answer(zones: list[ZoneStatistics]) -> Any:
+        def result_of(zones: list[ZoneStatistics]) -> Any:
             rows: Any = zones if measures is None or (is_frame(geometries) and not names) else named(zones, names, levels)
             return table_of(geometries, rows, names, levels) if is_frame(geometries) else rows
 
-        return answer(told[0]) if layers is None else {layer: answer(zones) for layer, zones in zip(layers, told)}
+        return result_of(statistics[0]) if layers is None else {layer: result_of(zones) for layer, zones in zip(layers, statistics)}
 
     def _write_joined(
         self,
         geometries: Any,
-        asked: tuple[list[str], list[float]],
+        query: tuple[list[str], list[float]],
         edge: Edge,
         crs: Any,
         where: Mapping[str, Any] | str | None,
@@ -207,11 +207,11 @@ class Zones(Writers):
         (out, attribute), (progress, threads) = written, terms
         coordinates = None if crs is None else definition_of(crs)
         chosen = where if isinstance(where, str) else values_of(where)
-        with features_over(geometries, coordinates=coordinates) as told, working(progress, threads) as work:
+        with features_over(geometries, coordinates=coordinates) as statistics, working(progress, threads) as work:
             return self._write_zones(
-                (told["path"], told["coordinates"]),
+                (statistics["path"], statistics["coordinates"]),
                 edge,
-                (chosen, memory_of(memory), *asked),
+                (chosen, memory_of(memory), *query),
                 None if attribute is None else names_of(attribute),
                 None if layers is None else list(layers),
                 path_of(out),

@@ -32,19 +32,19 @@ from . import _native
 from . import shards as _shards
 from ._dataset import open
 from ._files import MEMORY
-from ._array_input import chunks_of, given_layers
+from ._array_input import chunks_of, input_layers
 from ._options import packing_of
-from ._progress import ALONE, telling
+from ._progress import ALONE, progress_callback
 from ._remote import is_path, kept_name, path_of
 from ._sources import paths_of
-from ._stack import GivenLayers
+from ._stack import InputLayers
 from ._types import Path, Progress
 from ._zonal import definition_of, is_frame, measures_of, table_of
 
 __all__ = ["build", "combine", "export_tiles", "transform", "zonal"]
 
 #: Default number of tasks per thread of the cluster, which balances their load.
-_PIECES_A_THREAD = 4
+_TASKS_PER_THREAD = 4
 
 
 def build(
@@ -75,24 +75,24 @@ def build(
     `memory`; a failed one is retried `retries` times, one whose worker has died always. `progress`
     counts shards.
     """
-    run = _Run(client, out, job, shards, retries, memory, max_bytes, progress)
+    run = _ClusterJob(client, out, job, shards, retries, memory, max_bytes, progress)
     if is_path(sources) or paths_of(sources) is not None:
-        return run.build(lambda count: _shards.plan(sources, run.folder, shards=count, **options))
+        return run.build(lambda count: _shards.plan(sources, run.directory, shards=count, **options))
     import dask
     import dask.base
 
-    given = given_layers(sources, memory, **options)
+    given = input_layers(sources, memory, **options)
     token = str(dask.base.tokenize(sources, sorted(options.items(), key=lambda option: option[0])))
     packing = packing_of(options.get("codec", "plain"), options.get("max_error"))
 
     def plan(count: int) -> _shards.Job:
-        _native.plan_layers(given.layers, run.folder, given.depth, token, packing, count, ALONE)
-        return _shards.Job(run.folder)
+        _native.plan_layers(given.layers, run.directory, given.depth, token, packing, count, ALONE)
+        return _shards.Job(run.directory)
 
     is_persisted = bool(_distributed().client.futures_of([chunks.array for chunks in chunks_of(given)]))
     # (The result of a task, not client data, so that it is recomputed if a worker is lost.)
-    held = run.cluster.submit(_held, _distributed().protocol.pickle.dumps(given), key=f"spinney-arrays-{run.name}", pure=False)
-    run.build(plan, lambda number, **terms: run.cluster.submit(_build_given, number, held, run.folder, token, is_persisted, **terms))
+    held = run.cluster.submit(_identity, _distributed().protocol.pickle.dumps(given), key=f"spinney-arrays-{run.name}", pure=False)
+    run.build(plan, lambda number, **terms: run.cluster.submit(_build_arrays, number, held, run.directory, token, is_persisted, **terms))
 
 
 def transform(
@@ -112,8 +112,8 @@ def transform(
     """Builds a tree from another one, as `spinney.transform` does, by shards on a cluster: see
     `build`. `options` are those of `spinney.shards.plan_transform`.
     """
-    run = _Run(client, out, job, shards, retries, memory, max_bytes, progress)
-    run.build(lambda count: _shards.plan_transform(path, steps, run.folder, shards=count, **options))
+    run = _ClusterJob(client, out, job, shards, retries, memory, max_bytes, progress)
+    run.build(lambda count: _shards.plan_transform(path, steps, run.directory, shards=count, **options))
 
 
 def combine(
@@ -133,11 +133,11 @@ def combine(
     """Combines trees into one, as `spinney.combine` does, by shards on a cluster: see `build`.
     `options` are those of `spinney.shards.plan_combine`.
     """
-    run = _Run(client, out, job, shards, retries, memory, max_bytes, progress)
-    run.build(lambda count: _shards.plan_combine(operation, paths, run.folder, shards=count, **options))
+    run = _ClusterJob(client, out, job, shards, retries, memory, max_bytes, progress)
+    run.build(lambda count: _shards.plan_combine(operation, paths, run.directory, shards=count, **options))
 
 
-class _Run:
+class _ClusterJob:
     """A job on a cluster, with the arguments that all kinds of jobs have."""
 
     def __init__(
@@ -153,7 +153,7 @@ class _Run:
     ) -> None:
         self.cluster = _client(client)
         self.out = kept_name(out, None)
-        self.folder = kept_name(job if job is not None else f"{path_of(out)}.job", None)
+        self.directory = kept_name(job if job is not None else f"{path_of(out)}.job", None)
         self.shards, self.retries, self.memory, self.max_bytes, self.progress = shards, retries, memory, max_bytes, progress
         #: The prefix of task names in the dashboard, unique to this run of the job.
         self.name = os.urandom(8).hex()
@@ -162,8 +162,8 @@ class _Run:
         """Plans the job with its shards, builds the missing ones, and merges them."""
         threads = max(1, sum(self.cluster.nthreads().values()))
         # (A resumed job keeps its shards, however large the cluster was that planned it.)
-        planned = plan(self.shards or (_shards.Job(self.folder).shards if _native.is_job(self.folder) else _PIECES_A_THREAD * threads))
-        of_files = submit or (lambda number, **terms: self.cluster.submit(_build, number, self.folder, self.memory, **terms))
+        planned = plan(self.shards or (_shards.Job(self.directory).shards if _native.is_job(self.directory) else _TASKS_PER_THREAD * threads))
+        of_files = submit or (lambda number, **terms: self.cluster.submit(_build, number, self.directory, self.memory, **terms))
 
         def start(number: int) -> Any:
             return of_files(number, key=f"spinney-shard-{self.name}-{number}", pure=False, retries=self.retries)
@@ -171,41 +171,41 @@ class _Run:
         # A task that waits for the cluster's chunks releases its thread to other tasks: without a
         # limit all shards would start.
         _wait(self.cluster, start, planned.missing(), self.progress, None if submit is None else threads)
-        merge = (self.folder, self.out, self.memory, self.max_bytes)
+        merge = (self.directory, self.out, self.memory, self.max_bytes)
         terms = {"key": f"spinney-merge-{self.name}", "pure": False, "retries": self.retries}
         _wait(self.cluster, lambda _: self.cluster.submit(_merge, *merge, **terms), [0], None)
-        if _native.is_job(self.folder):
+        if _native.is_job(self.directory):
             planned.remove()
 
 
-def _build(number: int, folder: str, memory: int | str) -> int:
-    _shards.Job(folder).build(number, memory=memory, threads=1)
+def _build(number: int, directory: str, memory: int | str) -> int:
+    _shards.Job(directory).build(number, memory=memory, threads=1)
     return number
 
 
-def _held(given: bytes) -> bytes:
+def _identity(given: bytes) -> bytes:
     return given
 
 
-def _build_given(number: int, held: bytes, folder: str, token: str, is_persisted: bool) -> int:
+def _build_arrays(number: int, held: bytes, directory: str, token: str, is_persisted: bool) -> int:
     """Builds a shard of arrays."""
-    given: GivenLayers = _distributed().protocol.pickle.loads(held)
+    given: InputLayers = _distributed().protocol.pickle.loads(held)
     terms = (None, 1, None)
     if not is_persisted:
         for chunks in chunks_of(given):
             chunks.scheduler = "single-threaded"
-        _native.build_layers_shard(given.layers, folder, given.depth, token, number, terms)
+        _native.build_layers_shard(given.layers, directory, given.depth, token, number, terms)
         return number
     with _distributed().worker_client() as client:
         for chunks in chunks_of(given):
             chunks.scheduler = client.get
-        _native.build_layers_shard(given.layers, folder, given.depth, token, number, terms)
+        _native.build_layers_shard(given.layers, directory, given.depth, token, number, terms)
     return number
 
 
-def _merge(folder: str, out: str, memory: int | str, max_bytes: int | str | None) -> None:
+def _merge(directory: str, out: str, memory: int | str, max_bytes: int | str | None) -> None:
     # (A bucket only accepts a complete file.)
-    _shards.Job(folder).merge(out, remove_shards="://" not in out, memory=memory, max_bytes=max_bytes, threads=1)
+    _shards.Job(directory).merge(out, remove_shards="://" not in out, memory=memory, max_bytes=max_bytes, threads=1)
 
 
 def export_tiles(
@@ -230,15 +230,15 @@ def export_tiles(
     """
     cluster = _client(client)
     if refused := sorted(options.keys() & {"part", "parts", "update", "since", "restyle", "resume", "threads"}):
-        raise TypeError(f"{', '.join(refused)}: not for tiles that a cluster draws")
+        raise TypeError(f"{', '.join(refused)}: not supported for tiles that a cluster draws")
     target = kept_name(out, None)
-    folder = kept_name(job if job is not None else f"{target.split('/{', 1)[0]}.job", None)
-    if "://" in folder:
-        raise ValueError(f"job: {folder}: is elsewhere; name a folder of this machine that all workers see")
-    os.makedirs(folder, exist_ok=True)
+    directory = kept_name(job if job is not None else f"{target.split('/{', 1)[0]}.job", None)
+    if "://" in directory:
+        raise ValueError(f"job: {directory}: is remote, expected a local directory that all workers see")
+    os.makedirs(directory, exist_ok=True)
     # (A resumed job keeps its number of archives.)
-    count = _parts_there(folder) or parts or _PIECES_A_THREAD * max(1, sum(cluster.nthreads().values()))
-    names = [os.path.join(folder, f"{number:04}-{count:04}.pmtiles") for number in range(count)]
+    count = _parts_there(directory) or parts or _TASKS_PER_THREAD * max(1, sum(cluster.nthreads().values()))
+    names = [os.path.join(directory, f"{number:04}-{count:04}.pmtiles") for number in range(count)]
     missing = [number for number, name in enumerate(names) if not os.path.exists(name)]
     run = os.urandom(8).hex()
     source = kept_name(path, None)
@@ -252,7 +252,7 @@ def export_tiles(
     _wait(cluster, lambda _: whole, [0], None)
     for name in names:
         os.remove(name)
-    os.rmdir(folder)
+    os.rmdir(directory)
     return int(whole.result())
 
 
@@ -262,9 +262,9 @@ def _export(source: str, target: str, options: dict[str, Any]) -> int:
         return int(count)
 
 
-def _parts_there(folder: str) -> int:
+def _parts_there(directory: str) -> int:
     """Returns the number of archives of an earlier run."""
-    found = {int(name[5:9]) for name in os.listdir(folder) if re.fullmatch(r"[0-9]{4}-[0-9]{4}\.pmtiles", name)}
+    found = {int(name[5:9]) for name in os.listdir(directory) if re.fullmatch(r"[0-9]{4}-[0-9]{4}\.pmtiles", name)}
     return found.pop() if len(found) == 1 else 0
 
 
@@ -289,7 +289,7 @@ def zonal(
     four per thread.
     """
     if refused := sorted(options.keys() & {"out", "attribute", "threads"}):
-        raise TypeError(f"{', '.join(refused)}: not for statistics by a cluster; write what it returns, or use Dataset.zonal")
+        raise TypeError(f"{', '.join(refused)}: not supported for statistics by a cluster; write the returned results, or use Dataset.zonal")
     cluster = _client(client)
     names, levels = measures_of(measures, options.get("quantiles", ()))
     layers = options.get("layers")
@@ -297,7 +297,7 @@ def zonal(
         raise TypeError("layers: expected a list of names, such as ds.names")
     if frame := is_frame(geometries):
         if options.get("where") is not None:
-            raise ValueError("where: expected rows of the frame that are chosen beforehand, as in frame[frame.kind == 'lake']")
+            raise ValueError("where: is for files; select rows of the frame beforehand, as in frame[frame.kind == 'lake']")
         own = getattr(geometries, "crs", None)
         if options.get("crs") is None:
             options["crs"] = "world" if own is None else definition_of(own)
@@ -313,7 +313,7 @@ def zonal(
 
     if not all_of_them:
         return result_of([]) if layers is None else {str(layer): result_of([]) for layer in layers}
-    count = min(len(all_of_them), parts or _PIECES_A_THREAD * sum(cluster.nthreads().values()))
+    count = min(len(all_of_them), parts or _TASKS_PER_THREAD * sum(cluster.nthreads().values()))
     ends = [len(all_of_them) * part // count for part in range(count + 1)]
     fragments: list[Any] = [list(all_of_them[start:end]) for start, end in pairwise(ends)]
     if whole is not None:
@@ -348,7 +348,7 @@ def _collection(geometries: Any) -> dict[str, Any] | None:
     """Returns a source's feature collection; nothing if it is a list of geometries."""
     if is_path(geometries):
         if not path_of(geometries).lower().endswith((".json", ".geojson")):
-            raise ValueError(f"geometries: {path_of(geometries)}: is no GeoJSON; read it with geopandas, and give the frame")
+            raise ValueError(f"geometries: {path_of(geometries)}: is not GeoJSON; read it with geopandas, and pass the frame")
         with builtins.open(geometries, encoding="utf-8") as file:
             geometries = json.load(file)
     document = getattr(geometries, "__geo_interface__", geometries)
@@ -374,13 +374,13 @@ def _client(client: Any) -> Any:
     return cluster
 
 
-def _wait(cluster: Any, start: Callable[[int], Any], numbers: Sequence[int], progress: Progress, most: int | None = None) -> None:
-    """Starts tasks by their numbers, at most `most` at a time if that is given, and waits for all.
+def _wait(cluster: Any, start: Callable[[int], Any], numbers: Sequence[int], progress: Progress, limit: int | None = None) -> None:
+    """Starts tasks by their numbers, at most `limit` at a time if given, and waits for all.
     If one fails, or on Ctrl-C, all others are cancelled.
     """
     rest = iter(numbers)
-    tasks = [start(number) for number in islice(rest, most)]
-    with telling(progress) as tell:
+    tasks = [start(number) for number in islice(rest, limit)]
+    with progress_callback(progress) as callback:
         try:
             running = _distributed().as_completed(tasks)
             for done, task in enumerate(running, 1):
@@ -388,8 +388,8 @@ def _wait(cluster: Any, start: Callable[[int], Any], numbers: Sequence[int], pro
                 for number in islice(rest, 1):
                     tasks.append(start(number))
                     running.add(tasks[-1])
-                if tell is not None:
-                    tell(done, len(numbers))
+                if callback is not None:
+                    callback(done, len(numbers))
         except BaseException:
             cluster.cancel(tasks)
             raise

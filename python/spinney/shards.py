@@ -133,7 +133,7 @@ def plan_combine(
 ) -> Job:
     """Plans the combination of several trees, as by `spinney.combine`. See `plan`."""
     if values not in ("first", "second"):
-        raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
+        raise ValueError(f"values: got {values!r}, expected 'first' or 'second'")
     box = None if within is None else list(within)
     names = [path_of(path) for path in paths]
     with working(progress, threads) as terms:
@@ -152,7 +152,7 @@ def _files_of(sources: Path | Sequence[Path]) -> list[str]:
         return [path]
     found = sorted(glob.glob(path))
     if not found:
-        raise FileNotFoundError(f"{path}: there are no such files")
+        raise FileNotFoundError(f"{path}: no such files")
     return found
 
 
@@ -163,7 +163,7 @@ class Job:
 
     def __init__(self, path: Path) -> None:
         self.path = path_of(path)
-        self.shards, self.busy_shards, self.input_bytes = _native.look_at_job(self.path)
+        self.shards, self.busy_shards, self.input_bytes = _native.job_counts(self.path)
 
     def __fspath__(self) -> str:
         return self.path

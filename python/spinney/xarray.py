@@ -110,7 +110,7 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
             trees |= layered
             made = dataset_of_layers(layered, level, layers, mask_and_scale)
         elif layers is not None:
-            raise ValueError("layers: is for files, not for one layer")
+            raise ValueError("layers: is for files, got one layer")
         else:
             made = _dataset_of(tree, tree.depth if level is None else level, void_of(tree), mask_and_scale)
         made = _finished(made.drop_vars(drop_variables or [], errors="ignore"), decode_times, decode_timedelta, use_cftime, decode_coords)
@@ -151,7 +151,7 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
             trees |= layered
             made_of = [dataset_of_layers(layered, level, layers, mask_and_scale) for level in range(max(each.levels for each in layered.values()))]
         elif layers is not None:
-            raise ValueError("layers: is for files, not for one layer")
+            raise ValueError("layers: is for files, got one layer")
         else:
             void = void_of(tree)
             made_of = [_dataset_of(tree, level, void, mask_and_scale) for level in range(tree.levels)]
@@ -212,7 +212,7 @@ class FileVariable(xr.Variable):
 def _finished(made: xr.Dataset, decode_times: Any, decode_timedelta: Any, use_cftime: bool | None, decode_coords: Any) -> xr.Dataset:
     """Applies the decoding options of xarray to a dataset."""
     if decode_coords not in (True, False, None, "coordinates", "all"):
-        raise ValueError(f"decode_coords: {decode_coords!r}, expected True, False, 'coordinates' or 'all'")
+        raise ValueError(f"decode_coords: got {decode_coords!r}, expected True, False, 'coordinates' or 'all'")
     if "time" in made.coords and (decode_times is not True or use_cftime is not None):
         encoded = made[["time"]].assign_coords(time=xr.conventions.encode_cf_variable(made["time"].variable, name="time"))
         if decode_times is not False:
@@ -289,9 +289,9 @@ def _meaning(tree: Dataset, level: int, void: Void) -> dict[str, Any]:
             attrs["spinney_categories"] = json.dumps(tree.categories, ensure_ascii=False)
     if tree.colormap:
         attrs["spinney_colormap"] = " ".join("#%02x%02x%02x%02x" % tree.colormap[value] for value in sorted(tree.colormap))
-    for name, texts in (("long_name", tree.descriptions), ("units", tree.units)):
-        if any(texts):
-            attrs[name] = texts[0] if tree.count == 1 else tuple(text or "" for text in texts)
+    for name, strings in (("long_name", tree.descriptions), ("units", tree.units)):
+        if any(strings):
+            attrs[name] = strings[0] if tree.count == 1 else tuple(text or "" for text in strings)
     if len({unit for unit in tree.units}) == 1 and tree.units[0]:
         attrs["units"] = tree.units[0]
     if void.number is not None:
@@ -354,29 +354,29 @@ def described(array: xr.DataArray) -> dict[str, Any]:
     attrs, encoding = array.attrs, array.encoding
     bands = _bands_of(array)
     mapping = array.coords.get({**attrs, **encoding}.get("grid_mapping", "spatial_ref"))
-    told: dict[str, Any] = {"dims": dims, "kind": attrs.get("spinney_kind"), "rule": attrs.get("spinney_rule"), "crs": None}
+    properties: dict[str, Any] = {"dims": dims, "kind": attrs.get("spinney_kind"), "rule": attrs.get("spinney_rule"), "crs": None}
     if mapping is not None:
         about = mapping.attrs
-        told["crs"] = about.get("crs_wkt") or about.get("spatial_ref") or about.get("spinney_crs")
-    told["transform"] = _transform_told(array, dims, mapping)
-    told |= _void_told(array) | _classes_told(attrs, array.dtype)
-    if told["categories"] and told["kind"] is None:
-        told["kind"] = "categorical"
-    told["descriptions"] = _by_band(attrs.get("long_name", attrs.get("descriptions")), bands)
-    told["units"] = _by_band(attrs.get("units"), bands, repeated=True)
-    told["scales"] = _by_band(attrs.get("scales", attrs.get("scale_factor")), bands, repeated=True)
-    told["offsets"] = _by_band(attrs.get("offsets", attrs.get("add_offset")), bands, repeated=True)
+        properties["crs"] = about.get("crs_wkt") or about.get("spatial_ref") or about.get("spinney_crs")
+    properties["transform"] = _declared_transform(array, dims, mapping)
+    properties |= _declared_void(array) | _declared_classes(attrs, array.dtype)
+    if properties["categories"] and properties["kind"] is None:
+        properties["kind"] = "categorical"
+    properties["descriptions"] = _by_band(attrs.get("long_name", attrs.get("descriptions")), bands)
+    properties["units"] = _by_band(attrs.get("units"), bands, repeated=True)
+    properties["scales"] = _by_band(attrs.get("scales", attrs.get("scale_factor")), bands, repeated=True)
+    properties["offsets"] = _by_band(attrs.get("offsets", attrs.get("add_offset")), bands, repeated=True)
     alpha = attrs.get("spinney_alpha")
-    told["alpha"] = bands.index(alpha) if alpha in bands and len(bands) > 1 else None
-    texts = {name: value for name, value in attrs.items() if isinstance(value, str) and name not in _INTERPRETED}
+    properties["alpha"] = bands.index(alpha) if alpha in bands and len(bands) > 1 else None
+    strings = {name: value for name, value in attrs.items() if isinstance(value, str) and name not in _INTERPRETED}
     if len(bands) > 1 and isinstance(attrs.get("long_name"), str):
-        texts["long_name"] = attrs["long_name"]
-    told["seen"] = _seen_of(array)
-    if told["seen"] is not None and texts.get("time") == told["seen"]:
-        del texts["time"]
-    told["tags"] = {str(name): text for name, text in texts.items() if not str(name).startswith(("STATISTICS_", "spinney_"))}
-    told["tags"] |= _texts_of(attrs, "spinney_tags")
-    return told
+        strings["long_name"] = attrs["long_name"]
+    properties["seen"] = _seen_of(array)
+    if properties["seen"] is not None and strings.get("time") == properties["seen"]:
+        del strings["time"]
+    properties["tags"] = {str(name): text for name, text in strings.items() if not str(name).startswith(("STATISTICS_", "spinney_"))}
+    properties["tags"] |= _strings_of(attrs, "spinney_tags")
+    return properties
 
 
 def _seen_of(array: xr.DataArray) -> str | None:
@@ -416,32 +416,32 @@ def _bands_of(array: xr.DataArray) -> list[int]:
     return [int(number) for number in (numbers if whole else np.arange(1, count + 1))]
 
 
-def _by_band(told: Any, bands: list[int], repeated: bool = False) -> list[Any] | None:
+def _by_band(attribute: Any, bands: list[int], repeated: bool = False) -> list[Any] | None:
     """Returns an attribute's value for each band: a single value is `repeated`, or applies to an
     only band.
     """
-    if told is None or (isinstance(told, str) and not told):
+    if attribute is None or (isinstance(attribute, str) and not attribute):
         return None
-    if isinstance(told, str | int | float | np.number):
-        value = told if isinstance(told, str) else float(told)
+    if isinstance(attribute, str | int | float | np.number):
+        value = attribute if isinstance(attribute, str) else float(attribute)
         return [value] * len(bands) if repeated or len(bands) == 1 else None
-    each = [value if isinstance(value, str) or value is None else float(value) for value in told]
+    each = [value if isinstance(value, str) or value is None else float(value) for value in attribute]
     if len(each) == len(bands) and max(bands) > len(each):
         return each
     return [each[band - 1] for band in bands] if 1 <= min(bands) <= max(bands) <= len(each) else None
 
 
-def _number(told: Any) -> float | None:
+def _number(attribute: Any) -> float | None:
     """Returns a number, or nothing if it is not one."""
     try:
-        number = np.asarray(told).item()
+        number = np.asarray(attribute).item()
         number = number if isinstance(number, int) else float(number)
     except (TypeError, ValueError):
         return None
     return None if np.isnan(number) else number
 
 
-def _void_told(array: xr.DataArray) -> dict[str, Any]:
+def _declared_void(array: xr.DataArray) -> dict[str, Any]:
     """Returns the number of VOID: among the samples, or, if VOID is NaN in these, its encoded
     number; and the original sample type of classes that were converted to floating or wider types
     to represent VOID.
@@ -450,7 +450,7 @@ def _void_told(array: xr.DataArray) -> dict[str, Any]:
     names = ("_FillValue", "missing_value", "fill_value", "nodata")
     number = next((_number(attrs[name]) for name in names if name in attrs), None)
     encoded = next((_number(encoding[name]) for name in names if name in encoding), None)
-    told: dict[str, Any] = {"nodata": None, "void_number": None, "dtype": None, "void_sample": None}
+    properties: dict[str, Any] = {"nodata": None, "void_number": None, "dtype": None, "void_sample": None}
     narrow = attrs.get("spinney_dtype")
     if narrow is None and array.dtype.kind == "f" and attrs.get("spinney_kind") == "categorical":
         is_scaled = any(encoding.get(name, usual) != usual for name, usual in (("scale_factor", 1), ("add_offset", 0)))
@@ -460,45 +460,45 @@ def _void_told(array: xr.DataArray) -> dict[str, Any]:
         dtype = np.dtype(narrow)
         limits = np.iinfo(dtype)
         void = number if array.dtype.kind in "iu" else encoded
-        told |= {"dtype": dtype, "void_sample": void if array.dtype.kind in "iu" else None}
-        told["void_number"] = void if void is not None and limits.min <= void <= limits.max else None
-        return told
+        properties |= {"dtype": dtype, "void_sample": void if array.dtype.kind in "iu" else None}
+        properties["void_number"] = void if void is not None and limits.min <= void <= limits.max else None
+        return properties
     if narrow is not None and encoded is not None and not np.iinfo(narrow).min <= encoded <= np.iinfo(narrow).max:
         encoded = None
     if number is not None:
         held = array.dtype.kind == "f" or (
             array.dtype.kind in "iu" and float(number).is_integer() and np.iinfo(array.dtype).min <= number <= np.iinfo(array.dtype).max
         )
-        told["nodata"] = number if held else None
+        properties["nodata"] = number if held else None
     elif encoded is not None and array.dtype.kind == "f" and not {"scale_factor", "add_offset"} & set(encoding):
         # (If there are several bands, some may lack values that others have: their samples become
         # that number again.)
-        told["nodata" if array.sizes.get("band", 1) > 1 else "void_number"] = encoded
-    return told
+        properties["nodata" if array.sizes.get("band", 1) > 1 else "void_number"] = encoded
+    return properties
 
 
-def _classes_told(attrs: Mapping[Any, Any], dtype: np.dtype[Any]) -> dict[str, Any]:
+def _declared_classes(attrs: Mapping[Any, Any], dtype: np.dtype[Any]) -> dict[str, Any]:
     """Returns names and colours of classes."""
-    told: dict[str, Any] = {"categories": None, "colormap": None}
+    properties: dict[str, Any] = {"categories": None, "colormap": None}
     colours = str(attrs.get("spinney_colormap", "")).split()
     if colours:
-        told["colormap"] = dict(enumerate(map(_colour, colours)))
+        properties["colormap"] = dict(enumerate(map(_colour, colours)))
     if "flag_values" not in attrs or "flag_meanings" not in attrs or "flag_masks" in attrs:
-        return told
+        return properties
     listed = attrs["flag_values"]
     values = [int(value) for value in (listed.replace(",", " ").split() if isinstance(listed, str) else np.atleast_1d(listed))]
     words = str(attrs["flag_meanings"]).split()
-    exact = {int(value): name for value, name in _texts_of(attrs, "spinney_categories").items() if value.lstrip("-").isdecimal()}
+    exact = {int(value): name for value, name in _strings_of(attrs, "spinney_categories").items() if value.lstrip("-").isdecimal()}
     # (A meaning that was edited takes precedence.)
     named = {value: exact[value] if _word(exact.get(value, "")) == word else word.replace("_", " ") for value, word in zip(values, words)}
-    told["categories"] = {value: "" if name == " " else name for value, name in named.items()}
+    properties["categories"] = {value: "" if name == " " else name for value, name in named.items()}
     flag_colours = str(attrs.get("flag_colors", "")).split()
     if not colours and len(flag_colours) == len(values) and all(0 <= value < 65536 for value in values):
-        told["colormap"] = dict(zip(values, map(_colour, flag_colours)))
-    return told
+        properties["colormap"] = dict(zip(values, map(_colour, flag_colours)))
+    return properties
 
 
-def _texts_of(attrs: Mapping[Any, Any], name: str) -> dict[str, str]:
+def _strings_of(attrs: Mapping[Any, Any], name: str) -> dict[str, str]:
     """Returns strings by name, from an attribute that this package has written."""
     try:
         return {str(key): str(text) for key, text in json.loads(attrs.get(name, "{}")).items()}
@@ -510,41 +510,41 @@ def _colour(text: str) -> tuple[int, ...]:
     """Parses red, green, blue and opacity in `#rrggbb` or `#rrggbbaa`."""
     digits = text.removeprefix("#")
     if not re.fullmatch("([0-9a-fA-F]{2}){3,4}", digits):
-        raise ValueError(f"colour {text!r} in the attributes of the DataArray: expected #rrggbb or #rrggbbaa")
+        raise ValueError(f"attributes of the DataArray: got colour {text!r}, expected #rrggbb or #rrggbbaa")
     return (*bytes.fromhex(digits if len(digits) == 8 else digits + "ff"),)
 
 
-def _transform_told(array: xr.DataArray, dims: str, mapping: xr.DataArray | None) -> Any:
+def _declared_transform(array: xr.DataArray, dims: str, mapping: xr.DataArray | None) -> Any:
     """Returns the cell-to-world transform: the attribute's, if it agrees with the coordinates or
     there are none, else that of the coordinates.
     """
     found = _transform_of(array, dims)
     attrs = array.attrs
     is_whole = list(attrs.get("spinney_shape", [])) == [array.sizes[axis] for axis, name in zip(array.dims, dims) if name != "b"]
-    told: Any = None
+    declared: Any = None
     matrix = np.asarray(attrs.get("spinney_matrix", []), dtype=float)
     if matrix.size == 12 and is_whole:
-        told = matrix.reshape(3, 4)
+        declared = matrix.reshape(3, 4)
     elif mapping is not None and "z" not in dims and "spinney_shape" not in attrs:
         numbers = [_number(word) for word in str(mapping.attrs.get("GeoTransform", "")).split()]
         if len(numbers) == 6 and None not in numbers:
             c, a, b, f, d, e = numbers
-            told = [a, b, c, d, e, f]
+            declared = [a, b, c, d, e, f]
     if found is None:
-        if told is None and "spinney_matrix" in attrs and not is_whole:
+        if declared is None and "spinney_matrix" in attrs and not is_whole:
             warnings.warn(
-                "the DataArray is a part of what was opened, whose cells lie askew in the world: its place is unknown; give transform=",
+                "the DataArray is a part of an array with a rotated or sheared transform, so its position is unknown; give transform=",
                 UserWarning,
                 stacklevel=4,
             )
-        return told
-    if told is not None:
+        return declared
+    if declared is not None:
         axes = 3 if "z" in dims else 2
-        ours, theirs = (np.asarray(_rows(rows))[:axes] for rows in (found, told))
+        ours, theirs = (np.asarray(_rows(rows))[:axes] for rows in (found, declared))
         # (They agree if they differ by far less than a cell throughout the array.)
         differences = np.abs(ours - theirs)[:, [*range(axes), 3]]
         near = differences @ [*([max(array.shape)] * axes), 1.0] < 1e-6 * np.abs(theirs[:, :3]).sum(axis=1)
-        return told if near.all() else found
+        return declared if near.all() else found
     return found
 
 
@@ -570,7 +570,7 @@ def _transform_of(array: xr.DataArray, dims: str) -> list[Any] | None:
         step = (centres[-1] - centres[0]) / (len(centres) - 1) if len(centres) > 1 else 1.0
         wanted = centres[0] + step * np.arange(len(centres))
         if not np.allclose(centres, wanted, rtol=0, atol=abs(step) * 1e-3):
-            raise ValueError(f"coordinates {axis!r} of the DataArray: not evenly spaced; resample them first")
+            raise ValueError(f"coordinates {axis!r} of the DataArray: are not evenly spaced; resample them first")
         steps.append(step)
         starts.append(centres[0] - step / 2)
     if len(steps) == 2:
@@ -578,11 +578,11 @@ def _transform_of(array: xr.DataArray, dims: str) -> list[Any] | None:
     return [[*row, start] for row, start in zip(np.diag(steps).tolist(), starts)]
 
 
-def _untold(text: str, error: Exception) -> dict[str, Any]:
+def _undecoded_crs(text: str, error: Exception) -> dict[str, Any]:
     """Returns attributes of a coordinate system that xarray's users cannot read, and warns about
     it.
     """
-    warnings.warn(f"the coordinate system is told in the attribute `spinney_crs` alone: {error}", UserWarning, stacklevel=2)
+    warnings.warn(f"the coordinate system is only in the attribute `spinney_crs`: {error}", UserWarning, stacklevel=2)
     return {"spinney_crs": text}
 
 
@@ -600,10 +600,10 @@ def _reference(tree: Dataset, level: int) -> dict[str, Any]:
         try:
             wkt = tree._crs_wkt
         except ValueError as error:
-            return attrs | _untold(text, error)
+            return attrs | _undecoded_crs(text, error)
         return attrs | {"crs_wkt": wkt, "spatial_ref": wkt}
     try:
         cf = CRS.from_user_input(text).to_cf()
     except CRSError as error:
-        return attrs | _untold(text, error)
+        return attrs | _undecoded_crs(text, error)
     return cf | {"spatial_ref": cf["crs_wkt"]} | attrs

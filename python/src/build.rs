@@ -1,7 +1,7 @@
 //! Building trees from arrays and from files.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
@@ -16,7 +16,7 @@ use spinney::raw::import::raster::{self, Band, TargetGrid};
 use spinney::raw::import::{mesh, volume};
 use spinney::raw::io::any_file;
 use spinney::raw::ops::WarpGrid;
-use spinney::raw::space::CodeRun;
+use spinney::raw::space::CodeRange;
 use spinney::raw::store::{SlabBoxes, WantedCells, depth_for};
 use spinney::raw::value::Palette;
 use spinney::tree::{Slab, Slabs};
@@ -84,7 +84,8 @@ impl ArrayOptions {
             Some(number) if !number.is_nan() => {
                 let stored = if value.sample.is_float() { value.sample.nearest(number) } else { number };
                 let found = value.splat(stored);
-                let none = || invalid(format!("nodata: {number} is none of the values of {value}"));
+                let none =
+                    || invalid(format!("nodata: got {number}, expected a number that {value} can hold"));
                 Some(found.ok_or_else(none)?)
             }
             _ => None,
@@ -97,7 +98,7 @@ impl ArrayOptions {
     pub(crate) fn slabs<'w>(
         &self,
         read: &'w Py<PyAny>,
-        (form, depth, run): (TreeType, u8, CodeRun),
+        (form, depth, run): (TreeType, u8, CodeRange),
         work: &'w Work,
     ) -> ArraySlabs<'w> {
         ArraySlabs::new(read, self, (form, depth, run), self.memory / 8, work)
@@ -111,14 +112,17 @@ impl ArrayOptions {
     fn value(&self) -> PyResult<ValueType> {
         let sample = sample_of(&self.dtype).ok_or_else(|| {
             PyTypeError::new_err(format!(
-                "samples of {} cannot be kept; convert to uint8, uint16, int16, uint32, int32, float32, float64, int8, uint64 or int64",
+                "samples of {} cannot be stored; convert to uint8, uint16, int16, uint32, int32, float32, float64, int8, uint64 or int64",
                 self.dtype
             ))
         })?;
         let value = ValueType::new(sample, self.channels);
         if !value.is_supported() {
-            let text = "1 to 4 bands of uint8, uint16 or float32, or 1 band of another type can be kept";
-            return Err(PyTypeError::new_err(format!("{} bands of {}: {text}", self.channels, self.dtype)));
+            let text = "expected 1 to 4 bands of uint8, uint16 or float32, or 1 band of another type";
+            return Err(PyTypeError::new_err(format!(
+                "got {} bands of {}, {text}",
+                self.channels, self.dtype
+            )));
         }
         if self.channels > 1 && self.alpha == Some(self.channels - 1) {
             return Ok(value.with_alpha());
@@ -142,6 +146,7 @@ impl ArrayOptions {
         let kind = self.kind.as_ref().map_or(Ok(usual), |name| name.parse()).or_raise()?;
         let rule: Rule =
             self.rule.as_ref().map_or(Ok(kind.default_rule()), |name| name.parse()).or_raise()?;
+        kind.check_rule(rule, Path::new("array")).or_raise()?;
         let metadata = Metadata {
             frame: self.frame()?,
             nodata: self.nodata.or(self.void_number).map(|number| number.0),
@@ -202,7 +207,7 @@ impl<'w> ArraySlabs<'w> {
     fn new(
         read: &'w Py<PyAny>,
         options: &ArrayOptions,
-        (form, depth, run): (TreeType, u8, CodeRun),
+        (form, depth, run): (TreeType, u8, CodeRange),
         memory: u64,
         work: &'w Work,
     ) -> ArraySlabs<'w> {
@@ -339,7 +344,7 @@ pub(crate) struct FileOptions {
 }
 
 impl FileOptions {
-    pub(crate) fn pictures(&self) -> PyResult<ImportOptions> {
+    pub(crate) fn raster_options(&self) -> PyResult<ImportOptions> {
         let mut options = ImportOptions::new();
         options.access = access().clone();
         options.kind = self.kind.as_ref().map(|name| name.parse()).transpose().or_raise()?;
@@ -350,7 +355,7 @@ impl FileOptions {
         options.transform = match self.transform.as_deref() {
             None => None,
             Some(&[a, b, c, d, e, f]) => Some([a, b, c, d, e, f]),
-            Some(_) => return Err(invalid("transform: pictures take six numbers")),
+            Some(_) => return Err(invalid("transform: got a matrix, expected six numbers for a raster")),
         };
         (options.depth, options.layer) = (self.depth, self.layer.clone());
         if let Some(Pages::One(page)) = self.pages {
@@ -374,7 +379,7 @@ impl FileOptions {
         let is_single = self.grid.is_some() || self.max_zoom.is_some();
         if !self.stack
             && !every_page
-            && (is_single || !raster::needs_layers(paths, &self.pictures()?).or_raise()?)
+            && (is_single || !raster::needs_layers(paths, &self.raster_options()?).or_raise()?)
         {
             return match self.names.is_some() || self.times.is_some() {
                 true => Err(invalid("names, times: are for stack=True")),
@@ -383,11 +388,11 @@ impl FileOptions {
         }
         if self.grid.is_some() || self.max_zoom.is_some() {
             let text =
-                "stack: layers lie on the grid of the finest file; grid and max_zoom are for single pictures";
+                "stack: layers use the grid of the finest file; grid and max_zoom are for single rasters";
             return Err(invalid(text));
         }
         let mut options = StackOptions::new();
-        options.import = self.pictures()?;
+        options.import = self.raster_options()?;
         (options.names, options.times) = (self.names.clone(), self.times.clone());
         options.every_page = every_page;
         options.resampling = self.resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
@@ -405,7 +410,8 @@ impl FileOptions {
             || self.names.is_some()
             || self.times.is_some()
         {
-            let text = "bands, layer, pages, stack, names, times, keep_transparent and grid are not for volumes, which are trees of their own";
+            let text =
+                "bands, layer, pages, stack, names, times, keep_transparent and grid do not apply to volumes";
             return Err(invalid(text));
         }
         let mut options = VolumeOptions::new();
@@ -425,7 +431,7 @@ impl FileOptions {
     pub(crate) fn target(&self) -> PyResult<Option<TargetGrid>> {
         let Some(path) = &self.grid else {
             return match self.max_zoom.is_some() || self.resampling.is_some() || self.allow_ballpark {
-                true => Err(invalid("max_zoom, resampling and allow_ballpark: are for another grid")),
+                true => Err(invalid("max_zoom, resampling, allow_ballpark: need grid=")),
                 false => Ok(None),
             };
         };
@@ -433,9 +439,11 @@ impl FileOptions {
             return Ok(Some(TargetGrid::WebMercator(self.max_zoom)));
         }
         let tree = dataset::open(path, &access().into()).or_raise()?;
-        if tree.header().form.axes() != 2 || self.max_zoom.is_some() {
-            let text = "is an octree, a quadtree is needed; max_zoom is for xyz";
-            return Err(invalid(format!("grid: {} {text}", path.display())));
+        if self.max_zoom.is_some() {
+            return Err(invalid("max_zoom: works only with grid='xyz'"));
+        }
+        if tree.header().form.axes() != 2 {
+            return Err(invalid(format!("grid: {} is an octree, expected a quadtree", path.display())));
         }
         let (frame, extent) = (tree.metadata().frame.clone(), tree.header().extent);
         Ok(Some(TargetGrid::Like(Box::new(WarpGrid { frame, extent }))))
@@ -451,14 +459,14 @@ impl FileOptions {
                 let tree = dataset::open(path, &access().into()).or_raise()?;
                 if tree.header().form.axes() != 3 {
                     return Err(invalid(format!(
-                        "grid: {} is a quadtree, an octree is needed",
+                        "grid: {} is a quadtree, expected an octree",
                         path.display()
                     )));
                 }
                 Resolution::Like(tree.metadata().frame.clone(), tree.depth())
             }
             (None, None, None, Some(depth)) => Resolution::Depth(depth),
-            _ => return Err(invalid("cells, cell, grid and depth: give one of them")),
+            _ => return Err(invalid("cells, cell, grid, depth: got several, expected one of them")),
         };
         let edge = self.edge.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.edge = edge.unwrap_or_default();
@@ -489,7 +497,7 @@ pub(crate) fn build_files(
     if let Some(Pages::All(way)) = &options.pages
         && !["layers", "z"].contains(&way.as_str())
     {
-        return Err(invalid(format!("pages: {way:?}, expected \"layers\", \"z\" or a number from 0")));
+        return Err(invalid(format!("pages: got {way:?}, expected \"layers\", \"z\" or a number from 0")));
     }
     if paths.iter().any(|path| is_feature_file(path)) {
         let features = options.features()?;
@@ -499,15 +507,15 @@ pub(crate) fn build_files(
         });
     }
     if options.has_feature_options() {
-        return Err(invalid("value, overlaps, dtype, width, fractions and where are for features"));
+        return Err(invalid("value, overlaps, dtype, width, fractions, where: are for features"));
     }
     if !meshes.is_empty() || any_file(&paths, &|path| mesh::is_model(path, access())).or_raise()? {
         let (mut solid, meshes) = (options.solids()?, arrays_of(&meshes)?);
         return jobs::run(py, terms, |work| {
             let mut models = spinney::raw::import::mesh::open_all_with(&paths, options.memory, access())?;
             models.extend(models_of(meshes)?);
-            let told = models.iter().find_map(|model| model.info().unit.clone());
-            solid.unit = options.unit.clone().or(told);
+            let unit = models.iter().find_map(|model| model.info().unit.clone());
+            solid.unit = options.unit.clone().or(unit);
             spinney::import::mesh::plan_models(models, &solid)?.build(work.create_tree(&out)?, work).map(drop)
         });
     }
@@ -519,7 +527,9 @@ pub(crate) fn build_files(
     }
     if paths.iter().any(|path| volume::is_volume(path)) {
         let [path] = &paths[..] else {
-            return Err(invalid("a volume (NPY or NRRD) makes a tree of its own: build one at a time"));
+            return Err(invalid(
+                "source: got several files with a volume (NPY or NRRD) among them; build one volume at a time",
+            ));
         };
         let volume = options.volume()?;
         return jobs::run(py, terms, |work| {
@@ -535,12 +545,12 @@ pub(crate) fn build_files(
             )
         });
     }
-    let (pictures, target) = (options.pictures()?, options.target()?);
+    let (raster_options, target) = (options.raster_options()?, options.target()?);
     let mut warp = WarpOptions::default();
     warp.resampling = options.resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
     warp.allow_ballpark = options.allow_ballpark;
     jobs::run(py, terms, |work| {
-        let import = spinney::import::raster::plan(&paths, &pictures)?;
+        let import = spinney::import::raster::plan(&paths, &raster_options)?;
         let output = work.create_tree(&out)?;
         match &target {
             None => import.build(output, work),

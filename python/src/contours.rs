@@ -15,7 +15,7 @@ use crate::error::invalid;
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
 use crate::numbers::PyNumber;
-use crate::part::level_of;
+use crate::region::level_of;
 use crate::tree::Tree;
 
 /// Contour request.
@@ -38,7 +38,7 @@ impl ContourOptions {
         match (&self.at, self.every) {
             (Some(values), None) => Ok(ContourLevels::At(values.clone())),
             (None, Some(step)) => Ok(ContourLevels::Every { step, base: self.base }),
-            _ => Err(invalid("contours: give one of at and every")),
+            _ => Err(invalid("contours: expected one of at and every")),
         }
     }
 
@@ -47,7 +47,7 @@ impl ContourOptions {
             "open" => Ok(ContourEnds::Open),
             "extend" => Ok(ContourEnds::Extend),
             "close" => Ok(ContourEnds::Close),
-            other => Err(invalid(format!("ends: {other}, expected open, extend or close"))),
+            other => Err(invalid(format!("ends: got {other}, expected open, extend or close"))),
         }
     }
 }
@@ -72,7 +72,7 @@ impl Tree {
         let unknown = |known: &str| invalid(format!("{}: unknown format; use {known}", path.display()));
         if opened.axes() == 3 {
             if options.filled || options.smooth > 0 || options.has_z {
-                return Err(invalid("filled, smooth and has_z are for contours of pictures"));
+                return Err(invalid("filled, smooth, has_z: are for contours of rasters"));
             }
             let format = MeshFormat::of(&path).filter(|format| *format != MeshFormat::CityJson);
             let format = format.ok_or_else(|| unknown(".ply, .obj, .stl or .off"))?;
@@ -151,7 +151,7 @@ fn region_request(classes: Option<Vec<PyNumber>>, connect: u8, level: u8) -> PyR
     request.across_corners = match connect {
         4 => false,
         8 => true,
-        _ => return Err(invalid(format!("connect: {connect}, expected 4 or 8"))),
+        _ => return Err(invalid(format!("connect: got {connect}, expected 4 or 8"))),
     };
     request.level = Some(level);
     Ok(request)

@@ -18,7 +18,7 @@ use crate::features_over::FeatureTerms;
 use crate::files::{Reconcile, commit_facts, is_same_file, named};
 use crate::jobs::{self, Terms, access};
 use crate::numbers::PyNumber;
-use crate::part::{coordinates_of, part_of};
+use crate::region::{coordinates_of, region_of};
 
 /// Editor of a file. Readers see no edit before it is committed.
 #[pyclass(frozen, module = "spinney._native")]
@@ -30,7 +30,9 @@ pub(crate) struct Editor {
 impl Editor {
     /// Returns the editor, which one thread at a time can use.
     fn get(&self) -> PyResult<MutexGuard<'_, Option<spinney::edit::Editor>>> {
-        let in_use = |_| PyRuntimeError::new_err(format!("{}: another thread edits it", self.path.display()));
+        let in_use = |_| {
+            PyRuntimeError::new_err(format!("{}: is being edited by another thread", self.path.display()))
+        };
         let editor = self.editor.try_lock().map_err(in_use)?;
         if editor.is_none() {
             return Err(PyValueError::new_err(format!("{}: is closed", self.path.display())));
@@ -47,7 +49,9 @@ impl Editor {
     /// Fails if `other` is the file that is being edited, without a commit number.
     fn check_other(&self, other: &Path) -> PyResult<()> {
         let name = self.path.display();
-        let text = || invalid(format!("{name}: is edited and pasted; name a commit, as in {name}@1"));
+        let text = || {
+            invalid(format!("{name}: is both the edited file and the source; give a commit, as in {name}@1"))
+        };
         if is_same_file(other, &self.path) { Err(text()) } else { Ok(()) }
     }
 
@@ -94,7 +98,8 @@ impl Editor {
                 at[axis] < 0 || at[axis].saturating_add_unsigned(size[axis]) > extent[axis] as i64
             };
             if (0..3).any(sticks_out) {
-                let text = format!("at: {at:?} and {size:?} cells stick out of the tree's {extent:?}");
+                let text =
+                    format!("at: got {size:?} cells at {at:?}, which extend beyond the tree's {extent:?}");
                 return Err(PyIndexError::new_err(text));
             }
         }
@@ -115,17 +120,18 @@ impl Editor {
     ) -> PyResult<()> {
         let tree = self.tree()?;
         let given = coordinates.map(coordinates_of).transpose()?;
-        let part = if polygon.is_some() { None } else { part_of(&tree, window, coordinates)? };
+        let part = if polygon.is_some() { None } else { region_of(&tree, window, coordinates)? };
         let region = match (part, polygon, block) {
             (Some(bounds), None, None) => FillRegion::Box(bounds),
             (None, Some(rings), None) => {
                 Polygon::new(&rings).or_raise()?;
                 let coordinates = given.unwrap_or(Coordinates::World);
-                let places = CellLocator::new(&coordinates, &tree.metadata().frame, tree.header().extent)
+                let locator = CellLocator::new(&coordinates, &tree.metadata().frame, tree.header().extent)
                     .or_raise()?;
-                let parts = places.parts(&[rings]);
+                let parts = locator.parts(&[rings]);
                 if parts.is_empty() {
-                    let text = format!("polygon: outside of the picture, which is {}", places.picture());
+                    let text =
+                        format!("polygon: is outside of the raster, which is {}", locator.bounds_text());
                     return Err(invalid(text));
                 }
                 // (Even-odd rule over all rings, also across polygons.)
@@ -134,11 +140,13 @@ impl Editor {
             (None, None, Some(text)) => {
                 let code = Code::parse(tree.header().form.dimension, text).or_raise()?;
                 if code.level() > tree.depth() {
-                    return Err(PyIndexError::new_err(format!("block: {text} is no node of this tree")));
+                    return Err(PyIndexError::new_err(format!(
+                        "block: got {text}, expected a node of this tree"
+                    )));
                 }
                 FillRegion::Box(code.bounds(tree.depth()))
             }
-            _ => return Err(invalid("fill: give one of window, polygon and block")),
+            _ => return Err(invalid("fill: expected one of window, polygon and block")),
         };
         drop(tree);
         self.apply(
@@ -191,8 +199,9 @@ impl Editor {
         for cell in cells.rows() {
             let mut at = [0; 3];
             for (at, number) in at.iter_mut().zip(cell) {
-                *at = u64::try_from(*number)
-                    .map_err(|_| PyIndexError::new_err(format!("cells: {cell} is outside of the tree")))?;
+                *at = u64::try_from(*number).map_err(|_| {
+                    PyIndexError::new_err(format!("cells: got {cell}, which is outside of the tree"))
+                })?;
             }
             edits.push((at, values.as_mut().and_then(Iterator::next)));
         }

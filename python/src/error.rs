@@ -23,6 +23,9 @@ pub(crate) fn raised(error: Error) -> PyErr {
             None if cause.kind() == io::ErrorKind::NotFound => {
                 pyo3::exceptions::PyFileNotFoundError::new_err(text)
             }
+            None if cause.kind() == io::ErrorKind::IsADirectory => {
+                pyo3::exceptions::PyIsADirectoryError::new_err(text)
+            }
             None => PyOSError::new_err(text),
         },
         Error::Corrupt { .. }

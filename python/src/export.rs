@@ -7,8 +7,10 @@ use spinney::export::{
     CogCompression, CogRequest, GltfOptions, MeshRequest, TileEncoding, TileRequest, export_cog, export_glb,
     export_tileset,
 };
-use spinney::raw::export::tiles::{TilePart, TileTarget, UpdateOptions, degrees_of, draw_tiles, tile_source};
-use spinney::raw::io::OutputFolder;
+use spinney::raw::export::tiles::{
+    TileShard, TileTarget, UpdateOptions, degrees_of, draw_tiles, tile_source,
+};
+use spinney::raw::io::OutputDirectory;
 use spinney::style::Style;
 use spinney::{Coordinates, WarpOptions};
 
@@ -16,7 +18,7 @@ use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
 use crate::numbers::PyNumber;
-use crate::part::{coordinates_of, level_of, part_of};
+use crate::region::{coordinates_of, level_of, region_of};
 use crate::tree::Tree;
 
 /// Options of tiles. An omitted option has the default of `spinney tiles`.
@@ -84,7 +86,7 @@ impl Tree {
             Some("zstd") => CogCompression::Zstd,
             Some("none") => CogCompression::None,
             Some(other) => {
-                return Err(invalid(format!("compression: {other}, expected deflate, zstd or none")));
+                return Err(invalid(format!("compression: got {other}, expected deflate, zstd or none")));
             }
         };
         jobs::run(py, terms, |work| export_cog(&opened.tree, &request, work.create(&path)?, work))?;
@@ -116,11 +118,12 @@ impl Tree {
                 export_glb(&opened.tree, &request, &options, work.create(&path)?, work)
             });
         }
-        let folder = path.parent().filter(|folder| *folder != Path::new(""));
-        let folder = folder.ok_or_else(|| invalid("name the folder, too, as in x/tileset.json"))?;
+        let directory = path.parent().filter(|directory| *directory != Path::new(""));
+        let directory =
+            directory.ok_or_else(|| invalid("path: expected a directory, too, as in x/tileset.json"))?;
         jobs::run(py, terms, |work| {
-            let folder = OutputFolder::create(folder)?;
-            export_tileset(&opened.tree, &request, &options, folder, work).map(|made| made.triangles)
+            let directory = OutputDirectory::create(directory)?;
+            export_tileset(&opened.tree, &request, &options, directory, work).map(|made| made.triangles)
         })
     }
 
@@ -145,23 +148,28 @@ impl Tree {
         let opened = self.get()?;
         let tree = &opened.tree;
         let target = TileTarget::of(&path).or_raise()?;
-        let target = target.ok_or_else(|| invalid(format!("{}: no archive of tiles", path.display())))?;
+        let target = target.ok_or_else(|| {
+            invalid(format!(
+                "{}: is not the name of a tile archive (.pmtiles, .mbtiles) or a pattern of tiles",
+                path.display()
+            ))
+        })?;
         check_output(&[tree.name().to_path_buf()], target.path())?;
         let (warp, update) = (options.warp()?, options.update());
         if update.is_some() && !self.is_file() {
-            return Err(invalid("update: of a view, make the archive anew"));
+            return Err(invalid("update: got a view, expected a file; export the view to a new archive"));
         }
         let mut request = TileRequest::new(tree).or_raise()?;
-        let asked = options.tile_format.as_ref().map(|name| name.parse()).transpose().or_raise()?;
-        let format = asked.or(target.format()).unwrap_or_default();
+        let requested = options.tile_format.as_ref().map(|name| name.parse()).transpose().or_raise()?;
+        let format = requested.or(target.format()).unwrap_or_default();
         if target.format().is_some_and(|named| named != format) {
-            return Err(invalid("tile_format: the names of tiles say another one"));
+            return Err(invalid("tile_format: differs from the extension of the tiles' names"));
         }
         request.encoding = TileEncoding { format, png_effort: options.png_effort, quality: options.quality };
         request.zooms = options.zoom.map(|(first, last)| first..=last);
         request.side = options.tile_size.unwrap_or(256);
         request.resume = options.resume;
-        let part = options.part.map(|(number, of)| TilePart::new(number, of));
+        let part = options.part.map(|(number, of)| TileShard::new(number, of));
         (request.part, request.parts) = (part.transpose().or_raise()?, options.parts.clone());
         request.options = self.steps_text().unwrap_or_default();
         request.name = options.name.clone().unwrap_or(request.name);
@@ -170,7 +178,7 @@ impl Tree {
         if let (true, Some(window)) = (in_degrees, window) {
             // (The cells that contain the window would cover a larger box.)
             request.degrees = Some(window.extract()?);
-        } else if let Some(bounds) = part_of(tree, window, coordinates)? {
+        } else if let Some(bounds) = region_of(tree, window, coordinates)? {
             let frame = tree.metadata().frame.shifted(bounds.min.map(|cell| cell as f64));
             let degrees = degrees_of(&frame, bounds.size(), options.allow_ballpark).or_raise()?;
             request.degrees = Some(degrees);

@@ -28,26 +28,26 @@ impl FileOptions {
             || self.up.is_some()
             || self.unit.is_some()
         {
-            let text = "bands, nodata, transform, pages, stack, names, times, keep_transparent, resampling, allow_ballpark, shell, attribute, up and unit are not for features";
+            let text = "bands, nodata, transform, pages, stack, names, times, keep_transparent, resampling, allow_ballpark, shell, attribute, up and unit do not apply to features";
             return Err(invalid(text));
         }
         let grid = match (&self.grid, self.cells, self.cell) {
             (Some(path), None, None) if path.as_os_str() == "xyz" => {
                 let Some(zoom) = self.max_zoom else {
-                    return Err(invalid("grid=\"xyz\": of features say the deepest zoom, max_zoom="));
+                    return Err(invalid("grid=\"xyz\": for features, give the deepest zoom as max_zoom="));
                 };
                 FeatureGrid::web_mercator(zoom).or_raise()?
             }
             (_, None, None) if self.max_zoom.is_some() => {
-                return Err(invalid("max_zoom is for grid=\"xyz\""));
+                return Err(invalid("max_zoom: is for grid=\"xyz\""));
             }
             (Some(_), None, None) => match self.target()? {
                 Some(TargetGrid::Like(cells)) => FeatureGrid::Extended(*cells),
-                _ => return Err(invalid("grid: \"xyz\" or a tree file")),
+                _ => return Err(invalid("grid: expected \"xyz\" or a tree file")),
             },
             (None, Some(cells), None) => FeatureGrid::Cells(cells),
             (None, None, Some(cell)) => FeatureGrid::Cell(cell),
-            _ => return Err(invalid("features need cells: give one of cell=, cells= and grid=")),
+            _ => return Err(invalid("features: expected one of cell=, cells= and grid=")),
         };
         let mut options = RasterizeOptions::new(grid);
         options.value =
@@ -83,5 +83,6 @@ impl FileOptions {
 
 /// Returns the sample type with this NumPy name.
 fn sample_type(name: &str) -> PyResult<SampleType> {
-    sample_of(name).ok_or_else(|| invalid(format!("dtype: {name}, expected a number's type that trees have")))
+    sample_of(name)
+        .ok_or_else(|| invalid(format!("dtype: got {name}, expected a numeric type that trees support")))
 }

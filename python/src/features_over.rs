@@ -9,7 +9,7 @@ use spinney::raw::ops::MadeOperand;
 use spinney::{Coordinates, Header, Metadata, Number, Progress, Rule};
 
 use crate::error::{OrRaise, invalid};
-use crate::part::coordinates_of;
+use crate::region::coordinates_of;
 
 /// Feature file, and the options of its rasterization, by their names in Python.
 #[derive(FromPyObject)]
@@ -28,11 +28,11 @@ pub(crate) struct FeatureTerms<'py> {
 pub(crate) struct Features {
     pub(crate) path: PathBuf,
     coordinates: Option<Coordinates>,
-    options: Asked,
+    options: ParsedOptions,
 }
 
 /// Parsed options.
-struct Asked {
+struct ParsedOptions {
     filter: spinney::import::feature::FeatureFilter,
     edge: spinney::query::EdgeRule,
     overlaps: spinney::raw::import::rasterize::Overlaps,
@@ -45,16 +45,20 @@ impl FeatureTerms<'_> {
         let filter = self.filter.map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
         let edge = self.edge.map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
         let overlaps = self.overlaps.map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
-        let value = self.value.map(|texts| value_of(&texts)).transpose()?;
+        let value = self.value.map(|strings| value_of(&strings)).transpose()?;
         let coordinates = self.coordinates.as_ref().map(coordinates_of).transpose()?;
-        Ok(Features { path: self.path, coordinates, options: Asked { filter, edge, overlaps, value } })
+        Ok(Features {
+            path: self.path,
+            coordinates,
+            options: ParsedOptions { filter, edge, overlaps, value },
+        })
     }
 }
 
 /// Returns the value of features: a number for each channel, or the name of an attribute.
-fn value_of(texts: &[String]) -> PyResult<FeatureValue> {
-    let numbers: Result<Vec<Number>, _> = texts.iter().map(|text| text.parse::<Number>()).collect();
-    match (numbers, texts) {
+fn value_of(strings: &[String]) -> PyResult<FeatureValue> {
+    let numbers: Result<Vec<Number>, _> = strings.iter().map(|text| text.parse::<Number>()).collect();
+    match (numbers, strings) {
         (Ok(numbers), [_]) => Ok(FeatureValue::Number(numbers[0])),
         (Ok(numbers), _) => Ok(FeatureValue::Samples(numbers)),
         (Err(_), [name]) => Ok(FeatureValue::Attribute(name.clone())),

@@ -22,7 +22,7 @@ use spinney::raw::store::autumnal::{self, CompactOptions, History, Keep};
 use spinney::raw::store::file_of;
 use spinney::{
     Codec, CombineOperation, CombineOptions, ExactModel, FileView, Header, Metadata, Number, Progress as _,
-    Universe, ViewStep, WarpOptions,
+    Universe, ViewOperation, WarpOptions,
 };
 
 use crate::error::{OrRaise, invalid};
@@ -66,21 +66,21 @@ pub(crate) fn commit_facts<'py>(py: Python<'py>, commit: &Commit) -> PyResult<Bo
     facts.set_item("author", &commit.note.author)?;
     facts.set_item("message", &commit.note.message)?;
     facts.set_item("cells", commit.cells)?;
-    facts.set_item("records", commit.records)?;
+    facts.set_item("records", commit.inner_nodes)?;
     facts.set_item("bytes", commit.written.bytes)?;
     Ok(facts)
 }
 
 /// Parses view operations, written as on the command line.
-pub(crate) fn steps_of(texts: &[String]) -> PyResult<Vec<ViewStep>> {
-    texts.iter().map(|step| step.parse().or_raise()).collect()
+pub(crate) fn steps_of(strings: &[String]) -> PyResult<Vec<ViewOperation>> {
+    strings.iter().map(|step| step.parse().or_raise()).collect()
 }
 
 /// Combines a file, view operations, the name of a resampling method, and whether ballpark datum
 /// shifts are allowed.
 pub(crate) fn chain_of(
     path: &Path,
-    steps: Vec<ViewStep>,
+    steps: Vec<ViewOperation>,
     (resampling, allow_ballpark): (Option<&str>, bool),
     moves: bool,
 ) -> PyResult<FileView> {
@@ -102,11 +102,11 @@ pub(crate) fn universe_of(
         (None, Some(cells)) => Some(Universe::Margin(cells)),
         (Some(&[a, b, c, d]), None) => Some(Universe::Within([a, b, 0.0], [c, d, 0.0])),
         (Some(&[a, b, c, d, e, f]), None) => Some(Universe::Within([a, b, c], [d, e, f])),
-        (Some(_), Some(_)) => return Err(invalid("within and margin: give one of them")),
+        (Some(_), Some(_)) => return Err(invalid("within, margin: got both, expected one of them")),
         (Some(_), None) => return Err(invalid("within: expected 4 numbers, or 6 for octrees")),
     };
     if universe.is_some() && !operation.needs_universe() {
-        return Err(invalid("within and margin are for operations that fill what neither file has"));
+        return Err(invalid("within, margin: are for operations that fill cells that no file has"));
     }
     Ok(universe)
 }
@@ -128,19 +128,19 @@ pub(crate) fn transform<'py>(
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     let steps = steps_of(&steps)?;
-    let others = steps.iter().flat_map(ViewStep::files).map(Path::to_path_buf);
+    let others = steps.iter().flat_map(ViewOperation::files).map(Path::to_path_buf);
     let inputs: Vec<PathBuf> = others.chain([path.clone()]).collect();
     check_output(&inputs, &out)?;
     if is_model_file(&path, access()).or_raise()? {
         if resampling.is_some() || allow_ballpark || moves {
-            return Err(invalid("resampling, allow_ballpark and move mean nothing for exact models"));
+            return Err(invalid("resampling, allow_ballpark, move: do not apply to exact models"));
         }
         let mut options = TransformOptions::new(memory);
         ((options.snap, options.unit), options.codec) = (of_model, packing.of_model()?);
         return transform_exact(py, &path, steps, &out, options, terms);
     }
     if of_model != (None, None) {
-        return Err(invalid("snap and unit are for exact models"));
+        return Err(invalid("snap, unit: are for exact models"));
     }
     let chain = chain_of(&path, steps, (resampling.as_deref(), allow_ballpark), moves)?;
     let how = packing.with(memory);
@@ -165,7 +165,7 @@ pub(crate) fn reproject(
         invalid(format!("{}: {expected}", out.display()))
     })?;
     let steps = SystemChange::of_view(&path, &steps_of(&steps)?).or_raise()?;
-    let mut options = ReprojectOptions { steps, allow_ballpark, ..ReprojectOptions::default() };
+    let mut options = ReprojectOptions { operations: steps, allow_ballpark, ..ReprojectOptions::default() };
     options.features.memory = memory;
     jobs::run(py, terms, |work| reproject_features(&path, &options, work.create(&out)?, format, work))
 }
@@ -174,17 +174,17 @@ pub(crate) fn reproject(
 fn transform_exact<'py>(
     py: Python<'py>,
     path: &Path,
-    steps: Vec<ViewStep>,
+    steps: Vec<ViewOperation>,
     out: &Path,
     mut options: TransformOptions,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let texts: Vec<String> = steps.iter().map(ViewStep::to_string).collect();
-    options.note = (!texts.is_empty()).then(|| texts.join(", "));
+    let strings: Vec<String> = steps.iter().map(ViewOperation::to_string).collect();
+    options.note = (!strings.is_empty()).then(|| strings.join(", "));
     let mut map = AffineMap::IDENTITY;
     for step in steps {
         match step {
-            ViewStep::Crs(crs) => options.crs = Some(crs),
+            ViewOperation::Crs(crs) => options.crs = Some(crs),
             step => map = map.then(&step.as_map().or_raise()?),
         }
     }
@@ -229,13 +229,12 @@ pub(crate) fn combine<'py>(
     check_output(&paths, &out)?;
     if any_file(&paths, &|path| is_model_file(path, access())).or_raise()? {
         if !features.is_empty() {
-            return Err(invalid("features are laid over trees of cells, not over exact models"));
+            return Err(invalid("features: are combined with trees of cells, not with exact models"));
         }
         let is_given =
             prefer_second || fill.is_some() || universe.is_some() || reconcile != ReconcileOptions::default();
         if is_given {
-            let text =
-                "values, fill, within, margin, extent, classes and units mean nothing for exact models";
+            let text = "values, fill, within, margin, extent, classes, units: do not apply to exact models";
             return Err(invalid(text));
         }
         return combine_exact(py, operation, &paths, &out, (memory, packing.of_model()?), terms);
@@ -250,8 +249,7 @@ pub(crate) fn combine<'py>(
                 move |header: &Header, metadata: &Metadata| {
                     let laid = features.over(header, metadata, memory, work)?;
                     if laid.beyond > 0 {
-                        let text =
-                            "features reach beyond the cells of the trees; what lies there is left out";
+                        let text = "features extend beyond the cells of the trees, and were clipped";
                         work.warn(&features.path, &format!("{} {text}", laid.beyond));
                     }
                     Ok(laid.tree)
@@ -286,7 +284,9 @@ fn combine_exact<'py>(
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     let CombineOperation::Set { operation, .. } = operation else {
-        return Err(invalid("operation: exact models have no values, but set operations (0 to 15)"));
+        return Err(invalid(
+            "operation: got one of values, expected a set operation (0 to 15) for exact models",
+        ));
     };
     let made = jobs::run(py, terms, |work| {
         let models = paths.iter().map(|path| ExactModel::open(path, &access().into()));
@@ -317,7 +317,7 @@ impl Reconcile {
         let units_by_number = match &**units {
             "convert" => false,
             "number" => true,
-            _ => return Err(invalid(format!("units: {units:?}, expected 'convert' or 'number'"))),
+            _ => return Err(invalid(format!("units: got {units:?}, expected 'convert' or 'number'"))),
         };
         let (extent, classes) = (extent.parse().or_raise()?, classes.parse().or_raise()?);
         Ok(ReconcileOptions { extent, classes, units_by_number, round: *round })
@@ -327,7 +327,9 @@ impl Reconcile {
 /// Returns the operation with this name.
 pub(crate) fn named(name: &str, prefer: Prefer) -> PyResult<CombineOperation> {
     let operation = CombineOperation::named(name, prefer);
-    operation.ok_or_else(|| invalid(format!("operation: `{name}` is none; see `spinney help combine`")))
+    operation.ok_or_else(|| {
+        invalid(format!("operation: got `{name}`, which is unknown; see `spinney help combine`"))
+    })
 }
 
 /// Samples of two values at the same cells, and the number of these cells.
@@ -436,7 +438,7 @@ pub(crate) fn add_layer(
     packing: Packing,
     terms: Terms,
 ) -> PyResult<Option<u64>> {
-    let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<ViewStep>>>()?;
+    let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<ViewOperation>>>()?;
     let (chain, note) = (FileView { steps, access: access().clone(), ..FileView::of(&tree) }, note_of(note));
     jobs::run(py, terms, |work| {
         let commit = ops::add_layer(&path, &name, &chain, note, packing.with(memory), work)?;

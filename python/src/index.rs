@@ -47,7 +47,7 @@ impl Along {
         let index: i64 = key.extract().map_err(|_| {
             let name = key.get_type().name().map_or_else(|_| "object".into(), |name| name.to_string());
             PyTypeError::new_err(format!(
-                "indexes are whole numbers, slices and `...`, not {name}; for lists of places there is `sample`"
+                "index: got {name}, expected integers, slices and `...`; use `sample` for lists of positions"
             ))
         })?;
         let from_start = if index < 0 { index.checked_add_unsigned(length) } else { Some(index) };
@@ -70,12 +70,12 @@ pub(crate) fn parse(key: &Bound<'_, PyAny>, shape: &[u64]) -> PyResult<Vec<Along
     let is_dots = |key: &Bound<'_, PyAny>| key.is_instance_of::<PyEllipsis>();
     let dots = keys.iter().filter(|key| is_dots(key)).count();
     if dots > 1 {
-        return Err(PyIndexError::new_err("an index has at most one `...`"));
+        return Err(PyIndexError::new_err("index: got several `...`, expected at most one"));
     }
     let given = keys.len() - dots;
     let left = shape.len().checked_sub(given).ok_or_else(|| {
         let axes = shape.len();
-        PyIndexError::new_err(format!("too many indexes: the array has {axes} axes, {given} were given"))
+        PyIndexError::new_err(format!("index: got {given} indices, expected at most {axes}, one per axis"))
     })?;
     let mut parts = Vec::with_capacity(shape.len());
     for key in &keys {

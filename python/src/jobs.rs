@@ -167,13 +167,13 @@ impl Work {
     }
 
     /// Raises pending Python signals, and calls the callback if there is new progress.
-    fn attend(&self, py: Python<'_>, callback: Option<&Py<PyAny>>, told: &mut u64) -> PyResult<()> {
+    fn attend(&self, py: Python<'_>, callback: Option<&Py<PyAny>>, reported: &mut u64) -> PyResult<()> {
         py.check_signals()?;
         let (done, total) = (self.done.load(Ordering::Relaxed), self.total.load(Ordering::Relaxed));
         if let Some(callback) = callback
-            && done != *told
+            && done != *reported
         {
-            *told = done;
+            *reported = done;
             callback.call1(py, (done, total))?;
         }
         Ok(())
@@ -206,7 +206,7 @@ pub(crate) fn warn(py: Python<'_>, text: &str) -> PyResult<()> {
 /// such work ends before a thread could have started.
 struct ShortWork {
     /// Number of calls of `interrupted`.
-    asked: AtomicU64,
+    calls: AtomicU64,
     /// Time of the last check for signals, in milliseconds.
     attended: AtomicU64,
     began: Instant,
@@ -217,7 +217,7 @@ impl Progress for ShortWork {
     fn interrupted(&self) -> bool {
         /// Calls between reads of the clock.
         const OFTEN: u64 = 1 << 4;
-        if !self.asked.fetch_add(1, Ordering::Relaxed).is_multiple_of(OFTEN) {
+        if !self.calls.fetch_add(1, Ordering::Relaxed).is_multiple_of(OFTEN) {
             return false;
         }
         let now = self.began.elapsed().as_millis() as u64;
@@ -239,7 +239,7 @@ pub(crate) fn run_here<R: Send>(
     job: impl FnOnce(&dyn Progress) -> spinney::Result<R> + Send,
 ) -> PyResult<R> {
     let work = ShortWork {
-        asked: AtomicU64::new(0),
+        calls: AtomicU64::new(0),
         attended: AtomicU64::new(0),
         began: Instant::now(),
         failure: Mutex::new(None),
@@ -260,7 +260,7 @@ pub(crate) fn run<R: Send>(
 ) -> PyResult<R> {
     let Terms(callback, threads, max_bytes) = terms;
     let work = Work { max_bytes, ..Work::default() };
-    let (mut told, mut failure) = (0, None);
+    let (mut reported, mut failure) = (0, None);
     let refused = REFUSED.get();
     let outcome = py.detach(|| {
         thread::scope(|scope| {
@@ -276,7 +276,7 @@ pub(crate) fn run<R: Send>(
             });
             while let Err(RecvTimeoutError::Timeout) = is_done.recv_timeout(TICK) {
                 if failure.is_none() {
-                    failure = Python::attach(|py| work.attend(py, callback.as_ref(), &mut told).err());
+                    failure = Python::attach(|py| work.attend(py, callback.as_ref(), &mut reported).err());
                     work.stop.store(failure.is_some(), Ordering::Relaxed);
                 }
             }
@@ -294,7 +294,7 @@ pub(crate) fn run<R: Send>(
         (Ok(result), failure) => {
             // (A signal is still raised if it came after the work was done.)
             failure.map_or(Ok(()), Err)?;
-            work.attend(py, callback.as_ref(), &mut told)?;
+            work.attend(py, callback.as_ref(), &mut reported)?;
             Ok(result)
         }
     }

@@ -26,11 +26,11 @@ mod numbers;
 mod overlay;
 mod packing;
 mod page;
-mod part;
 mod points;
-mod questions;
+mod queries;
 mod read;
 mod rebuild;
+mod region;
 mod remote;
 mod samples;
 mod save;
@@ -80,7 +80,7 @@ mod _native {
     use super::remote::shown;
     #[pymodule_export]
     use super::shards::{
-        build_shard, is_job, look_at_job, merge_shards, missing_shards, plan_combine, plan_shards,
+        build_shard, is_job, job_counts, merge_shards, missing_shards, plan_combine, plan_shards,
         plan_transform, remove_job,
     };
     #[pymodule_export]

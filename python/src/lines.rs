@@ -16,7 +16,7 @@ use spinney::{Crs, Metadata, Progress as _, Result};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
-use crate::part::coordinates_of;
+use crate::region::coordinates_of;
 use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
@@ -188,35 +188,40 @@ impl Lines {
     fn nearest<'py>(
         &self,
         py: Python<'py>,
-        places: PyReadonlyArray2<'py, f64>,
-        most: usize,
+        positions: PyReadonlyArray2<'py, f64>,
+        max_count: usize,
         radius: f64,
         coordinates: &Bound<'py, PyAny>,
         terms: Terms,
     ) -> PyResult<Near<'py>> {
         let tree = self.get()?;
-        let mut places: Vec<[f64; 2]> = places.as_slice()?.as_chunks::<2>().0.to_vec();
+        let mut positions: Vec<[f64; 2]> = positions.as_slice()?.as_chunks::<2>().0.to_vec();
         let locator = tree.locator(&coordinates_of(coordinates)?).or_raise()?;
-        for place in &mut places {
-            let [x, y] = locator.locate([place[0], place[1]]).or_raise()?;
-            (place[0], place[1]) = (x, y);
+        for point in &mut positions {
+            let [x, y] = locator.locate([point[0], point[1]]).or_raise()?;
+            (point[0], point[1]) = (x, y);
         }
-        let room = places.len().checked_mul(most).filter(|room| *room < 1 << 40);
-        let room = room.ok_or_else(|| invalid(format!("k: {most} lines for {} places", places.len())))?;
+        let capacity = positions.len().checked_mul(max_count).filter(|capacity| *capacity < 1 << 40);
+        let capacity = capacity.ok_or_else(|| {
+            invalid(format!(
+                "k: got {max_count} lines for each of {} points, which is too many",
+                positions.len()
+            ))
+        })?;
         let (distances, features, found) = jobs::run(py, terms, |work| {
-            let (mut distances, mut features) = (vec![f64::INFINITY; room], vec![-1; room]);
-            let mut found = vec![f64::NAN; 2 * room];
-            for (place, lines) in tree.nearest(&places, most, radius, work)?.iter().enumerate() {
+            let (mut distances, mut features) = (vec![f64::INFINITY; capacity], vec![-1; capacity]);
+            let mut found = vec![f64::NAN; 2 * capacity];
+            for (index, lines) in tree.nearest(&positions, max_count, radius, work)?.iter().enumerate() {
                 for (number, line) in lines.iter().enumerate() {
-                    let at = place * most + number;
+                    let at = index * max_count + number;
                     distances[at] = line.distance;
                     features[at] = line.feature as i64;
-                    found[2 * at..2 * at + 2].copy_from_slice(&line.place);
+                    found[2 * at..2 * at + 2].copy_from_slice(&line.position);
                 }
             }
             Ok((distances, features, found))
         })?;
-        let shape = [places.len(), most];
+        let shape = [positions.len(), max_count];
         let distances = PyArray1::from_vec(py, distances).reshape(shape)?;
         Ok((distances, PyArray1::from_vec(py, features).reshape(shape)?, PyArray1::from_vec(py, found)))
     }
@@ -237,8 +242,12 @@ impl Lines {
         let found = jobs::run(py, terms, |work| tree.crossings(&all, work))?;
         let features = found.iter().map(|crossing| crossing.feature as i64).collect();
         let lines = found.iter().map(|crossing| crossing.line as i64).collect();
-        let places = found.iter().flat_map(|crossing| crossing.place).collect();
-        Ok((PyArray1::from_vec(py, features), PyArray1::from_vec(py, lines), PyArray1::from_vec(py, places)))
+        let positions = found.iter().flat_map(|crossing| crossing.position).collect();
+        Ok((
+            PyArray1::from_vec(py, features),
+            PyArray1::from_vec(py, lines),
+            PyArray1::from_vec(py, positions),
+        ))
     }
 
     /// Writes whole features, all or those with the given ascending numbers; returns their number.
@@ -282,7 +291,8 @@ pub(crate) fn build_line_file(
     let built = jobs::run(py, terms, |work| {
         let LineTerms(leaf_size, crs, attributes, memory, filter, from) = &given;
         let filter: FeatureFilter = filter.as_deref().map(str::parse).transpose()?.unwrap_or_default();
-        let features = FeatureOptions { filter, attributes: attributes.clone(), ..FeatureOptions::default() };
+        let (attributes, check_degrees) = (attributes.clone(), crs.is_none());
+        let features = FeatureOptions { filter, attributes, check_degrees, ..FeatureOptions::default() };
         let mut source = open_feature_lines(&path, &features)?;
         if source.is_rounded() {
             work.warn(&path, "vertices have more digits than a grid of 32 bits, and are rounded to it");
@@ -296,7 +306,7 @@ pub(crate) fn build_line_file(
         let built = build(&mut source, &options, &metadata, work.create_tree(&out)?, work)?;
         let count = source.with_heights();
         if count > 0 {
-            work.warn(&path, &format!("{count} features have heights or measures, which are not kept"));
+            work.warn(&path, &format!("{count} features have heights or measures, which are not stored"));
         }
         Result::Ok(built)
     })?;

@@ -19,9 +19,7 @@ pub(crate) fn models_of(meshes: Vec<MeshArrays>) -> spinney::Result<Vec<Box<dyn 
 
 fn mesh_of(given: &Bound<'_, PyDict>) -> PyResult<MeshArrays> {
     let item = |name: &str| {
-        given
-            .get_item(name)?
-            .ok_or_else(|| invalid(format!("a mesh without {name}, expected arrays by name")))
+        given.get_item(name)?.ok_or_else(|| invalid(format!("mesh: has no {name}, expected arrays by name")))
     };
     let mut mesh = MeshArrays::default();
     mesh.name = item("name")?.extract()?;

@@ -17,7 +17,7 @@ use spinney::raw::import::feature::choose_objects;
 use spinney::raw::import::mesh;
 use spinney::raw::ops::AffineMap;
 use spinney::raw::store::Tag;
-use spinney::{Crs, ExactModel, Progress, Result, ViewStep};
+use spinney::{Crs, ExactModel, Progress, Result, ViewOperation};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
@@ -34,7 +34,7 @@ pub(crate) struct Model {
     opened: RwLock<Option<Arc<ModelView>>>,
     path: PathBuf,
     /// View operations.
-    steps: Vec<ViewStep>,
+    steps: Vec<ViewOperation>,
     positioned: bool,
     remote: RemoteAccess,
 }
@@ -54,14 +54,14 @@ type Nearest<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Bound
 pub(crate) fn each<R: Send>(
     points: &[f64],
     work: &dyn Progress,
-    answer: impl Fn(usize, [f64; 3]) -> Result<R> + Sync,
+    query: impl Fn(usize, [f64; 3]) -> Result<R> + Sync,
 ) -> Result<Vec<R>> {
     /// Points between progress reports, and points that a thread processes between checks for
     /// cancellation.
     const BATCH: usize = 1 << 16;
     const PART: usize = 1 << 9;
     let (points, _) = points.as_chunks::<3>();
-    let mut answers = Vec::with_capacity(points.len());
+    let mut results = Vec::with_capacity(points.len());
     for (start, batch) in (0..).step_by(BATCH).zip(points.chunks(BATCH)) {
         let parts: Result<Vec<Vec<R>>> = batch
             .par_chunks(PART)
@@ -69,13 +69,13 @@ pub(crate) fn each<R: Send>(
             .map(|(part, points)| {
                 work.check()?;
                 let first = start + part * PART;
-                points.iter().enumerate().map(|(index, point)| answer(first + index, *point)).collect()
+                points.iter().enumerate().map(|(index, point)| query(first + index, *point)).collect()
             })
             .collect();
-        answers.extend(parts?.into_iter().flatten());
+        results.extend(parts?.into_iter().flatten());
         work.advance(batch.len() as u64, points.len() as u64);
     }
-    Ok(answers)
+    Ok(results)
 }
 
 fn node_counts<'py>(py: Python<'py>, nodes: &NodeCounts) -> PyResult<Bound<'py, PyDict>> {
@@ -97,7 +97,8 @@ impl Model {
         remote: RemoteAccess,
         steps: Vec<String>,
     ) -> PyResult<Model> {
-        let steps: Vec<ViewStep> = steps.iter().map(|step| step.parse()).collect::<Result<_>>().or_raise()?;
+        let steps: Vec<ViewOperation> =
+            steps.iter().map(|step| step.parse()).collect::<Result<_>>().or_raise()?;
         let mut options = remote.options();
         if positioned {
             let access = options.access.clone().positioned(None);
@@ -108,7 +109,7 @@ impl Model {
             if steps.is_empty() {
                 return Ok(model.into());
             }
-            let next = |map: AffineMap, step: &ViewStep| Ok(map.then(&step.as_map()?));
+            let next = |map: AffineMap, step: &ViewOperation| Ok(map.then(&step.as_map()?));
             let map = steps.iter().try_fold(AffineMap::IDENTITY, next)?;
             ModelView::of(model, &Motion::from_rows(map.to_rows())?)
         };
@@ -140,7 +141,7 @@ impl Model {
     /// Returns the view operations.
     #[getter]
     fn view(&self) -> Vec<String> {
-        self.steps.iter().map(ViewStep::to_string).collect()
+        self.steps.iter().map(ViewOperation::to_string).collect()
     }
 
     #[getter]

@@ -40,7 +40,7 @@ struct Lists {
 }
 
 impl Lists {
-    fn with_room(count: usize) -> Lists {
+    fn with_capacity(count: usize) -> Lists {
         Lists {
             distances: Vec::with_capacity(count),
             points: Vec::with_capacity(3 * count),
@@ -81,12 +81,12 @@ fn check(origins: &[f64], directions: &[f64]) -> PyResult<()> {
         .ok_or_else(|| invalid("rays: expected finite origins, and as many directions other than 0"))
 }
 
-/// Computes results for rays on all processors: passes `answer`'s result for each run of
+/// Computes results for rays on all processors: passes `query`'s result for each run of
 /// consecutive rays to `take`, in input order.
 fn each_part<R: Send>(
     (origins, directions): (&[f64], &[f64]),
     work: &dyn spinney::Progress,
-    answer: impl Fn(&[Ray]) -> Result<R> + Sync,
+    query: impl Fn(&[Ray]) -> Result<R> + Sync,
     mut take: impl FnMut(R),
 ) -> Result<()> {
     let (origins, directions) = (origins.as_chunks::<3>().0, directions.as_chunks::<3>().0);
@@ -100,7 +100,7 @@ fn each_part<R: Send>(
                 work.check()?;
                 let rays: Vec<Ray> =
                     origins.iter().zip(directions).map(|(at, along)| [*at, *along]).collect();
-                answer(&rays)
+                query(&rays)
             })
             .collect::<Result<_>>()?;
         parts.into_iter().for_each(&mut take);
@@ -124,7 +124,7 @@ impl Model {
         let (origins, directions) = (origins.as_slice()?, directions.as_slice()?);
         check(origins, directions)?;
         let lists = jobs::run(py, terms, |work| {
-            let mut lists = Lists::with_room(origins.len() / 3);
+            let mut lists = Lists::with_capacity(origins.len() / 3);
             let first = |rays: &[Ray]| model.rays().first_of(rays);
             each_part((origins, directions), work, first, |hits| {
                 hits.iter().for_each(|hit| lists.push(hit.as_ref()));

@@ -38,7 +38,11 @@ impl<'py> FromPyObject<'_, 'py> for PyNumber {
 
 /// Converts a number for Python: to an int if samples are integers and it is one (as `1e3` in a
 /// file), else to a float.
-pub(crate) fn told<'py>(py: Python<'py>, number: Number, sample: SampleType) -> PyResult<Bound<'py, PyAny>> {
+pub(crate) fn to_python<'py>(
+    py: Python<'py>,
+    number: Number,
+    sample: SampleType,
+) -> PyResult<Bound<'py, PyAny>> {
     Ok(match number.to_integer().filter(|_| !sample.is_float()) {
         Some(number) => number.into_pyobject(py)?.into_any(),
         None => number.to_f64().into_pyobject(py)?.into_any(),
@@ -55,19 +59,19 @@ pub(crate) fn plain(py: Python<'_>, number: Number) -> PyResult<Bound<'_, PyAny>
 }
 
 /// Returns class names for Python, by value.
-pub(crate) fn told_names<'py>(
+pub(crate) fn names_to_python<'py>(
     py: Python<'py>,
     names: &BTreeMap<Number, String>,
     sample: SampleType,
 ) -> PyResult<Vec<(Bound<'py, PyAny>, String)>> {
-    names.iter().map(|(value, name)| Ok((told_class(py, *value, sample)?, name.clone()))).collect()
+    names.iter().map(|(value, name)| Ok((class_to_python(py, *value, sample)?, name.clone()))).collect()
 }
 
 /// Converts a class value for Python: to an int if it is one, whatever the sample type.
-fn told_class<'py>(py: Python<'py>, number: Number, sample: SampleType) -> PyResult<Bound<'py, PyAny>> {
+fn class_to_python<'py>(py: Python<'py>, number: Number, sample: SampleType) -> PyResult<Bound<'py, PyAny>> {
     match number.to_integer() {
         Some(number) => Ok(number.into_pyobject(py)?.into_any()),
-        None => told(py, number, sample),
+        None => to_python(py, number, sample),
     }
 }
 

@@ -35,7 +35,7 @@ pub(crate) fn combine_polygons<'py>(
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     let operation = OverlayOperation::named(operation).ok_or_else(|| {
-        invalid(format!("operation: {operation:?} is none of polygons, which have no values"))
+        invalid(format!("operation: got {operation:?}, expected one for polygons, which have no values"))
     })?;
     let format = VectorFormat::of(&out)
         .ok_or_else(|| invalid("out: expected .geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply"))?;

@@ -34,7 +34,7 @@ impl Packing {
     pub(crate) fn of_model(self) -> PyResult<Codec> {
         match self.0.max_error {
             None => Ok(self.0.codec),
-            Some(_) => Err(invalid("max_error: means nothing for exact models")),
+            Some(_) => Err(invalid("max_error: does not apply to exact models")),
         }
     }
 }

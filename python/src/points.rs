@@ -10,8 +10,8 @@ use spinney::import::feature::{FeatureFilter, FeatureOptions};
 use spinney::points::{PointImportOptions, PointRegion, PointTree, Selection};
 use spinney::raw::import::feature::plan_point_files;
 use spinney::raw::points::{
-    GriddedPoints, PointAttribute, PointBuildOptions, PointFormat, PointRaster, WorldPoints, export_points,
-    is_point_file, ordered_number, plan_points, position, rasterize_points,
+    GriddedPoints, PointAttribute, PointBuildOptions, PointFormat, PointRaster, WorldPoints, attribute_index,
+    export_points, is_point_file, ordered_number, plan_points, rasterize_points,
 };
 use spinney::raw::store::Packing;
 use spinney::{Crs, Dimension, Progress as _, Result, SampleType};
@@ -19,7 +19,7 @@ use spinney::{Crs, Dimension, Progress as _, Result, SampleType};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms, access};
-use crate::part::coordinates_of;
+use crate::region::coordinates_of;
 use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
@@ -74,10 +74,10 @@ impl Points {
     }
 }
 
-fn places_of(tree: &PointTree, names: Option<Vec<String>>) -> Result<Vec<usize>> {
+fn attribute_indices(tree: &PointTree, names: Option<Vec<String>>) -> Result<Vec<usize>> {
     match names {
         None => Ok((0..tree.attributes().len()).collect()),
-        Some(names) => names.iter().map(|name| position(tree.attributes(), name)).collect(),
+        Some(names) => names.iter().map(|name| attribute_index(tree.attributes(), name)).collect(),
     }
 }
 
@@ -158,7 +158,7 @@ impl Points {
     ) -> PyResult<Bound<'py, PyArray1<u8>>> {
         let tree = self.get()?;
         let rows = jobs::run(py, terms, |work| {
-            let chosen = places_of(&tree, names)?;
+            let chosen = attribute_indices(&tree, names)?;
             let mut rows = Vec::new();
             tree.select(&wanted.selection(&tree)?, Some(&chosen), work, &mut |points| {
                 points.rows(tree.grid(), tree.attributes(), &chosen, &mut rows);
@@ -194,36 +194,41 @@ impl Points {
     fn nearest<'py>(
         &self,
         py: Python<'py>,
-        places: PyReadonlyArray2<'py, f64>,
-        most: usize,
+        positions: PyReadonlyArray2<'py, f64>,
+        max_count: usize,
         radius: f64,
         memory: u64,
         coordinates: &Bound<'py, PyAny>,
         terms: Terms,
     ) -> PyResult<Near<'py>> {
         let tree = self.get()?;
-        let mut places: Vec<[f64; 3]> = places.as_slice()?.as_chunks::<3>().0.to_vec();
+        let mut positions: Vec<[f64; 3]> = positions.as_slice()?.as_chunks::<3>().0.to_vec();
         let locator = tree.locator(&coordinates_of(coordinates)?).or_raise()?;
-        for place in &mut places {
-            let [x, y] = locator.locate([place[0], place[1]]).or_raise()?;
-            (place[0], place[1]) = (x, y);
+        for point in &mut positions {
+            let [x, y] = locator.locate([point[0], point[1]]).or_raise()?;
+            (point[0], point[1]) = (x, y);
         }
-        let room = places.len().checked_mul(most).filter(|room| *room < 1 << 40);
-        let room = room.ok_or_else(|| invalid(format!("k: {most} points for {} places", places.len())))?;
+        let capacity = positions.len().checked_mul(max_count).filter(|capacity| *capacity < 1 << 40);
+        let capacity = capacity.ok_or_else(|| {
+            invalid(format!(
+                "k: got {max_count} points for each of {} points, which is too many",
+                positions.len()
+            ))
+        })?;
         let (distances, found) = jobs::run(py, terms, |work| {
-            let mut distances = vec![f64::INFINITY; room];
-            let mut found = vec![f64::NAN; 3 * room];
-            let nearest = tree.nearest(&places, most, radius, memory, work)?;
-            for (place, points) in nearest.iter().enumerate() {
+            let mut distances = vec![f64::INFINITY; capacity];
+            let mut found = vec![f64::NAN; 3 * capacity];
+            let nearest = tree.nearest(&positions, max_count, radius, memory, work)?;
+            for (index, points) in nearest.iter().enumerate() {
                 for (number, point) in points.iter().enumerate() {
-                    let at = place * most + number;
+                    let at = index * max_count + number;
                     distances[at] = point.distance;
-                    found[3 * at..3 * at + 3].copy_from_slice(&point.place);
+                    found[3 * at..3 * at + 3].copy_from_slice(&point.position);
                 }
             }
             Ok((distances, found))
         })?;
-        let distances = PyArray1::from_vec(py, distances).reshape([places.len(), most])?;
+        let distances = PyArray1::from_vec(py, distances).reshape([positions.len(), max_count])?;
         Ok((distances, PyArray1::from_vec(py, found)))
     }
 
@@ -242,7 +247,7 @@ impl Points {
         let format = PointFormat::of(&out)
             .ok_or_else(|| invalid(format!("{}: expected .las, .laz, .csv, .ply or .npy", out.display())))?;
         jobs::run(py, terms, |work| {
-            let chosen = places_of(&tree, names)?;
+            let chosen = attribute_indices(&tree, names)?;
             let selection = wanted.selection(&tree)?;
             export_points(&tree, &selection, Some(&chosen), work.create(&out)?, format, work)
         })
@@ -311,7 +316,7 @@ pub(crate) fn build_point_files(
 
 /// Points in arrays.
 struct ArrayPoints {
-    places: Vec<f64>,
+    positions: Vec<f64>,
     axes: usize,
     attributes: Vec<PointAttribute>,
     columns: Vec<Vec<u8>>,
@@ -336,13 +341,13 @@ impl WorldPoints for ArrayPoints {
     }
 
     fn next(&mut self, numbers: &mut [i64]) -> Result<Option<[f64; 3]>> {
-        let Some(place) = self.places.chunks_exact(self.axes).nth(self.next) else { return Ok(None) };
-        let place = [place[0], place[1], place.get(2).copied().unwrap_or(0.0)];
+        let Some(position) = self.positions.chunks_exact(self.axes).nth(self.next) else { return Ok(None) };
+        let position = [position[0], position[1], position.get(2).copied().unwrap_or(0.0)];
         for ((number, attribute), column) in numbers.iter_mut().zip(&self.attributes).zip(&self.columns) {
             *number = ordered_number(attribute.sample, &column[self.next * attribute.sample.size()..]);
         }
         self.next += 1;
-        Ok(Some(place))
+        Ok(Some(position))
     }
 
     fn rewind(&mut self) -> Result<()> {
@@ -358,20 +363,20 @@ type ArrayColumn<'py> = (String, String, PyReadonlyArray1<'py, u8>);
 #[pyfunction]
 pub(crate) fn build_point_array(
     py: Python<'_>,
-    places: PyReadonlyArray2<'_, f64>,
+    positions: PyReadonlyArray2<'_, f64>,
     columns: Vec<ArrayColumn<'_>>,
     out: PathBuf,
     given: PointTerms,
     terms: Terms,
 ) -> PyResult<(u64, u64)> {
-    let axes = places.as_array().shape()[1];
-    let places = places.as_slice()?.to_vec();
-    let count = places.len().checked_div(axes).unwrap_or(0);
+    let axes = positions.as_array().shape()[1];
+    let positions = positions.as_slice()?.to_vec();
+    let count = positions.len().checked_div(axes).unwrap_or(0);
     let (mut attributes, mut bytes) = (Vec::new(), Vec::new());
     for (name, sample, column) in &columns {
         let known = SampleType::ALL.into_iter().find(|known| known.name() == sample);
         let sample =
-            known.ok_or_else(|| invalid(format!("{name}: numbers of type {sample} are not kept")))?;
+            known.ok_or_else(|| invalid(format!("{name}: numbers of type {sample} cannot be stored")))?;
         let column = column.as_slice()?.to_vec();
         if column.len() != count * sample.size() {
             return Err(invalid(format!("{name}: expected a number for each of {count} points")));
@@ -380,12 +385,12 @@ pub(crate) fn build_point_array(
         bytes.push(column);
     }
     if !(2..=3).contains(&axes) {
-        return Err(invalid(format!("points: rows of {axes} coordinates, expected 2 or 3")));
+        return Err(invalid(format!("points: got rows of {axes} coordinates, expected 2 or 3")));
     }
     let built = jobs::run(py, terms, |work| {
         let (options, filter) = given.options()?;
         let conditions = filter.for_points(&attributes)?;
-        let points = ArrayPoints { places, axes, attributes, columns: bytes, next: 0 };
+        let points = ArrayPoints { positions, axes, attributes, columns: bytes, next: 0 };
         let points = GriddedPoints::new(Box::new(points))?;
         if let Some(text) = points.rounding() {
             work.warn(&out, text);

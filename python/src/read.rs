@@ -16,8 +16,8 @@ use crate::index;
 use crate::index::Along;
 use crate::jobs::{self, Terms};
 use crate::numbers::PyNumber;
-use crate::part::{are_cells, at_level, is_fractional, level_of, part_of};
-use crate::questions::values_at;
+use crate::queries::values_at;
+use crate::region::{are_cells, at_level, is_fractional, level_of, region_of};
 use crate::samples::{dtype, empty, flags, with_bytes};
 use crate::tree::{Opened, Tree};
 
@@ -30,17 +30,18 @@ pub(crate) enum Bands {
 }
 
 impl Bands {
-    fn of(asked: Option<&Bound<'_, PyAny>>, count: usize) -> PyResult<Bands> {
-        let Some(asked) = asked else { return Ok(Bands::All) };
+    fn of(given: Option<&Bound<'_, PyAny>>, count: usize) -> PyResult<Bands> {
+        let Some(given) = given else { return Ok(Bands::All) };
         let check = |band: i64| {
-            usize::try_from(band - 1).ok().filter(|index| *index < count).ok_or_else(|| {
-                PyIndexError::new_err(format!("bands: {band}, the file's bands are 1 to {count}"))
-            })
+            usize::try_from(band - 1)
+                .ok()
+                .filter(|index| *index < count)
+                .ok_or_else(|| PyIndexError::new_err(format!("bands: got {band}, expected 1 to {count}")))
         };
-        if let Ok(band) = asked.extract::<i64>() {
+        if let Ok(band) = given.extract::<i64>() {
             return check(band).map(Bands::One);
         }
-        let bands: Vec<i64> = asked.extract().map_err(|_| {
+        let bands: Vec<i64> = given.extract().map_err(|_| {
             PyTypeError::new_err("bands: expected a number, counted from 1, or a list of numbers")
         })?;
         bands.into_iter().map(check).collect::<PyResult<_>>().map(Bands::Some)
@@ -57,7 +58,7 @@ pub(crate) struct Pixels<'py> {
 
 /// Cells read between checks for signals: the maximum, and the initial value for a view, each of
 /// whose cells may be expensive.
-const MOST: u64 = 1 << 24;
+const MAX_READ_CELLS: u64 = 1 << 24;
 const FIRST: u64 = 1 << 18;
 /// Duration of a read after which the next one is not larger.
 const LONG: Duration = Duration::from_millis(50);
@@ -89,10 +90,10 @@ pub(crate) fn cells<'py>(
     with_bytes(&array, value.sample, |bytes| {
         let mut lent = void.as_ref().map(|void| void.readwrite());
         let mut valid = lent.as_mut().map(|lent| lent.as_slice_mut()).transpose()?;
-        let mut most = if opened.is_view { FIRST } else { MOST };
+        let mut max_cells = if opened.is_view { FIRST } else { MAX_READ_CELLS };
         let mut next = (!bounds.is_empty()).then_some(bounds.min);
         while let Some(start) = next {
-            let part = piece(bounds, start, most);
+            let part = block(bounds, start, max_cells);
             next = after(bounds, &part);
             let first = (part.min[0] - bounds.min[0])
                 + width as u64
@@ -105,7 +106,7 @@ pub(crate) fn cells<'py>(
             py.detach(|| read(tree, level, &part, fill, bytes, valid)).or_raise()?;
             if begin.elapsed() < LONG {
                 // (Larger reads are faster, since they traverse fewer nodes twice.)
-                most = MOST.min(4 * most);
+                max_cells = MAX_READ_CELLS.min(4 * max_cells);
             }
             if part.volume() < bounds.volume() {
                 py.check_signals()?;
@@ -133,27 +134,27 @@ fn read(
     Ok(())
 }
 
-/// Returns a fragment of a box that starts at row `y` of plane `z`, with about `most` cells that
-/// are contiguous in memory: planes of the box, or rows of one plane.
-fn piece(bounds: &Bounds, [_, y, z]: [u64; 3], most: u64) -> Bounds {
+/// Returns a fragment of a box that starts at row `y` of plane `z`, with about `max_cells` cells
+/// that are contiguous in memory: planes of the box, or rows of one plane.
+fn block(bounds: &Bounds, [_, y, z]: [u64; 3], max_cells: u64) -> Bounds {
     let [width, height, _] = bounds.size();
-    let (mut piece, rows) = (*bounds, (most / width).max(1));
-    piece.min = [bounds.min[0], y, z];
+    let (mut block, rows) = (*bounds, (max_cells / width).max(1));
+    block.min = [bounds.min[0], y, z];
     if y == bounds.min[1] && rows >= height {
-        piece.max[2] = bounds.max[2].min(z + rows / height);
+        block.max[2] = bounds.max[2].min(z + rows / height);
     } else {
-        (piece.max[1], piece.max[2]) = (bounds.max[1].min(y + rows), z + 1);
+        (block.max[1], block.max[2]) = (bounds.max[1].min(y + rows), z + 1);
     }
-    piece
+    block
 }
 
 /// Returns the row and plane that follow a fragment of a box.
-fn after(bounds: &Bounds, piece: &Bounds) -> Option<[u64; 3]> {
+fn after(bounds: &Bounds, block: &Bounds) -> Option<[u64; 3]> {
     let [x, first, _] = bounds.min;
-    if piece.max[1] < bounds.max[1] {
-        return Some([x, piece.max[1], piece.min[2]]);
+    if block.max[1] < bounds.max[1] {
+        return Some([x, block.max[1], block.min[2]]);
     }
-    (piece.max[2] < bounds.max[2]).then_some([x, first, piece.max[2]])
+    (block.max[2] < bounds.max[2]).then_some([x, first, block.max[2]])
 }
 
 /// Returns pixels of a raster at any size, averaged or sampled at their centres.
@@ -165,7 +166,7 @@ pub(crate) fn resampled<'py>(
     masked: bool,
 ) -> PyResult<Pixels<'py>> {
     let value = opened.tree.header().form.value;
-    let too_large = || invalid(format!("out_shape: {rows} x {columns} pixels are too many"));
+    let too_large = || invalid(format!("out_shape: got {rows} x {columns} pixels, which are too many"));
     let bytes = rows.checked_mul(columns).and_then(|pixels| pixels.checked_mul(value.size() as u64 + 1));
     bytes.filter(|bytes| *bytes < 1 << 40).ok_or_else(too_large)?;
     let sizes = [rows as usize, columns as usize, opened.count()];
@@ -263,9 +264,9 @@ fn masked_array<'py>(
     void: Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyAny>> {
     static MASKED: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    let missing = opened.missing().map(|number| opened.told(py, number)).transpose()?;
+    let missing = opened.missing().map(|number| opened.to_python(py, number)).transpose()?;
     let masked = MASKED.import(py, "spinney._arrays", "masked")?;
-    masked.call1((array, void, missing, opened.told(py, opened.void()?)?))
+    masked.call1((array, void, missing, opened.to_python(py, opened.void()?)?))
 }
 
 /// Copies a result to the caller's array `out`, if there is one, or returns it.
@@ -275,7 +276,7 @@ fn delivered<'py>(array: Bound<'py, PyAny>, out: Option<&Bound<'py, PyAny>>) -> 
         |array: &Bound<'_, PyAny>| array.getattr("shape").and_then(|shape| shape.extract::<Vec<usize>>());
     let (wanted, given) = (shape(&array)?, shape(out)?);
     if wanted != given {
-        return Err(invalid(format!("out: has the shape {given:?}, expected {wanted:?}")));
+        return Err(invalid(format!("out: got shape {given:?}, expected {wanted:?}")));
     }
     array.py().import("numpy")?.call_method1("copyto", (out, array))?;
     Ok(out.clone())
@@ -339,7 +340,7 @@ impl Tree {
         let opened = &*opened;
         let fill_value = if masked { opened.fill(fill)? } else { opened.plain_fill(fill)? };
         if masked && out.is_some() {
-            return Err(invalid("masked and out: a masked array is a new one"));
+            return Err(invalid("masked, out: got both, expected one of them; masked arrays are always new"));
         }
         if let Some(layers) = layers {
             let options = [
@@ -356,13 +357,13 @@ impl Tree {
             options.set_item("masked", masked)?;
             options.set_item("boundless", boundless)?;
             if let Some(fill) = fill {
-                options.set_item("fill", opened.told(py, fill.0)?)?;
+                options.set_item("fill", opened.to_python(py, fill.0)?)?;
             }
             let helper = py.import("spinney._arrays")?.getattr("of_layers")?;
             return delivered(helper.call1((slf, layers, options))?, out);
         }
         if boundless && !are_cells(coordinates)? {
-            return Err(invalid("boundless: is for windows of cells; leave coordinates out"));
+            return Err(invalid("boundless: is for windows of cells; omit coordinates"));
         }
         let is_fractional = |window| is_fractional(&opened.tree, window, coordinates);
         if let Some(window) = window
@@ -370,24 +371,26 @@ impl Tree {
         {
             let name = if is_fractional(window)? { "fractional" } else { "boundless" };
             let helper = py.import("spinney._arrays")?.getattr(name)?;
-            let told = fill.map(|fill| opened.told(py, fill.0)).transpose()?;
+            let fill_value = fill.map(|fill| opened.to_python(py, fill.0)).transpose()?;
             let sizes = (level, out_shape, exact);
-            let array = helper.call1((slf, bands, window, sizes, masked, told, boundless))?;
+            let array = helper.call1((slf, bands, window, sizes, masked, fill_value, boundless))?;
             return delivered(array, out);
         }
         let tree = &opened.tree;
         let bands = Bands::of(bands, opened.count())?;
-        let part = part_of(tree, window, coordinates)?;
+        let part = region_of(tree, window, coordinates)?;
         let pixels = match out_shape {
             Some(shape) => {
                 if level.is_some() {
-                    return Err(invalid("out_shape and level: give one of them"));
+                    return Err(invalid("out_shape, level: got both, expected one of them"));
                 }
                 if opened.axes() == 3 {
-                    return Err(invalid("out_shape: octrees are read by level; see `slice`"));
+                    return Err(invalid(
+                        "out_shape: got an octree, expected a quadtree; read octrees by level, or see `slice`",
+                    ));
                 }
                 let shape = out_size(shape, &bands, opened.count())?;
-                let bounds = part.unwrap_or(tree.header().picture());
+                let bounds = part.unwrap_or(tree.header().extent_bounds());
                 let [height, width] = shape;
                 let detail = if exact { Detail::Exact(width, height) } else { Detail::Size(width, height) };
                 let mut request = WindowRequest::new(bounds, detail);

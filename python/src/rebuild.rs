@@ -1,7 +1,7 @@
 //! Trees built from trees: the same cells, optionally with other properties.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
 use spinney::raw::store::file_is_tree;
@@ -38,7 +38,7 @@ pub(crate) struct TreeOptions {
 }
 
 impl TreeOptions {
-    fn apply(self, options: &mut BuildOptions) -> PyResult<()> {
+    fn apply(self, options: &mut BuildOptions, tree: &Path) -> PyResult<()> {
         if let Some(kind) = self.kind {
             let kind: DataKind = kind.parse().or_raise()?;
             if kind != options.kind {
@@ -47,6 +47,7 @@ impl TreeOptions {
         }
         if let Some(rule) = self.rule {
             options.rule = rule.parse().or_raise()?;
+            options.kind.check_rule(options.rule, tree).or_raise()?;
         }
         options.depth = self.depth.unwrap_or(options.depth);
         (options.share, options.time) = (self.share, self.time);
@@ -85,9 +86,9 @@ impl Tree {
             build.metadata.provenance.push(line);
         }
         if opened.axes() == 2 && options.transform.as_ref().is_some_and(|numbers| numbers.len() != 6) {
-            return Err(invalid("transform: the tree is a quadtree, six numbers are expected"));
+            return Err(invalid("transform: got a matrix, expected six numbers for a quadtree"));
         }
-        options.apply(&mut build)?;
+        options.apply(&mut build, tree.name())?;
         jobs::run(py, terms, |work| tree.build(&build, work.create_tree(&out)?, work))
     }
 }

@@ -54,7 +54,7 @@ struct PythonFile {
 
 /// Length of a file, the function that reads it, the object that copies are made from, and its
 /// version with a function that returns the current one.
-type GivenFile = (u64, Py<PyAny>, Py<PyAny>, Option<(String, Py<PyAny>)>);
+type FileTuple = (u64, Py<PyAny>, Py<PyAny>, Option<(String, Py<PyAny>)>);
 
 /// Storage options; then nothing, or a file that Python reads; then whether remote and external
 /// files are refused.
@@ -62,8 +62,8 @@ impl<'py> FromPyObject<'_, 'py> for RemoteAccess {
     type Error = PyErr;
 
     fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<RemoteAccess> {
-        type Given = (Vec<(String, String)>, Option<GivenFile>, (bool, bool));
-        let (storage, file, (remote, external)): Given = given.extract()?;
+        type AccessTuple = (Vec<(String, String)>, Option<FileTuple>, (bool, bool));
+        let (storage, file, (remote, external)): AccessTuple = given.extract()?;
         let file = file.map(|(length, fetch, whole, version)| {
             (Arc::new(PythonFile { fetch, length, number: RangeCache::file_number(), version }), whole)
         });
@@ -126,7 +126,7 @@ impl Fetch for Reader {
             return Ok(parts);
         }
         let found = format!("{} parts", parts.len());
-        Err(Error::corrupt(&self.path, "answer of the file system", found, format!("{}", ranges.len())))
+        Err(Error::corrupt(&self.path, "response of the file system", found, format!("{}", ranges.len())))
     }
 
     fn version(&self) -> Option<FileStat> {
@@ -145,5 +145,5 @@ impl Fetch for Reader {
 }
 
 fn failed(path: &Path, error: PyErr) -> Error {
-    Error::Io { path: path.to_path_buf(), doing: "fetch a part", cause: std::io::Error::other(error) }
+    Error::Io { path: path.to_path_buf(), doing: "fetch a range", cause: std::io::Error::other(error) }
 }

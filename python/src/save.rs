@@ -13,7 +13,7 @@ use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
 use crate::numbers::PyNumber;
-use crate::part::{at_level, level_of, part_of};
+use crate::region::{at_level, level_of, region_of};
 use crate::tree::Tree;
 
 #[pymethods]
@@ -42,7 +42,7 @@ impl Tree {
         let format = format_of(&path);
         let known = "use .png, .webp, .tif, .exr, .npy, .nrrd or .raw";
         let format = format.ok_or_else(|| invalid(format!("{}: unknown format; {known}", path.display())))?;
-        let part = part_of(tree, window, coordinates)?.unwrap_or(tree.header().picture());
+        let part = region_of(tree, window, coordinates)?.unwrap_or(tree.header().extent_bounds());
         if opened.axes() == 3 && matches!(format, Format::Npy | Format::Nrrd | Format::Raw) && shape.is_none()
         {
             let level = level_of(tree, level)?;
@@ -53,14 +53,16 @@ impl Tree {
             });
         }
         let detail = match shape {
-            Some(_) if level.is_some() => return Err(invalid("shape and level: give one of them")),
+            Some(_) if level.is_some() => {
+                return Err(invalid("shape, level: got both, expected one of them"));
+            }
             Some([rows, columns]) if exact => Detail::Exact(columns, rows),
             Some([rows, columns]) => Detail::Size(columns, rows),
             None => Detail::Level(level_of(tree, level)?),
         };
         let mut request = WindowRequest::new(part, detail);
         request.style = match (style, range) {
-            (Some(_), Some(_)) => return Err(invalid("style and range: give one of them")),
+            (Some(_), Some(_)) => return Err(invalid("style, range: got both, expected one of them")),
             (Some(style), None) => Some(Style::given(style).or_raise()?),
             (None, range) => range.map(|range| Style::stretched(tree, range)),
         };

@@ -33,7 +33,7 @@ impl Cutters {
             }
             if let Ok(text) = cutter.extract::<String>() {
                 if Path::new(&text).exists() {
-                    return Err(invalid(format!("by: {text} is a file: give it as a Path, or open it")));
+                    return Err(invalid(format!("by: {text} is a file; give it as a Path, or open it")));
                 }
                 cutters.planes.push(text.parse().or_raise()?);
                 continue;
@@ -78,11 +78,11 @@ impl Model {
                 facts.set_item("area", made.area)?;
             }
             [_] if flat => {
-                return Err(invalid("flat: is for planes, what two models have in common lies in none"));
+                return Err(invalid("flat: is for planes, not for the intersection of two models"));
             }
             [other] if planes.is_empty() => {
                 let made = jobs::run(py, terms, |work| {
-                    let what = "what two models have in common";
+                    let what = "the intersection of two models";
                     let models = [model.as_model(what)?, other.as_model(what)?];
                     let found = surface_intersection(models[0], models[1], memory, work)?;
                     export_intersection(&found, models, work.create(&path)?, format, work)
@@ -95,7 +95,7 @@ impl Model {
                 facts.set_item("overlap_area", made.overlap_area)?;
                 facts.set_item("points", made.points)?;
             }
-            _ => return Err(invalid("section: a model is cut by planes or by one other model")),
+            _ => return Err(invalid("section: expected planes, or one other model")),
         }
         Ok(facts)
     }

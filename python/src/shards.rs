@@ -26,9 +26,9 @@ pub(crate) fn plan_shards(
 ) -> PyResult<bool> {
     let spec = match options.stack(&inputs)? {
         Some(options) => JobSpec::Stack { inputs, options },
-        None => JobSpec::Pictures { inputs, options: options.pictures()? },
+        None => JobSpec::Rasters { inputs, options: options.raster_options()? },
     };
-    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.was_there))
+    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.existed))
 }
 
 /// Plans a job for a file and view operations; returns whether the same job was there already.
@@ -48,7 +48,7 @@ pub(crate) fn plan_transform(
 ) -> PyResult<bool> {
     let chain = chain_of(&path, steps_of(&steps)?, (resampling.as_deref(), allow_ballpark), moves)?;
     let spec = JobSpec::Transform { chain, packing: packing.0 };
-    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.was_there))
+    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.existed))
 }
 
 /// Plans a job that combines trees; returns whether the same job was there already.
@@ -73,13 +73,13 @@ pub(crate) fn plan_combine(
     let fill = fill.map(|number| number.0);
     let options = CombineOptions { fill, universe, ..CombineOptions::default() };
     let spec = JobSpec::Combine { inputs, operation, options, packing: packing.0 };
-    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.was_there))
+    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.existed))
 }
 
 /// Returns the number of a job's shards, of those that have something to build, and the bytes of
 /// input.
 #[pyfunction]
-pub(crate) fn look_at_job(py: Python<'_>, job: PathBuf) -> PyResult<(u32, u32, u64)> {
+pub(crate) fn job_counts(py: Python<'_>, job: PathBuf) -> PyResult<(u32, u32, u64)> {
     let job = py.detach(|| Job::open_with(&job, access())).or_raise()?;
     Ok((job.shards(), job.busy_shards(), job.input_bytes()))
 }
@@ -108,7 +108,7 @@ pub(crate) fn build_shard(
 ) -> PyResult<(bool, u64)> {
     jobs::run(py, terms, |work| {
         let built = Job::open_with(&job, access())?.build(number, memory, work)?;
-        Ok((built.was_there, built.bytes))
+        Ok((built.existed, built.bytes))
     })
 }
 
@@ -129,7 +129,7 @@ pub(crate) fn merge_shards(
     terms: Terms,
 ) -> PyResult<()> {
     if out.extension().is_some_and(|ending| ending == "autumn") {
-        return Err(invalid("out: shards make a .goblin file; build() of that makes an .autumn file"));
+        return Err(invalid("out: expected a .goblin file; build() converts it to an .autumn file"));
     }
     check_output(std::slice::from_ref(&job), &out)?;
     jobs::run(py, terms, |work| {

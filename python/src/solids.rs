@@ -17,14 +17,14 @@ use spinney::raw::ops::AffineMap;
 use crate::error::{OrRaise, invalid};
 use crate::jobs::{self, Terms};
 use crate::numbers::PyNumber;
-use crate::part::level_of;
 use crate::read::resampled_slice;
+use crate::region::level_of;
 use crate::tree::{Opened, Tree};
 
 impl Opened {
     /// Fails unless this is an octree.
     pub(crate) fn check_octree(&self) -> PyResult<()> {
-        let name = || format!("{}: is a quadtree; this is for octrees", self.tree.name().display());
+        let name = || format!("{}: is a quadtree, expected an octree", self.tree.name().display());
         if self.axes() == 3 { Ok(()) } else { Err(invalid(name())) }
     }
 }
@@ -158,7 +158,7 @@ impl Tree {
         let level = level_of(tree, level)?;
         let extent = tree.header().extent;
         let cell = if coordinates == "world" {
-            let [low, high] = tree.metadata().frame.world_box(&tree.header().picture());
+            let [low, high] = tree.metadata().frame.world_box(&tree.header().extent_bounds());
             let mut middle: [f64; 3] = std::array::from_fn(|axis| low[axis].midpoint(high[axis]));
             middle[across] = at;
             let cell = tree.metadata().frame.to_cells(middle);
@@ -167,12 +167,12 @@ impl Tree {
             at
         };
         if cell.fract() != 0.0 || !(0.0..extent[across] as f64).contains(&cell) {
-            let most = extent[across] - 1;
+            let max = extent[across] - 1;
             return Err(PyIndexError::new_err(format!(
-                "slice: cell {cell}, expected a whole number, 0 to {most}"
+                "slice: got cell {cell}, expected an integer, 0 to {max}"
             )));
         }
-        let mut bounds = Bounds::picture(extent);
+        let mut bounds = Bounds::of_extent(extent);
         (bounds.min[across], bounds.max[across]) = (cell as u64, cell as u64 + 1);
         let mut request = WindowRequest::new(bounds, Detail::Level(level));
         request.across = across;

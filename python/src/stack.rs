@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
-use spinney::raw::shards::{GivenLayers, Job, plan_given};
+use spinney::raw::shards::{ArrayLayers, Job, plan_arrays};
 use spinney::raw::store::{TreeTarget, depth_for};
 use spinney::{Dimension, Progress};
 
@@ -64,14 +64,16 @@ impl PlannedLayers {
             let mut tree = layer.options.plan()?;
             tree.build.depth = depth.checked_sub(layer.coarser).ok_or_else(|| {
                 invalid(format!(
-                    "depth: {depth}, the cells of `{}` are 2^{} times as large",
+                    "depth: got {depth}, but the cells of `{}` are 2^{} times as large",
                     layer.name, layer.coarser
                 ))
             })?;
             tree.build.metadata.name.clone_from(&layer.name);
             plans.push((layer, tree));
         }
-        let Some((_, first)) = plans.first() else { return Err(invalid("a stack without layers")) };
+        let Some((_, first)) = plans.first() else {
+            return Err(invalid("stack: got no layers, expected at least one"));
+        };
         Ok(PlannedLayers { dimension: first.form.dimension, depth, layers: plans })
     }
 
@@ -93,7 +95,7 @@ impl PlannedLayers {
         let progress = LayerWork { work, total };
         for (layer, ArrayTree { form, nodata, build }) in &self.layers {
             match file.run() {
-                None => file.tell(*form, layer.options.extent(), build)?,
+                None => file.write_layer_header(*form, layer.options.extent(), build)?,
                 Some(run) => {
                     let mut slabs = layer.options.slabs(&layer.read, (*form, build.depth, run), work);
                     file.slabs(*form, &mut slabs, *nodata, build, &progress)?;
@@ -134,8 +136,8 @@ pub(crate) fn plan_layers(
 ) -> PyResult<bool> {
     let layers = PlannedLayers::new(layers, depth)?;
     jobs::run(py, terms, |work| {
-        let given = GivenLayers { token: &token, packing: packing.0, bytes: layers.bytes() };
-        Ok(plan_given(given, &job, shards, access(), &mut |target| layers.write(target, work))?.was_there)
+        let given = ArrayLayers { token: &token, packing: packing.0, bytes: layers.bytes() };
+        Ok(plan_arrays(given, &job, shards, access(), &mut |target| layers.write(target, work))?.existed)
     })
 }
 
@@ -154,7 +156,7 @@ pub(crate) fn build_layers_shard(
     let layers = PlannedLayers::new(layers, depth)?;
     jobs::run(py, terms, |work| {
         let mut write = |target| layers.write(target, work);
-        let built = Job::open_with(&job, access())?.build_given(number, &token, &mut write)?;
-        Ok((built.was_there, built.bytes))
+        let built = Job::open_with(&job, access())?.build_arrays(number, &token, &mut write)?;
+        Ok((built.existed, built.bytes))
     })
 }

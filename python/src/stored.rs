@@ -7,7 +7,7 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyTuple};
 
 use crate::error::OrRaise;
-use crate::part::{at_level, level_of, part_of};
+use crate::region::{at_level, level_of, region_of};
 use crate::tree::{Opened, Tree};
 
 /// Cells of a mapped file. NumPy arrays keep it alive, and with it the mapping.
@@ -53,7 +53,7 @@ impl Tree {
         static ASARRAY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
         let opened = self.get()?;
         let level = level_of(&opened.tree, level)?;
-        let part = part_of(&opened.tree, window, coordinates)?;
+        let part = region_of(&opened.tree, window, coordinates)?;
         let bounds =
             part.map_or_else(|| opened.tree.extent_at(level), |part| at_level(&opened.tree, part, level));
         let stored = py.detach(|| opened.tree.stored_rows(level, &bounds)).or_raise()?;

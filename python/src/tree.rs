@@ -12,10 +12,10 @@ use spinney::raw::io::FileStat;
 use spinney::raw::ops::Calculation;
 use spinney::raw::store::{FileReference, file_of};
 use spinney::raw::value::Mask;
-use spinney::{Crs, Dataset, Number, ViewStep};
+use spinney::{Crs, Dataset, Number, ViewOperation};
 
 use crate::error::{OrRaise, invalid};
-use crate::numbers::{PyNumber, told, told_names};
+use crate::numbers::{PyNumber, names_to_python, to_python};
 use crate::remote::{RemoteAccess, path_object};
 use crate::{jobs, samples};
 
@@ -26,7 +26,7 @@ pub(crate) struct Tree {
     opened: RwLock<Option<Arc<Opened>>>,
     /// Path and options that it was opened with.
     path: PathBuf,
-    steps: Vec<ViewStep>,
+    steps: Vec<ViewOperation>,
     commit: Option<u64>,
     positioned: bool,
     /// Name or number of the layer, by default the first.
@@ -64,27 +64,27 @@ impl Opened {
     }
 
     /// Returns the number for VOID cells of arrays without a mask: the caller's, or an unused one.
-    pub(crate) fn plain_fill(&self, asked: Option<PyNumber>) -> PyResult<Number> {
-        if asked.is_none() {
+    pub(crate) fn plain_fill(&self, given: Option<PyNumber>) -> PyResult<Number> {
+        if given.is_none() {
             let is_free = || {
-                let picture = self.tree.header().picture();
-                Ok(void_number(&self.tree)?.is_some() || !self.tree.may_have_void(picture)?)
+                let extent = self.tree.header().extent_bounds();
+                Ok(void_number(&self.tree)?.is_some() || !self.tree.may_have_void(extent)?)
             };
             if !Python::attach(|py| py.detach(is_free)).or_raise()? {
                 let sample = self.tree.header().form.value.sample.name();
                 return Err(invalid(format!(
-                    "VOID cells: every number of {sample} is a value, and none is left for them; read with masked=True, or choose a number (fill=)"
+                    "VOID cells: every number of {sample} is a value, so no number can represent VOID; read with masked=True, or give a number as fill="
                 )));
             }
         }
-        self.fill(asked)
+        self.fill(given)
     }
 
     /// Returns the number for VOID cells: the caller's, or an unused one; else 0, for arrays with a
     /// mask.
-    pub(crate) fn fill(&self, asked: Option<PyNumber>) -> PyResult<Number> {
+    pub(crate) fn fill(&self, given: Option<PyNumber>) -> PyResult<Number> {
         let sample = self.tree.header().form.value.sample;
-        match asked.map(|number| number.0) {
+        match given.map(|number| number.0) {
             None => self.void(),
             Some(number) if sample.is_float() || sample.can_hold(number) => Ok(number),
             Some(number) => Err(invalid(format!("fill: {} cannot hold {number}", sample.name()))),
@@ -102,8 +102,8 @@ impl Opened {
     }
 
     /// Converts a sample for Python.
-    pub(crate) fn told<'py>(&self, py: Python<'py>, number: Number) -> PyResult<Bound<'py, PyAny>> {
-        told(py, number, self.tree.header().form.value.sample)
+    pub(crate) fn to_python<'py>(&self, py: Python<'py>, number: Number) -> PyResult<Bound<'py, PyAny>> {
+        to_python(py, number, self.tree.header().form.value.sample)
     }
 
     /// Returns the number of axes.
@@ -126,7 +126,7 @@ impl Tree {
 
     /// Returns a line that lists the view operations, if there are any.
     pub(crate) fn steps_text(&self) -> Option<String> {
-        let steps: Vec<String> = self.steps.iter().map(ViewStep::to_string).collect();
+        let steps: Vec<String> = self.steps.iter().map(ViewOperation::to_string).collect();
         (!steps.is_empty()).then(|| format!("view of {}: {}", self.path.display(), steps.join(", ")))
     }
 
@@ -136,7 +136,7 @@ impl Tree {
         this: &Bound<'py, Tree>,
         name: &Bound<'py, PyString>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let steps: Vec<String> = self.steps.iter().map(ViewStep::to_string).collect();
+        let steps: Vec<String> = self.steps.iter().map(ViewOperation::to_string).collect();
         // (At the same commit, so that all layers have one state.)
         let commit = self.get()?.tree.commit().map(|commit| commit.number);
         this.get_type().call1((
@@ -157,7 +157,7 @@ impl Tree {
         this: &Bound<'py, Tree>,
         names: &[String],
     ) -> PyResult<Bound<'py, PyAny>> {
-        let composite = ViewStep::Calculation(Box::new(Calculation::composite(names).or_raise()?));
+        let composite = ViewOperation::Calculation(Box::new(Calculation::composite(names).or_raise()?));
         let commit = self.get()?.tree.commit().map(|commit| commit.number);
         let finest = this.py().detach(|| -> spinney::Result<Option<&String>> {
             let file = self.open_file(commit)?;
@@ -168,7 +168,7 @@ impl Tree {
         });
         let finest = finest.or_raise()?;
         let steps: Vec<String> =
-            [&composite].into_iter().chain(&self.steps).map(ViewStep::to_string).collect();
+            [&composite].into_iter().chain(&self.steps).map(ViewOperation::to_string).collect();
         let layer = finest.cloned();
         let path = path_object(this.py(), &self.path)?;
         this.get_type().call1((path, steps, commit, self.positioned, layer, &self.remote))
@@ -241,7 +241,7 @@ impl Tree {
 #[pymethods]
 impl Tree {
     #[new]
-    #[pyo3(signature = (path, view, commit, positioned, layer, remote=RemoteAccess::default(), beside=None))]
+    #[pyo3(signature = (path, view, commit, positioned, layer, remote=RemoteAccess::default(), sibling=None))]
     #[allow(clippy::too_many_arguments)] // as in Python
     fn new(
         py: Python<'_>,
@@ -251,23 +251,24 @@ impl Tree {
         positioned: bool,
         layer: Option<String>,
         remote: RemoteAccess,
-        beside: Option<&Bound<'_, Tree>>,
+        sibling: Option<&Bound<'_, Tree>>,
     ) -> PyResult<Tree> {
         let FileReference { file, commit: named, layer: layer_named } = FileReference::of(&path);
         if layer_named.is_some() && layer.is_some() && layer_named != layer {
-            return Err(invalid("layer: the path names another one"));
+            return Err(invalid("layer: differs from the layer in the path"));
         }
         let layer = layer.or(layer_named);
         if named.is_some() && commit.is_some() && named != commit {
-            return Err(invalid("commit: the path names another one"));
+            return Err(invalid("commit: differs from the commit in the path"));
         }
         let (path, commit) = (file.into_owned(), commit.or(named));
-        let steps = view.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<ViewStep>>>()?;
+        let steps =
+            view.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<ViewOperation>>>()?;
         let tree = Tree { opened: RwLock::new(None), path, steps, commit, positioned, layer, remote };
         // (Layers share an open file, as there may be thousands. A view only has its own layer.)
-        let file = beside.filter(|_| tree.is_file()).map(|beside| beside.get().get()).transpose()?;
+        let file = sibling.filter(|_| tree.is_file()).map(|sibling| sibling.get().get()).transpose()?;
         let opened = py.detach(|| tree.open(file.as_deref())).or_raise()?;
-        if let Some(remark) = opened.tree.remark().filter(|_| beside.is_none()) {
+        if let Some(remark) = opened.tree.remark().filter(|_| sibling.is_none()) {
             jobs::warn(py, &format!("{}: {remark}", tree.path.display()))?;
         }
         tree.set(Some(opened));
@@ -319,7 +320,7 @@ impl Tree {
         let of_list = || file.listed_state().map(|state| format!("{state:x}"));
         let mut all = vec![file.version().map(text).or_else(of_list)];
         let named: Vec<_> =
-            self.steps.iter().flat_map(ViewStep::files).map(|path| file_of(path).into_owned()).collect();
+            self.steps.iter().flat_map(ViewOperation::files).map(|path| file_of(path).into_owned()).collect();
         let named: Vec<&Path> = named.iter().map(|path| &**path).collect();
         for found in py.detach(|| self.remote.options().access.stat(&named)).or_raise()? {
             all.push(found.or_raise()?.as_ref().map(text));
@@ -340,7 +341,7 @@ impl Tree {
 
     #[getter]
     fn view(&self) -> Vec<String> {
-        self.steps.iter().map(ViewStep::to_string).collect()
+        self.steps.iter().map(ViewOperation::to_string).collect()
     }
 
     #[getter]
@@ -410,7 +411,7 @@ impl Tree {
     #[pyo3(name = "_shape_at")]
     fn shape_at(&self, level: Option<i64>) -> PyResult<Vec<u64>> {
         let opened = self.get()?;
-        let size = opened.tree.extent_at(crate::part::level_of(&opened.tree, level)?).max;
+        let size = opened.tree.extent_at(crate::region::level_of(&opened.tree, level)?).max;
         Ok(size[..opened.axes()].iter().rev().copied().collect())
     }
 
@@ -424,7 +425,7 @@ impl Tree {
     #[getter(_world_box)]
     fn world_box(&self) -> PyResult<[[f64; 3]; 2]> {
         let opened = self.get()?;
-        Ok(opened.tree.metadata().frame.world_box(&opened.tree.header().picture()))
+        Ok(opened.tree.metadata().frame.world_box(&opened.tree.header().extent_bounds()))
     }
 
     #[getter]
@@ -442,14 +443,14 @@ impl Tree {
     #[getter]
     fn nodata<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let opened = self.get()?;
-        opened.tree.metadata().nodata.map(|number| opened.told(py, number)).transpose()
+        opened.tree.metadata().nodata.map(|number| opened.to_python(py, number)).transpose()
     }
 
     /// Returns the number that VOID cells have in arrays.
     #[getter]
     fn fill_value<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let opened = self.get()?;
-        opened.told(py, opened.void()?)
+        opened.to_python(py, opened.void()?)
     }
 
     /// Returns whether some number is no cell's value, and hence available for VOID in arrays.
@@ -463,7 +464,7 @@ impl Tree {
     #[getter(_missing)]
     fn missing<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let opened = self.get()?;
-        opened.missing().map(|number| opened.told(py, number)).transpose()
+        opened.missing().map(|number| opened.to_python(py, number)).transpose()
     }
 
     /// Returns all other metadata, by name.
@@ -482,7 +483,7 @@ impl Tree {
             colours.enumerate().collect::<BTreeMap<_, _>>()
         });
         facts.set_item("colormap", colours)?;
-        let names = told_names(py, &metadata.class_names, header.form.value.sample)?;
+        let names = names_to_python(py, &metadata.class_names, header.form.value.sample)?;
         facts.set_item("categories", names.into_py_dict(py)?)?;
         facts.set_item("descriptions", metadata.band_names.clone())?;
         facts.set_item("scale_offset", metadata.scale_offset.clone())?;

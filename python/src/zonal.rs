@@ -42,14 +42,14 @@ impl Tree {
         py: Python<'py>,
         documents: Vec<Document>,
         edge: &str,
-        asked: Asked,
+        query: ZonalQuery,
         layers: Option<Vec<String>>,
         outside_is_error: bool,
         terms: Terms,
     ) -> PyResult<Vec<Vec<Zone<'py>>>> {
-        let opened = self.asked_layers(py, layers)?;
-        let memory = asked.1;
-        let (filter, request) = request_of(edge, asked)?;
+        let opened = self.requested_layers(py, layers)?;
+        let memory = query.1;
+        let (filter, request) = request_of(edge, query)?;
         let zones = jobs::run(py, terms, |work| {
             let trees: Vec<&Dataset> = opened.iter().map(|opened| &opened.tree).collect();
             let has_system = trees.iter().all(|tree| tree.metadata().frame.crs.is_some());
@@ -60,18 +60,19 @@ impl Tree {
             let mut polygons: Vec<Vec<Option<Polygon>>> = vec![Vec::new(); grids.len()];
             for (coordinates, layer) in coordinates.iter().zip(&layers) {
                 work.check()?;
-                let places = grids.iter().map(|grid| {
+                let locators = grids.iter().map(|grid| {
                     let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
                     Ok((CellLocator::new(coordinates, frame, header.extent)?, header.extent))
                 });
-                let found = layer.in_cells_of(coordinates, &places.collect::<spinney::Result<Vec<_>>>()?)?;
+                let found =
+                    layer.in_cells_of(coordinates, &locators.collect::<spinney::Result<Vec<_>>>()?)?;
                 found.outside.filter(|_| outside_is_error).map_or(Ok(()), Err)?;
                 polygons.iter_mut().zip(found.trees).for_each(|(all, found)| all.extend(found));
             }
             let of_grid = |first: &usize| &polygons[grids.binary_search(first).unwrap_or_default()][..];
-            let asked: Vec<_> = trees.iter().copied().zip(same.iter().map(of_grid)).collect();
+            let tree_zones: Vec<_> = trees.iter().copied().zip(same.iter().map(of_grid)).collect();
             let mut of_layers = vec![Vec::new(); trees.len()];
-            Dataset::zonal_layers(&asked, &request, work, &mut |zone| {
+            Dataset::zonal_layers(&tree_zones, &request, work, &mut |zone| {
                 of_layers.iter_mut().zip(zone).for_each(|(zones, zone)| zones.push(zone));
                 Ok(())
             })?;
@@ -79,7 +80,7 @@ impl Tree {
             Ok(of_layers)
         })?;
         let of_layer = |(opened, zones): (&Arc<Opened>, &Vec<ZoneStatistics>)| {
-            zones.iter().map(|zone| told(py, opened, zone)).collect()
+            zones.iter().map(|zone| zone_to_python(py, opened, zone)).collect()
         };
         opened.iter().zip(&zones).map(of_layer).collect()
     }
@@ -93,25 +94,28 @@ impl Tree {
         py: Python<'_>,
         features: (PathBuf, Option<String>),
         edge: &str,
-        asked: Asked,
+        query: ZonalQuery,
         attributes: Option<Vec<String>>,
         layers: Option<Vec<String>>,
         out: PathBuf,
         terms: Terms,
     ) -> PyResult<u64> {
-        let opened = self.asked_layers(py, layers)?;
+        let opened = self.requested_layers(py, layers)?;
         let (path, coordinates) = features;
         let format = VectorFormat::of(&out)
             .ok_or_else(|| invalid("out: expected .geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply"))?;
         let trees = opened.iter().map(|opened| opened.tree.name().to_path_buf());
         check_output(&trees.chain([path.clone()]).collect::<Vec<_>>(), &out)?;
         let coordinates: Option<Coordinates> = coordinates.map(|text| text.parse()).transpose().or_raise()?;
-        let memory = asked.1;
-        let (filter, mut request) = request_of(edge, asked)?;
+        let memory = query.1;
+        let (filter, mut request) = request_of(edge, query)?;
         // (If values are requested, they get half.)
         request.memory = memory / 2;
         let memory = if request.needs_values() { memory - request.memory } else { memory };
-        let options = FeatureOptions { memory, filter, attributes, ..FeatureOptions::default() };
+        let has_system = opened.iter().all(|opened| opened.tree.metadata().frame.crs.is_some());
+        let check_degrees = coordinates.is_none() && has_system;
+        let options =
+            FeatureOptions { memory, filter, attributes, check_degrees, ..FeatureOptions::default() };
         jobs::run(py, terms, |work| {
             let trees: Vec<&Dataset> = opened.iter().map(|opened| &opened.tree).collect();
             let reader = PolygonReader::open(&path, &options)?;
@@ -125,7 +129,7 @@ impl Tree {
 
 impl Tree {
     /// Returns the layers with these names, or the open one.
-    fn asked_layers(&self, py: Python<'_>, layers: Option<Vec<String>>) -> PyResult<Vec<Arc<Opened>>> {
+    fn requested_layers(&self, py: Python<'_>, layers: Option<Vec<String>>) -> PyResult<Vec<Arc<Opened>>> {
         match layers {
             Some(names) => py.detach(|| self.open_layers(&names)).or_raise(),
             None => Ok(vec![self.get()?]),
@@ -134,11 +138,11 @@ impl Tree {
 }
 
 /// Zonal request: selected features, memory in bytes, names of measures, and quantiles.
-type Asked = (Chosen, u64, Vec<String>, Vec<f64>);
+type ZonalQuery = (Chosen, u64, Vec<String>, Vec<f64>);
 
-fn request_of(edge: &str, asked: Asked) -> PyResult<(FeatureFilter, ZonalRequest)> {
+fn request_of(edge: &str, query: ZonalQuery) -> PyResult<(FeatureFilter, ZonalRequest)> {
     let edge: EdgeRule = edge.parse().or_raise()?;
-    let (chosen, memory, measures, quantiles) = asked;
+    let (chosen, memory, measures, quantiles) = query;
     let measures = measures.iter().map(|name| name.parse()).collect::<spinney::Result<Vec<ZoneMeasure>>>();
     let request = ZonalRequest { edge, measures: measures.or_raise()?, quantiles, memory };
     let filter = match chosen {
@@ -174,10 +178,15 @@ fn layers_of(
     has_system: bool,
     work: &Work,
 ) -> spinney::Result<(Vec<Coordinates>, Vec<PolygonLayer>)> {
-    let options = FeatureOptions { memory, ..FeatureOptions::default() };
-    let read = |(document, _, is_path): &Document| {
+    let read = |(document, crs, is_path): &Document| {
         work.check()?;
-        if *is_path { read_polygons(Path::new(document), &options) } else { parse_polygons(document) }
+        let check_degrees = crs.is_none() && has_system;
+        let options = FeatureOptions { memory, check_degrees, ..FeatureOptions::default() };
+        if *is_path {
+            read_polygons(Path::new(document), &options)
+        } else {
+            parse_polygons(document, &options)
+        }
     };
     let mut all = documents.iter().map(read).collect::<spinney::Result<Vec<_>>>()?;
     PolygonLayer::select(&mut all, filter)?;
@@ -200,17 +209,17 @@ fn layers_of(
     Ok((systems, layers))
 }
 
-fn told<'py>(py: Python<'py>, opened: &Opened, zone: &ZoneStatistics) -> PyResult<Zone<'py>> {
-    let told = |number| opened.told(py, number);
+fn zone_to_python<'py>(py: Python<'py>, opened: &Opened, zone: &ZoneStatistics) -> PyResult<Zone<'py>> {
+    let to_python = |number| opened.to_python(py, number);
     let values = |values: &ZoneValues| -> PyResult<ValueNumbers<'py>> {
-        let (majority, minority) = (told(values.majority)?, told(values.minority)?);
+        let (majority, minority) = (to_python(values.majority)?, to_python(values.minority)?);
         Ok((values.variety, majority, minority, values.median, values.quantiles.clone()))
     };
     let channels = zone.channels.iter().map(|c| {
         let values = c.values.as_ref().map(values).transpose()?;
-        Ok((c.cells, told(c.min)?, told(c.max)?, c.mean, c.standard_deviation, c.sum, values))
+        Ok((c.cells, to_python(c.min)?, to_python(c.max)?, c.mean, c.standard_deviation, c.sum, values))
     });
-    let classes = zone.classes.iter().map(|(value, cells)| Ok((told(*value)?, *cells)));
+    let classes = zone.classes.iter().map(|(value, cells)| Ok((to_python(*value)?, *cells)));
     let (channels, classes) = (channels.collect::<PyResult<_>>()?, classes.collect::<PyResult<_>>()?);
     Ok(((zone.cells, zone.void_cells, zone.outside_cells), channels, classes))
 }

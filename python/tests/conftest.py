@@ -36,7 +36,7 @@ settings.load_profile("spinney")
 
 
 @pytest.fixture
-def heeded_interruption() -> Iterator[None]:
+def enabled_ctrl_c() -> Iterator[None]:
     """Enables Ctrl-C, which shells disable for background processes."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     # (An exception during the garbage collector's callbacks is lost.)

@@ -84,8 +84,8 @@ def read(maps: Bucket, place: object) -> bytes:
     return maps.get(name.removeprefix("s3://maps/")) if name.startswith("s3:") else Path(name).read_bytes()
 
 
-def put_tiles(maps: Bucket, folder: Path, **options: Any) -> list[str]:
-    return [maps.put(f"in/{path.name}", path.read_bytes()) for path in tiles(folder, **options)]
+def put_tiles(maps: Bucket, directory: Path, **options: Any) -> list[str]:
+    return [maps.put(f"in/{path.name}", path.read_bytes()) for path in tiles(directory, **options)]
 
 
 def noise(path: Path, side: int) -> Path:
@@ -96,11 +96,11 @@ def noise(path: Path, side: int) -> Path:
     return path
 
 
-@pytest.mark.parametrize("places", list(itertools.product(["here", "there"], repeat=3)), ids="-".join)
-def test_the_bytes_are_those_of_one_process(tmp_path: Path, maps: Bucket, run: Runner, places: tuple[str, str, str]) -> None:
+@pytest.mark.parametrize("positions", list(itertools.product(["here", "there"], repeat=3)), ids="-".join)
+def test_the_bytes_are_those_of_one_process(tmp_path: Path, maps: Bucket, run: Runner, positions: tuple[str, str, str]) -> None:
     near = tiles(tmp_path / "tiles")
-    sources: list[Any] = near if places[0] == "here" else [maps.put(f"in/{path.name}", path.read_bytes()) for path in near]
-    job, out = (f"s3://maps/{name}" if place == "there" else tmp_path / name for place, name in zip(places[1:], ["job", "out.goblin"], strict=True))
+    sources: list[Any] = near if positions[0] == "here" else [maps.put(f"in/{path.name}", path.read_bytes()) for path in near]
+    job, out = (f"s3://maps/{name}" if place == "there" else tmp_path / name for place, name in zip(positions[1:], ["job", "out.goblin"], strict=True))
     run("build", *sources, "-o", tmp_path / "whole.goblin", "--kind", "categorical", "--codec", "packed")
     run("shard", "plan", *sources, "-o", job, "--shards", 5, "--kind", "categorical", "--codec", "packed")
     for number in range(5):
@@ -122,13 +122,13 @@ def test_any_number_of_shards(tmp_path: Path, maps: Bucket, run: Runner, shards:
     # Existing shards are not built again.
     before = {name: maps.client.head_object(Bucket="maps", Key=name)["LastModified"] for name in maps.names("job/")}
     maps.counts()
-    assert "is made already" in run("shard", "build", "s3://maps/job", 0)
-    assert "as it was planned before" in run("shard", "plan", *urls, "-o", "s3://maps/job", "--shards", shards)
+    assert "was built already" in run("shard", "build", "s3://maps/job", 0)
+    assert "planned before" in run("shard", "plan", *urls, "-o", "s3://maps/job", "--shards", shards)
     assert "PUT" not in maps.counts()
     assert before.keys() == set(maps.names("job/"))
 
 
-def test_layers_formats_and_what_stands_beside(tmp_path: Path, maps: Bucket, run: Runner) -> None:
+def test_layers_formats_and_sidecar_files(tmp_path: Path, maps: Bucket, run: Runner) -> None:
     # A virtual raster of two images, one of which has a world file, a coordinate system and a
     # sidecar file, and an image that is read top down.
     samples = np.random.default_rng(2).integers(0, 255, (120, 160), dtype=np.uint8)
@@ -151,8 +151,8 @@ def test_layers_formats_and_what_stands_beside(tmp_path: Path, maps: Bucket, run
         near, far = tmp_path / name, f"s3://maps/in/{name}"
         run("build", far, "-o", tmp_path / "far.goblin")
         run("build", near, "-o", tmp_path / "near.goblin")
-        told = [subprocess.run([run.program, "stats", "--json", tmp_path / tree], capture_output=True, text=True).stdout for tree in ("far.goblin", "near.goblin")]
-        assert told[0].replace("far.goblin", "near.goblin") == told[1]
+        outputs = [subprocess.run([run.program, "stats", "--json", tmp_path / tree], capture_output=True, text=True).stdout for tree in ("far.goblin", "near.goblin")]
+        assert outputs[0].replace("far.goblin", "near.goblin") == outputs[1]
         run("shard", "plan", far, "-o", f"s3://maps/job-{name}", "--shards", 2)
         files = maps.get(f"job-{name}/plan.json").decode()
         assert ("a.pgw" in files and "a.prj" in files) == (name != "b.tif") and ("b.tif.aux.xml" in files) == (name != "a.png")
@@ -167,7 +167,7 @@ def test_layers_formats_and_what_stands_beside(tmp_path: Path, maps: Bucket, run
     assert "b.tfw" in run.fails("shard", "build", "s3://maps/other", 0)
 
 
-def test_pictures_of_a_web_server(tmp_path: Path, maps: Bucket, run: Runner) -> None:
+def test_rasters_of_a_web_server(tmp_path: Path, maps: Bucket, run: Runner) -> None:
     tiles(tmp_path / "tiles")
     with serve(tmp_path / "tiles") as server:
         urls = [f"{server.url}/tile_{number}.tif?signature=a.b/c" for number in range(4)]
@@ -240,17 +240,17 @@ def test_plans_appear_once(tmp_path: Path, maps: Bucket, run: Runner) -> None:
     both = [run.start(*plan, 3) for _ in range(2)]
     assert [process.wait(60) for process in both] == [0, 0]
     maps.mend()
-    assert "something else was planned" in run.fails(*plan, 4)
+    assert "another job was planned" in run.fails(*plan, 4)
     run(*plan, 3)
 
 
-def test_busy_hosts_and_cut_answers_are_asked_again(tmp_path: Path, maps: Bucket, run: Runner) -> None:
+def test_requests_to_busy_or_failing_hosts_are_retried(tmp_path: Path, maps: Bucket, run: Runner) -> None:
     urls = put_tiles(maps, tmp_path / "tiles")
     run("build", *urls, "-o", tmp_path / "whole.goblin")
     # (A fault in one request, which is retried, of each kind, for each subcommand.)
     for _ in range(2):
         for method, kind in [("GET", "500"), ("HEAD", "500"), ("PUT", "500"), ("GET", "cut"), ("GET", "slow")]:
-            maps.fail(kind, lambda asked, path, method=method: asked == method, after=2, times=2, seconds=0.3)
+            maps.fail(kind, lambda verb, path, method=method: verb == method, after=2, times=2, seconds=0.3)
         run("shard", "plan", *urls, "-o", "s3://maps/job", "--shards", 2)
         for number in range(2):
             run("shard", "build", "s3://maps/job", number)
@@ -258,10 +258,10 @@ def test_busy_hosts_and_cut_answers_are_asked_again(tmp_path: Path, maps: Bucket
     assert maps.get("out.goblin") == (tmp_path / "whole.goblin").read_bytes()
 
 
-def test_what_fails_in_the_middle_leaves_nothing(tmp_path: Path, maps: Bucket, run: Runner) -> None:
-    picture = noise(tmp_path / "noise.tif", 5000)
-    run("build", picture, "-o", tmp_path / "whole.goblin")
-    run("shard", "plan", picture, "-o", "s3://maps/job", "--shards", 2)
+def test_failed_uploads_leave_no_files(tmp_path: Path, maps: Bucket, run: Runner) -> None:
+    raster = noise(tmp_path / "noise.tif", 5000)
+    run("build", raster, "-o", tmp_path / "whole.goblin")
+    run("shard", "plan", raster, "-o", "s3://maps/job", "--shards", 2)
 
     def fails(*words: object, names: list[str]) -> None:
         said = run.fails(*words)
@@ -271,7 +271,7 @@ def test_what_fails_in_the_middle_leaves_nothing(tmp_path: Path, maps: Bucket, r
 
     # A run file is a multipart upload: one part fails, and the completion fails.
     for method in ("PUT", "POST"):
-        maps.fail("expired", lambda asked, path, method=method: asked == method and "uploadId" in path, after=1 if method == "PUT" else 0)
+        maps.fail("expired", lambda verb, path, method=method: verb == method and "uploadId" in path, after=1 if method == "PUT" else 0)
         fails("shard", "build", "s3://maps/job", 0, names=[])
     run("shard", "build", "s3://maps/job", 0)
     made = maps.names("job/shards/")
@@ -295,10 +295,10 @@ def test_what_fails_in_the_middle_leaves_nothing(tmp_path: Path, maps: Bucket, r
     assert maps.get("out.goblin") == (tmp_path / "whole.goblin").read_bytes() and not maps.uploads()
 
 
-def test_a_worker_that_is_killed_costs_its_shard_alone(tmp_path: Path, maps: Bucket, run: Runner) -> None:
-    picture = noise(tmp_path / "noise.tif", 3000)
-    run("build", picture, "-o", tmp_path / "whole.goblin")
-    run("shard", "plan", picture, "-o", "s3://maps/job", "--shards", 2)
+def test_a_killed_worker_loses_only_its_shard(tmp_path: Path, maps: Bucket, run: Runner) -> None:
+    raster = noise(tmp_path / "noise.tif", 3000)
+    run("build", raster, "-o", tmp_path / "whole.goblin")
+    run("shard", "plan", raster, "-o", "s3://maps/job", "--shards", 2)
     arrived = threading.Event()
 
     def is_upload(method: str, path: str) -> bool:
@@ -319,7 +319,7 @@ def test_a_worker_that_is_killed_costs_its_shard_alone(tmp_path: Path, maps: Buc
     assert maps.get("out.goblin") == (tmp_path / "whole.goblin").read_bytes()
 
 
-def test_the_package_and_a_cluster_of_dask(tmp_path: Path, maps: Bucket, run: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_dask_clusters_build_in_buckets(tmp_path: Path, maps: Bucket, run: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
     for name, value in maps.environment.items():
         monkeypatch.setenv(name, value)

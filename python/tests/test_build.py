@@ -27,7 +27,7 @@ def cells(path: Path | str) -> np.ndarray:
         return ds.read()
 
 
-def test_everything_that_is_told_is_kept(tmp_path: Path) -> None:
+def test_all_metadata_is_stored(tmp_path: Path) -> None:
     path = tmp_path / "t.goblin"
     array = noise((30, 40), "uint8") % 4
     spinney.build(
@@ -165,16 +165,16 @@ def test_refusals(tmp_path: Path) -> None:
         spinney.build(good, tmp_path / "none" / "t.goblin")
 
 
-def test_exceptions_of_sources_and_callbacks_come_out(tmp_path: Path) -> None:
+def test_exceptions_of_sources_and_callbacks_are_raised(tmp_path: Path) -> None:
     class Broken(Counted):
         def __getitem__(self, key: tuple) -> np.ndarray:
             raise LookupError("the disk is gone")
 
     with pytest.raises(LookupError, match="the disk is gone"):
         spinney.build(Broken(np.ones((600, 600), "u1")), tmp_path / "t.goblin")
-    told: list[tuple[int, int]] = []
-    spinney.build(noise((2000, 2000), "uint8"), tmp_path / "t.goblin", progress=lambda *numbers: told.append(numbers))
-    assert told and told[-1] == (4_000_000, 4_000_000)
+    updates: list[tuple[int, int]] = []
+    spinney.build(noise((2000, 2000), "uint8"), tmp_path / "t.goblin", progress=lambda *numbers: updates.append(numbers))
+    assert updates and updates[-1] == (4_000_000, 4_000_000)
 
     tqdm = pytest.importorskip("tqdm")
     with tqdm.tqdm(disable=False, file=open(os.devnull, "w")) as bar:
@@ -322,14 +322,14 @@ def test_volumes_in_nrrd_files(tmp_path: Path) -> None:
     # (pynrrd has x first.)
     assert (ds.read() == array.transpose(2, 1, 0)).all()
     ds.save(tmp_path / "b.nrrd")
-    again, told = nrrd.read(str(tmp_path / "b.nrrd"))
+    again, header = nrrd.read(str(tmp_path / "b.nrrd"))
     assert (again == array).all()
-    assert (told["space directions"] == directions).all()
-    assert list(told["space origin"]) == [1, 2, 3]
-    assert (told["space"], told["scanner"]) == ("left-posterior-superior", "A: b")
+    assert (header["space directions"] == directions).all()
+    assert list(header["space origin"]) == [1, 2, 3]
+    assert (header["space"], header["scanner"]) == ("left-posterior-superior", "A: b")
 
 
-def test_sections_of_a_folder(tmp_path: Path) -> None:
+def test_sections_of_a_directory(tmp_path: Path) -> None:
     array = noise((11, 8, 9), "uint8")
     (tmp_path / "sections").mkdir()
     for number, plane in enumerate(array):

@@ -20,14 +20,14 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str, dict[str,
     """A file of one band and another one of two, with VOID cells, and their numbers, NaN for
     VOID.
     """
-    folder = tmp_path_factory.mktemp("scene")
+    directory = tmp_path_factory.mktemp("scene")
     random = np.random.default_rng(1991)
     one = random.integers(-6, 9, SHAPE).astype(np.int16)
     one[random.random(SHAPE) < 0.2] = NODATA
     one[10:60, 20:90] = 3
     two = random.integers(0, 5, (2, *SHAPE)).astype(np.float32) / 2
     two[:, 50:, :40] = np.nan
-    paths = str(folder / "one.goblin"), str(folder / "two, bands.goblin")
+    paths = str(directory / "one.goblin"), str(directory / "two, bands.goblin")
     spinney.build(one, paths[0], nodata=NODATA)
     spinney.build(two, paths[1])
     numbers = {
@@ -158,7 +158,7 @@ def test_levels_are_calculated_from_levels(scene) -> None:
 
 
 @given(st.text(alphabet="b1o.(),+-*/<>=!&|\"' andorotwhermixsq0e", max_size=40))
-def test_texts_are_refused_or_answered(text: str) -> None:
+def test_random_expressions_are_rejected_or_evaluated(text: str) -> None:
     path = Path(__file__).parents[2] / "fixtures" / "v1" / "elevation.goblin"
     try:
         with spinney.open(path, view=f"calc={text}") as ds:

@@ -41,7 +41,7 @@ def test_builds_are_those_of_one_machine(tmp_path: Path, client: Any) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["merged.goblin", "tiles", "whole.goblin"]
 
 
-def test_an_earlier_run_goes_on(tmp_path: Path, client: Any) -> None:
+def test_a_cancelled_run_is_resumed(tmp_path: Path, client: Any) -> None:
     paths = tiles(tmp_path / "tiles")
     spinney.build(paths, tmp_path / "whole.goblin")
     job = shards.plan(paths, tmp_path / "job", shards=6)
@@ -55,17 +55,17 @@ def test_an_earlier_run_goes_on(tmp_path: Path, client: Any) -> None:
     assert (tmp_path / "merged.goblin").read_bytes() == (tmp_path / "whole.goblin").read_bytes()
 
 
-def test_a_worker_that_is_killed_costs_its_shards_alone(tmp_path: Path, client: Any) -> None:
+def test_a_killed_worker_loses_only_its_shards(tmp_path: Path, client: Any) -> None:
     paths = tiles(tmp_path / "tiles", side=1600)
     spinney.build(paths, tmp_path / "whole.goblin", codec="packed")
     stop = threading.Event()
     killed: list[int] = []
 
     def kill() -> None:
-        folder = tmp_path / "job" / "shards"
+        directory = tmp_path / "job" / "shards"
         # (As soon as some shards exist, and again later.)
         for least in (1, 5):
-            while not stop.is_set() and (not folder.exists() or len(list(folder.glob("*.summary"))) < least):
+            while not stop.is_set() and (not directory.exists() or len(list(directory.glob("*.summary"))) < least):
                 time.sleep(0.01)
             pids = list(client.run(os.getpid).values())
             if pids and not stop.is_set():
@@ -83,7 +83,7 @@ def test_a_worker_that_is_killed_costs_its_shards_alone(tmp_path: Path, client: 
     assert (tmp_path / "merged.goblin").read_bytes() == (tmp_path / "whole.goblin").read_bytes()
 
 
-def test_what_fails_is_told(tmp_path: Path, client: Any) -> None:
+def test_failures_are_raised(tmp_path: Path, client: Any) -> None:
     paths = tiles(tmp_path / "tiles")
     paths[1].write_bytes(paths[1].read_bytes()[:5000])
     with pytest.raises((OSError, ValueError), match="tile_1"):
@@ -99,8 +99,8 @@ def test_zones_are_those_of_one_machine(tmp_path: Path, client: Any) -> None:
     with spinney.open(tmp_path / "island.goblin") as tree:
         expected = tree.zonal(districts, ["count", "classes"], edge="area")
         assert len(expected) > 1
-    told = spinney.dask.zonal(tmp_path / "island.goblin", districts, ["count", "classes"], client=client, parts=2, edge="area")
-    assert told == expected
+    found = spinney.dask.zonal(tmp_path / "island.goblin", districts, ["count", "classes"], client=client, parts=2, edge="area")
+    assert found == expected
     assert spinney.dask.zonal(tmp_path / "island.goblin", [], client=client) == []
-    with pytest.raises(ValueError, match="no GeoJSON"):
+    with pytest.raises(ValueError, match="not GeoJSON"):
         spinney.dask.zonal(tmp_path / "island.goblin", "zones.gpkg", client=client)

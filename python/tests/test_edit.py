@@ -113,7 +113,7 @@ def test_pastes_and_operations(tree: tuple[np.ndarray, str], tmp_path: Path) -> 
         e.paste(spinney.open(f"{path}@2", view="window=0,0,20,20"), at=(80, 60))
     assert np.array_equal(spinney.open(path)[60:80, 80:100], wanted[:20, :20])
     with spinney.edit(path) as e:
-        with pytest.raises(IndexError, match="stick out"):
+        with pytest.raises(IndexError, match="extend beyond"):
             e.paste(patch, at=(-10, 70))
         e.paste(patch[:20, 10:], at=(0, 70), void=True)
     assert np.array_equal(spinney.open(path).read(1, masked=True)[70:, :20].filled(0), patch[:20, 10:].filled(0))
@@ -183,12 +183,12 @@ def test_cells_are_assigned_to(tree: tuple[np.ndarray, str]) -> None:
         e[0, 0] = 1
 
 
-def test_edits_that_make_no_sense_are_refused(tree: tuple[np.ndarray, str]) -> None:
+def test_invalid_edits_are_rejected(tree: tuple[np.ndarray, str]) -> None:
     _, path = tree
     part = np.ones((10, 10), np.uint8)
     with spinney.edit(path) as e:
         for at in [(105, 0), (0, 85), (-1, 0)]:
-            with pytest.raises(IndexError, match="stick out"):
+            with pytest.raises(IndexError, match="extend beyond"):
                 e.paste(part, at=at)
         with pytest.raises(TypeError):
             e.paste(part, at=(1.7, 2))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import spinney
 
 
-def test_missing_and_damaged_files(tmp_path: Path) -> None:
+def test_missing_and_corrupt_files(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="nowhere") as raised:
         spinney.open(tmp_path / "nowhere.goblin")
     assert raised.value.errno == 2
@@ -29,11 +29,11 @@ def test_missing_and_damaged_files(tmp_path: Path) -> None:
             spinney.open(wrong)  # type: ignore[arg-type]
 
 
-@given(path=st.sampled_from(FILES), place=st.floats(0, 1), change=st.integers(1, 255))
-def test_damage_raises_or_does_not_matter(tmp_path_factory: pytest.TempPathFactory, path: Path, place: float, change: int) -> None:
+@given(path=st.sampled_from(FILES), share=st.floats(0, 1), change=st.integers(1, 255))
+def test_corruption_raises_or_is_harmless(tmp_path_factory: pytest.TempPathFactory, path: Path, share: float, change: int) -> None:
     data = bytearray(path.read_bytes())
-    data[min(int(place * len(data)), len(data) - 1)] ^= change
-    copy = tmp_path_factory.mktemp("damaged") / path.name
+    data[min(int(share * len(data)), len(data) - 1)] ^= change
+    copy = tmp_path_factory.mktemp("corrupt") / path.name
     copy.write_bytes(data)
     try:
         with spinney.open(copy) as ds:
@@ -49,7 +49,7 @@ def test_closed(island: str) -> None:
     level = ds.level(3)
     ds.close()
     ds.close()
-    for ask in (
+    for query in (
         lambda: ds[0, 0],
         lambda: ds.read(),
         lambda: ds.shape,
@@ -60,12 +60,12 @@ def test_closed(island: str) -> None:
         lambda: ds.refresh(),
     ):
         with pytest.raises(ValueError, match="closed"):
-            ask()
+            query()
 
 
 def test_wrong_arguments(island: str) -> None:
     ds = spinney.open(island)
-    for kind, ask in [
+    for kind, query in [
         (IndexError, lambda: ds.read(2)),
         (IndexError, lambda: ds.read(0)),
         (TypeError, lambda: ds.read("red")),
@@ -108,10 +108,10 @@ def test_wrong_arguments(island: str) -> None:
         (ValueError, lambda: ds.slice(z=0)),
         (ValueError, lambda: spinney.open(island, view="rotate=x")),
         (ValueError, lambda: spinney.open(island, view="subtree=/9")),
-        (ValueError, lambda: ds.save("picture.xyz")),
+        (ValueError, lambda: ds.save("image.xyz")),
     ]:
         with pytest.raises(kind):
-            ask()
+            query()
 
 
 def test_read_only_outputs_are_left_alone(island: str) -> None:

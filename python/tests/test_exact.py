@@ -69,17 +69,17 @@ def test_foreign_reader(program: str, tmp_path: Path, make: Callable[[], str], o
     near = random.choice(corners, 100)
     halves = near + random.integers(-1, 2, near.shape)
     points = np.concatenate([random.integers(-4, corners.max(0) + 4, (200, 3)), near, (near + random.choice(corners, 100)) // 2, halves])
-    answers = [model.inside(tuple(map(int, point))) for point in points]
+    results = [model.inside(tuple(map(int, point))) for point in points]
     world = (points / 2 + model.origin) * model.step / model.divisor
     text = "".join(f"{x!r},{y!r},{z!r}\n" for x, y, z in world.tolist())
     done = subprocess.run([program, "point", str(path)], input=text, capture_output=True, text=True, check=True)
-    assert done.stdout.split() == [{None: "boundary", True: "inside", False: "outside"}[answer] for answer in answers]
+    assert done.stdout.split() == [{None: "boundary", True: "inside", False: "outside"}[result] for result in results]
     with spinney.open_brep(path) as opened:
-        assert opened.locate(world).tolist() == [{None: 0, True: 1, False: -1}[answer] for answer in answers]
-    assert {None, True, False} == set(answers)
+        assert opened.locate(world).tolist() == [{None: 0, True: 1, False: -1}[result] for result in results]
+    assert {None, True, False} == set(results)
     # The octree agrees with the winding number of all faces.
-    for point, answer in list(zip(points, answers))[:: 12 if make is torus else 3]:
-        assert answer is None or answer == (model.winding(tuple(map(int, point))) == 1)
+    for point, result in list(zip(points, results))[:: 12 if make is torus else 3]:
+        assert result is None or result == (model.winding(tuple(map(int, point))) == 1)
 
 
 def test_models_are_moved(program: str, tmp_path: Path) -> None:

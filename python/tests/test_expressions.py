@@ -181,28 +181,28 @@ TOKENS = np.array([*NAMED, *WRITTEN, *SIGNS, "where(", "abs(", "sqrt", "min(", "
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_no_text_does_more_than_fail(layers: tuple[Path, Numbers], seed: int) -> None:
+def test_invalid_expressions_only_raise_errors(layers: tuple[Path, Numbers], seed: int) -> None:
     path, _ = layers
-    random, answered = np.random.default_rng(seed), 0
-    texts = ["".join(random.choice(TOKENS, random.integers(0, 14))) for _ in range(400)]
+    random, evaluated = np.random.default_rng(seed), 0
+    expressions = ["".join(random.choice(TOKENS, random.integers(0, 14))) for _ in range(400)]
     # Almost valid expressions: with an additional token, or a missing one.
     for number in range(150):
         words = Maker(1000 * seed + number, {name: np.zeros(SHAPE) for name in NAMES}).row(2)[0].split(" ")
         place = int(random.integers(0, len(words)))
-        texts += [" ".join([*words[:place], str(random.choice(TOKENS)), *words[place:]]), " ".join([*words[:place], *words[place + 1 :]])]
-    for text in texts:
+        expressions += [" ".join([*words[:place], str(random.choice(TOKENS)), *words[place:]]), " ".join([*words[:place], *words[place + 1 :]])]
+    for text in expressions:
         for step in (f"calc={text}", f"reduce={text}"):
             try:
                 with spinney.open(path, view=step) as ds:
                     ds.read(1, window=(3, 4, 20, 30))
-                    answered += 1
+                    evaluated += 1
             except (ValueError, OSError) as error:
                 assert str(error)
-    assert answered > 20
+    assert evaluated > 20
 
 
 @pytest.mark.parametrize("length", [10, 1000, 100_000])
-def test_long_and_deep_texts(layers: tuple[Path, Numbers], length: int) -> None:
+def test_long_and_deep_expressions(layers: tuple[Path, Numbers], length: int) -> None:
     path, _ = layers
     for text in (
         "(" * length + "i" + ")" * length,

@@ -48,8 +48,8 @@ def masks() -> tuple[np.ndarray, np.ndarray]:
     return wood, lake
 
 
-def sources(folder: Path) -> list:
-    path = folder / "features.geojson"
+def sources(directory: Path) -> list:
+    path = directory / "features.geojson"
     path.write_text(json.dumps({"type": "FeatureCollection", "crs": CRS, "features": FEATURES}))
     return [path, Frame(FEATURES, "EPSG:32633"), Frame(FEATURES, None)]
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from points import Points
 
 
-def told(program: str, path: Path, tree: Points) -> Counter[tuple[float | str, ...]]:
+def program_points(program: str, path: Path, tree: Points) -> Counter[tuple[float | str, ...]]:
     """Returns the points that the program writes as CSV, in grid units."""
     rows = csv.DictReader(io.StringIO(run(program, "-q", "get", path, "-", "--format", "csv")))
     assert rows.fieldnames == [column.name for column in tree.columns]
@@ -49,7 +49,7 @@ def compared(program: str, path: Path) -> Points:
 
     tree = Points(path.read_bytes())
     read = [point for _, points in tree.walk() for point in points]
-    assert Counter(comparable(list(point)) for point in read) == told(program, path, tree)
+    assert Counter(comparable(list(point)) for point in read) == program_points(program, path, tree)
     tree.verify()
     return tree
 
@@ -152,8 +152,8 @@ def network(seed: int, size: int, width: float, digits: int) -> list[dict[str, A
                 place = [x + rng.uniform(-step, step) for x in place] if rng.random() < 0.95 else place
                 line.append(place)
             lines.append([[round(x, digits) for x in vertex] for vertex in line])
-        texts, wholes, numbers = ["", "road", "Straße", str(i), None], [i, -3, 2**62, None], [0.5 * i, -1e300, 5e-324, None]
-        of: list[list[Any]] = [texts, wholes, numbers, [True, False, None], [[1, {"a": None}], {}, None]]
+        strings, wholes, numbers = ["", "road", "Straße", str(i), None], [i, -3, 2**62, None], [0.5 * i, -1e300, 5e-324, None]
+        of: list[list[Any]] = [strings, wholes, numbers, [True, False, None], [[1, {"a": None}], {}, None]]
         values = [rng.choice(row) for row in [*of, [value for row in of for value in row]]]
         single = len(lines) == 1
         geometry = {"type": "LineString" if single else "MultiLineString", "coordinates": lines[0] if single else lines}
@@ -171,14 +171,14 @@ def test_lines(program: str, tmp_path: Path, width: float, digits: int, leaf_siz
 
     source, path, back = (tmp_path / name for name in ("t.geojson", "t.goblin", "back.geojson"))
     made = network(leaf_size, 200, width, digits)
-    source.write_text(json.dumps({"type": "FeatureCollection", "features": made}))
+    source.write_text(json.dumps({"type": "FeatureCollection", "crs": None, "features": made}))
     run(program, "-q", "build", source, "-o", path, "--index", "lines", "--leaf-size", leaf_size)
     run(program, "-q", "get", path, "-o", back)
     tree = Lines(path.read_bytes())
-    told = json.loads(back.read_text())["features"]
+    exported = json.loads(back.read_text())["features"]
     features = list(tree.each_feature())
-    assert len(features) == len(told) == len(made) == tree.features
-    for feature, other, first in zip(features, told, made):
+    assert len(features) == len(exported) == len(made) == tree.features
+    for feature, other, first in zip(features, exported, made):
         lines = [[list(tree.world(vertex)) for vertex in line] for line in feature.lines]
         assert lines == (other["geometry"]["coordinates"] if len(lines) > 1 else [other["geometry"]["coordinates"]])
         values = [json.loads(value) if isinstance(value, Json) else value for value in feature.values]

@@ -38,8 +38,8 @@ def test_labels(tmp_path: Path, shape: tuple[int, ...]) -> None:
     assert table.cells.tolist() == [int((cells == label).sum()) for label in table.labels]
     assert np.array_equal(table.areas, table.cells * (4.0 if cells.ndim == 2 else 1.0))
     for label, box in zip(table.labels, table.boxes):
-        places = np.argwhere(cells == label)[:, ::-1]
-        assert box.tolist() == [*places.min(axis=0), *(places.max(axis=0) - places.min(axis=0) + 1)]
+        positions = np.argwhere(cells == label)[:, ::-1]
+        assert box.tolist() == [*positions.min(axis=0), *(positions.max(axis=0) - positions.min(axis=0) + 1)]
     expected = touching(cells)
     assert dict(zip(map(tuple, table.pairs.tolist()), table.edges.tolist())) == expected
     assert list(map(tuple, table.pairs.tolist())) == sorted(expected)
@@ -59,7 +59,7 @@ def test_labels(tmp_path: Path, shape: tuple[int, ...]) -> None:
     for label, value in zip(components.labels, components.classes):
         assert (cells[read == label] == value).all()
     assert len(ds.labels(connect=ways, neighbours=False).pairs) == 0
-    with pytest.raises(ValueError, match="connect or classes"):
+    with pytest.raises(ValueError, match="connect and classes"):
         ds.labels(connect=ways, classes=ds)
     with pytest.raises(ValueError):
         ds.labels(connect=5)

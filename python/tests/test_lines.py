@@ -43,7 +43,7 @@ def tree(roads: list[dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) 
     return path
 
 
-def places_of(feature: dict[str, Any]) -> list[Any]:
+def lines_of(feature: dict[str, Any]) -> list[Any]:
     if feature["geometry"] is None:
         return []
     coordinates = feature["geometry"]["coordinates"]
@@ -57,8 +57,8 @@ def test_features_come_back(roads: list[dict[str, Any]], tree: Path, tmp_path: P
         assert [feature["id"] for feature in found] == list(range(300))
         for one, other in zip(found, roads, strict=True):
             assert one["properties"] == other["properties"]
-            assert [[list(vertex) for vertex in line] for line in places_of(one)] == places_of(other)
-        length = sum(np.sum(np.hypot(*np.diff(np.array(line), axis=0).T)) for road in roads for line in places_of(road))
+            assert [[list(vertex) for vertex in line] for line in lines_of(one)] == lines_of(other)
+        length = sum(np.sum(np.hypot(*np.diff(np.array(line), axis=0).T)) for road in roads for line in lines_of(road))
         assert lines.length == pytest.approx(length)
         levels = lines.levels()
         assert levels[0].nodes == 1 and sum(level.segments for level in levels) == lines.segments
@@ -75,20 +75,20 @@ def test_features_come_back(roads: list[dict[str, Any]], tree: Path, tmp_path: P
     assert spinney.verify(tree) == []
 
 
-def test_answers_are_those_of_shapely(roads: list[dict[str, Any]], tree: Path) -> None:
+def test_results_are_those_of_shapely(roads: list[dict[str, Any]], tree: Path) -> None:
     shapely = pytest.importorskip("shapely")
-    shapes = [shapely.MultiLineString(places_of(road)) for road in roads]
+    shapes = [shapely.MultiLineString(lines_of(road)) for road in roads]
     random = np.random.default_rng(1)
     with spinney.open_lines(tree) as lines:
         for corner in random.uniform(0, 1000, (50, 2)):
             window = (*corner, *(corner + 60))
             expected = [number for number, shape in enumerate(shapes) if shape.intersects(shapely.box(*window))]
             assert lines.find(window).tolist() == expected
-        places = random.uniform(-50, 1050, (200, 2))
-        away = shapely.distance(shapely.points(places)[:, None], np.array(shapes)[None])
+        positions = random.uniform(-50, 1050, (200, 2))
+        away = shapely.distance(shapely.points(positions)[:, None], np.array(shapes)[None])
         away[np.isnan(away)] = np.inf
         for k, radius in ((1, np.inf), (5, 40.0)):
-            distances, features, found = lines.nearest(places, k=k, radius=radius)
+            distances, features, found = lines.nearest(positions, k=k, radius=radius)
             expected = np.sort(away, axis=1)[:, :k]
             expected[expected > radius] = np.inf
             np.testing.assert_allclose(distances, expected, atol=1e-5)
@@ -100,17 +100,17 @@ def test_answers_are_those_of_shapely(roads: list[dict[str, Any]], tree: Path) -
             expected = {road for road, shape in enumerate(shapes) if shape.intersects(shapely.LineString(other))}
             assert set(crossed.features[crossed.lines == number].tolist()) == expected
             assert {feature["id"] for feature in lines.features(crossing=other)} == expected
-        assert len(crossed) == len(crossed.places)
+        assert len(crossed) == len(crossed.positions)
 
 
-def test_ties_are_told_by_the_first_feature(tree: Path, roads: list[dict[str, Any]]) -> None:
+def test_ties_give_the_first_feature(tree: Path, roads: list[dict[str, Any]]) -> None:
     with spinney.open_lines(tree) as lines:
-        distances, features, places = lines.nearest([roads[10]["geometry"]["coordinates"][3]], k=2)
+        distances, features, positions = lines.nearest([roads[10]["geometry"]["coordinates"][3]], k=2)
         assert distances.tolist() == [[0, 0]] and features.tolist() == [[10, 20]]
-        np.testing.assert_allclose(places[0, 0], roads[10]["geometry"]["coordinates"][3])
+        np.testing.assert_allclose(positions[0, 0], roads[10]["geometry"]["coordinates"][3])
 
 
-def test_what_makes_no_sense_is_told(tree: Path, tmp_path: Path) -> None:
+def test_invalid_arguments_are_rejected(tree: Path, tmp_path: Path) -> None:
     point = {"type": "Feature", "properties": {}, "geometry": {"type": "Point", "coordinates": [1, 2]}}
     with pytest.raises((ValueError, OSError), match="points"):
         spinney.build_lines(point, tmp_path / "x.goblin")
@@ -119,9 +119,9 @@ def test_what_makes_no_sense_is_told(tree: Path, tmp_path: Path) -> None:
         for wrong in ((1, 2, 3), (1, 2, 3, 4, 5)):
             with pytest.raises(ValueError, match="window"):
                 lines.find(wrong)
-        with pytest.raises(ValueError, match="k: 0"):
+        with pytest.raises(ValueError, match="k: got 0"):
             lines.nearest([(1, 2)], k=0)
-        with pytest.raises(ValueError, match="place"):
+        with pytest.raises(ValueError, match="position"):
             lines.nearest([(np.nan, 2)])
         with pytest.raises(ValueError, match="one of them"):
             lines.features(window=(0, 0, 1, 1), crossing=[(0, 0), (1, 1)])
@@ -136,8 +136,8 @@ def test_positions_in_other_systems(tmp_path: Path) -> None:
     radius = 6378137
     degrees = [(np.degrees(300 / radius), np.degrees(np.arcsin(np.tanh(40 / radius))))]
     with spinney.open_lines(path) as lines:
-        distances, features, places = lines.nearest(degrees, coordinates="lonlat")
+        distances, features, positions = lines.nearest(degrees, coordinates="lonlat")
         assert distances[0, 0] == pytest.approx(40, abs=1e-4) and features[0, 0] == 0
-        assert places[0, 0] == pytest.approx((300, 0), abs=1e-4)
+        assert positions[0, 0] == pytest.approx((300, 0), abs=1e-4)
         with pytest.raises(ValueError, match="no cells"):
             lines.nearest(degrees, coordinates="cells")

@@ -22,8 +22,8 @@ def colours_by_vertex(model: spinney.ExactModel) -> dict[tuple[float, ...], tupl
     assert faces.colours is not None
     found: dict[tuple[float, ...], tuple[int, ...]] = {}
     for corner, colour in zip(faces.corners, faces.colours):
-        at, told = tuple(faces.vertices[corner].tolist()), tuple(colour.tolist())
-        assert found.setdefault(at, told) == told
+        at, rgb = tuple(faces.vertices[corner].tolist()), tuple(colour.tolist())
+        assert found.setdefault(at, rgb) == rgb
     return found
 
 
@@ -123,36 +123,36 @@ def test_faces_of_models_are_meshes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "told"),
+    ("options", "text"),
     [
         ({"colours": [[1, 2, 3]] * 7}, "colours: got 7, expected one for each of 8 vertices"),
         ({"colours": [[1, 2]] * 8}, "rows of red, green and blue"),
-        ({"colours": [[0.5, 1, 1]] * 8}, "whole numbers"),
+        ({"colours": [[0.5, 1, 1]] * 8}, "integers"),
         ({"colours": [[256, 1, 1]] * 8}, "from 0 to 255"),
         ({"parts": [0] * 11}, "expected a number from 0 for each of 12 faces"),
         ({"parts": [-1] * 12}, "expected a number from 0"),
         ({"parts": [0.0] * 12}, "expected a number from 0"),
-        ({"parts": ENDS_AND_WALLS, "names": ["ends"]}, "names: 1 of them, expected one for each part, 0 to 1"),
-        ({"attributes": [{}, {}]}, "attributes: 2 of them, expected one for each of 1 parts"),
-        ({"attributes": {"roof": {}}}, "there is no part 'roof', but 'mesh'"),
+        ({"parts": ENDS_AND_WALLS, "names": ["ends"]}, "names: got 1, expected one for each part, 0 to 1"),
+        ({"attributes": [{}, {}]}, "attributes: got 2, expected one for each of 1 parts"),
+        ({"attributes": {"roof": {}}}, "unknown part 'roof', expected one of 'mesh'"),
         ({"attributes": [{"a": float("nan")}]}, "JSON"),
     ],
 )
-def test_what_is_said_of_no_mesh_is_refused(tmp_path: Path, said: dict[str, Any], told: str) -> None:
-    with pytest.raises(ValueError, match=told):
-        spinney.build_brep(BOX, tmp_path / "no.goblin", **said)
+def test_invalid_mesh_attributes_are_rejected(tmp_path: Path, options: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        spinney.build_brep(BOX, tmp_path / "no.goblin", **options)
     assert not list(tmp_path.iterdir())
 
 
-def test_what_is_no_mesh_is_refused(tmp_path: Path) -> None:
+def test_values_that_are_not_meshes_are_rejected(tmp_path: Path) -> None:
     out = tmp_path / "no.goblin"
-    with pytest.raises(TypeError, match="'b' is no mesh, but of the type int"):
+    with pytest.raises(TypeError, match="'b' is of type int, expected a mesh"):
         spinney.build_brep({"a": BOX, "b": 3}, out)
     with pytest.raises(TypeError, match="models"):
         spinney.build_brep([], out)
     with pytest.raises(ValueError, match="colours, parts: are for a single mesh"):
         spinney.build_brep([BOX, BOX], out, parts=[0] * 24)
-    with pytest.raises(ValueError, match="names: 1 of them, expected one for each of 2 meshes"):
+    with pytest.raises(ValueError, match="names: got 1, expected one for each of 2 meshes"):
         spinney.build_brep([BOX, BOX], out, names=["a"])
     with pytest.raises(TypeError, match="colours: is for meshes in memory"):
         spinney.build_brep(tmp_path / "file.off", out, colours=[[1, 2, 3]])

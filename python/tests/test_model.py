@@ -31,14 +31,14 @@ def solids() -> dict[str, trimesh.Trimesh]:
 
 @pytest.fixture(scope="module")
 def bodies(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[trimesh.Trimesh, spinney.ExactModel]]:
-    folder = tmp_path_factory.mktemp("bodies")
+    directory = tmp_path_factory.mktemp("bodies")
     opened = {}
     for name, mesh in solids().items():
-        mesh.export(folder / f"{name}.off", digits=12)
-        built = spinney.build_brep(folder / f"{name}.off", folder / f"{name}.goblin", snap=1 / 1024)
+        mesh.export(directory / f"{name}.off", digits=12)
+        built = spinney.build_brep(directory / f"{name}.off", directory / f"{name}.goblin", snap=1 / 1024)
         assert (built.read, built.faces, built.displacement) == (len(mesh.faces), len(mesh.faces), 0.0)
         assert built.step == 1 / 1024 and sum(built.nodes.values()) > 0
-        opened[name] = (mesh, spinney.open_brep(folder / f"{name}.goblin"))
+        opened[name] = (mesh, spinney.open_brep(directory / f"{name}.goblin"))
     return opened
 
 
@@ -195,7 +195,7 @@ def test_boxes_and_cells(bodies: dict) -> None:
             ball.coverage(level, cell)
 
 
-def test_what_is_no_body_is_refused_or_closed(tmp_path: Path) -> None:
+def test_open_surfaces_are_rejected_or_closed(tmp_path: Path) -> None:
     mesh = trimesh.creation.box(extents=(2.0, 2.0, 2.0))
     mesh.faces = mesh.faces[:-2]
     mesh.export(tmp_path / "open.off")
@@ -225,7 +225,7 @@ def test_what_is_no_body_is_refused_or_closed(tmp_path: Path) -> None:
         spinney.build_brep(3, out)  # type: ignore[arg-type]
 
 
-def test_progress_is_told_and_stops(bodies: dict) -> None:
+def test_progress_is_reported_and_can_cancel(bodies: dict) -> None:
     _, model = bodies["ball"]
     points = np.random.default_rng(6).uniform(-6, 6, (300_000, 3))
 
@@ -234,22 +234,22 @@ def test_progress_is_told_and_stops(bodies: dict) -> None:
 
     with pytest.raises(LookupError, match="enough"):
         model.locate(points, progress=stop)
-    told: list[tuple[int, int]] = []
-    model.locate(points, progress=lambda done, total: told.append((done, total)))
-    assert told[-1] == (len(points), len(points))
+    updates: list[tuple[int, int]] = []
+    model.locate(points, progress=lambda done, total: updates.append((done, total)))
+    assert updates[-1] == (len(points), len(points))
 
 
-def test_threads_have_the_same_answers(bodies: dict) -> None:
+def test_threads_have_the_same_results(bodies: dict) -> None:
     mesh, model = bodies["ring"]
     points = np.random.default_rng(7).uniform(*mesh.bounds, (5000, 3))
     wanted = model.locate(points)
     wrong = []
 
-    def ask() -> None:
+    def query() -> None:
         if not np.array_equal(model.locate(points), wanted):
             wrong.append(1)
 
-    threads = [threading.Thread(target=ask) for _ in range(6)]
+    threads = [threading.Thread(target=query) for _ in range(6)]
     for thread in threads:
         thread.start()
     for thread in threads:

@@ -50,7 +50,7 @@ def test_rules_are_named(street: Path, tmp_path: Path) -> None:
         spinney.build_brep(street, out, repair=True, close=True, inside=rule)  # type: ignore[arg-type]
         with spinney.open_brep(out) as model:
             assert model.volume == volume
-    with pytest.warns(UserWarning, match="percent of what cells"):
+    with pytest.warns(UserWarning, match="percent from that of cells"):
         spinney.build_brep(street, out, repair=True, close=True, inside="odd")
     with spinney.open_brep(out) as model:
         assert model.volume == 3000.0
@@ -59,7 +59,7 @@ def test_rules_are_named(street: Path, tmp_path: Path) -> None:
 
 
 def test_objects_meet(street: Path, tmp_path: Path) -> None:
-    with pytest.warns(UserWarning, match="1 objects are open, and left out: open"):
+    with pytest.warns(UserWarning, match="1 objects are open and were left out: open"):
         found = spinney.object_contacts(street)
     assert [(pair.kind, pair.names, pair.parts, pair.volume) for pair in found] == [("overlap", ("right", "half"), (0, 3), 500.0)]
     with pytest.raises(TypeError, match="mesh file"):
@@ -80,7 +80,7 @@ def test_objects_meet(street: Path, tmp_path: Path) -> None:
         assert pair.place[0] == 10.0 and spinney.object_contacts(tmp_path / "row.obj") == [pair]
         row = model.find_object("leaning")
         assert (row["part"], row["volume"], row["bounds"]) == (1, 1000.0, spinney.Box(10, 0, 0, 20, 10, 10))
-        with pytest.raises(KeyError, match="has no object 'lean'; there are leaning"):
+        with pytest.raises(KeyError, match="has no object 'lean'; similar names are leaning"):
             model.find_object("lean")
 
 

@@ -50,7 +50,7 @@ def test_polygons_are_combined(tmp_path: Path) -> None:
     assert isinstance(made, spinney.CombinedPolygons) and made.area == 16
     with pytest.raises(ValueError, match="region"):
         spinney.combine("nor", [first, second], out)
-    with pytest.raises(ValueError, match="none of polygons"):
+    with pytest.raises(ValueError, match="expected one for polygons"):
         spinney.combine("over", [first, second], out)
     with pytest.raises(ValueError, match="edge: not for polygons"):
         spinney.combine("and", [first, second], out, edge="touch")

@@ -32,8 +32,8 @@ def test_cells_are_the_same(tmp_path: Path) -> None:
         assert paths[name].stat().st_size < paths["plain"].stat().st_size
         with spinney.open(paths[name]) as ds:
             assert np.array_equal(ds[...], array)
-            places = [(column, row) for row in range(0, 600, 37) for column in range(0, 700, 41)]
-            assert [int(value[0]) for value in ds.sample(places, coordinates="cells")] == [array[row, column] for column, row in places]
+            positions = [(column, row) for row in range(0, 600, 37) for column in range(0, 700, 41)]
+            assert [int(value[0]) for value in ds.sample(positions, coordinates="cells")] == [array[row, column] for column, row in positions]
         assert spinney.verify(paths[name]) == []
     with spinney.open(paths["moved"]) as ds:
         assert np.array_equal(ds[...], array[:, ::-1])
@@ -68,7 +68,7 @@ def test_exact_models_are_the_same(tmp_path: Path) -> None:
         spinney.combine("or", [plain, packed], both, codec="packed", max_error=1.0)
 
 
-def test_what_makes_no_sense_is_refused(tmp_path: Path) -> None:
+def test_invalid_options_are_rejected(tmp_path: Path) -> None:
     out = tmp_path / "t.goblin"
     with pytest.raises(ValueError, match="plain or packed"):
         spinney.build(patches(), out, codec="zip")  # type: ignore[arg-type]

@@ -38,8 +38,8 @@ def test_the_kernel_reads_for_the_page_and_gets_its_polygon(island):
     sent = []
     page.send = lambda content, buffers=None: sent.append((content, buffers))
     data = pathlib.Path(island.path).read_bytes()
-    page._answer(page, {"range": 1, "start": 8, "end": 40}, [])
-    page._answer(page, {"range": 2, "start": 8, "end": len(data) + 1}, [])
+    page._send_range(page, {"range": 1, "start": 8, "end": 40}, [])
+    page._send_range(page, {"range": 2, "start": 8, "end": len(data) + 1}, [])
     assert sent[0] == ({"range": 1}, [data[8:40]])
     assert sent[1][0]["range"] == 2 and "failure" in sent[1][0]
     assert page.polygon is None and page.statistics is None

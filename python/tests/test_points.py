@@ -55,7 +55,7 @@ def test_points_come_back(cloud: np.ndarray, tree: Path) -> None:
     assert spinney.verify(tree) == []
 
 
-def test_parts_are_those_of_looking_at_all(cloud: np.ndarray, tree: Path) -> None:
+def test_selections_match_a_full_scan(cloud: np.ndarray, tree: Path) -> None:
     with spinney.open_points(tree) as points:
         inside = (cloud["x"] >= 100) & (cloud["x"] <= 220.5) & (cloud["y"] >= 50) & (cloud["y"] <= 130)
         found = points.read(window=(100, 50, 220.5, 130), where="ground=1", attributes=["gps_time"])
@@ -74,12 +74,12 @@ def test_parts_are_those_of_looking_at_all(cloud: np.ndarray, tree: Path) -> Non
 
 def test_nearest_points_are_those_of_scipy(cloud: np.ndarray, tree: Path) -> None:
     spatial = pytest.importorskip("scipy.spatial")
-    places = np.random.default_rng(1).uniform((-50, -50, -10), (550, 350, 60), (400, 3))
+    positions = np.random.default_rng(1).uniform((-50, -50, -10), (550, 350, 60), (400, 3))
     theirs = spatial.cKDTree(np.column_stack([cloud["x"], cloud["y"], cloud["z"]]))
     with spinney.open_points(tree) as points:
         for k, radius in ((1, np.inf), (4, 25.0)):
-            distances, found = points.nearest(places, k=k, radius=radius)
-            expected, _ = theirs.query(places, k=k, distance_upper_bound=radius)
+            distances, found = points.nearest(positions, k=k, radius=radius)
+            expected, _ = theirs.query(positions, k=k, distance_upper_bound=radius)
             np.testing.assert_allclose(distances, expected.reshape(400, k), atol=1e-9)
             assert found.shape == (400, k, 3) and (np.isnan(found[..., 0]) == np.isinf(distances)).all()
 

@@ -38,9 +38,9 @@ def layer(random: np.random.Generator, count: int) -> dict[str, Any]:
     return {"type": "FeatureCollection", "crs": crs, "features": [feature(number) for number in range(count)]}
 
 
-def grid(folder: Path) -> Path:
+def grid(directory: Path) -> Path:
     """Builds a tree to whose cells features are rasterized."""
-    path = folder / "grid.goblin"
+    path = directory / "grid.goblin"
     spinney.build(np.ones((SIDE, SIDE), "u1"), path, transform=(1, 0, 0, 0, -1, SIDE), crs="EPSG:32633")
     return path
 

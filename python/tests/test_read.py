@@ -45,17 +45,17 @@ def test_sizes_are_resampled_as_by_the_program(path: Path, program: str, tmp_pat
 @pytest.fixture(scope="module")
 def arrays(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[np.ndarray, spinney.Dataset]]:
     """Arrays of every type, bands first, and trees of them."""
-    folder = tmp_path_factory.mktemp("arrays")
+    directory = tmp_path_factory.mktemp("arrays")
     made = {}
     for dtype in TYPES:
         for bands in (1, 3) if dtype in ("uint8", "uint16", "float32") else (1,):
             array = np.stack([noise((150, 211), dtype, seed) for seed in range(bands)])
-            path = folder / f"{dtype}{bands}.goblin"
+            path = directory / f"{dtype}{bands}.goblin"
             spinney.build(array, path)
             made[f"{dtype}{bands}"] = (array, spinney.open(path))
     solid = noise((40, 70, 50), "uint8")
-    spinney.build(solid, folder / "solid.goblin", dims="zyx")
-    made["octree"] = (solid[None], spinney.open(folder / "solid.goblin"))
+    spinney.build(solid, directory / "solid.goblin", dims="zyx")
+    made["octree"] = (solid[None], spinney.open(directory / "solid.goblin"))
     return made
 
 
@@ -207,7 +207,7 @@ def test_files_are_those_of_rasterio(island: str, relief: str) -> None:
             assert np.array_equal(ds.sample(points), np.array(list(other.sample(points))), equal_nan=True)
 
 
-def test_pictures_are_saved(island: str, tmp_path: Path) -> None:
+def test_images_are_saved(island: str, tmp_path: Path) -> None:
     with spinney.open(island) as ds:
         ds.save(tmp_path / "part.tif", window=(96, 64, 64, 64))
         ds.save(tmp_path / "small.npy", shape=(50, 64))
@@ -241,7 +241,7 @@ def test_dense_cells_are_shown_where_they_are(tmp_path: Path) -> None:
         spinney.open(same).mapped((40, 40, 20, 20))
 
 
-def test_large_steps_are_looked_up(tmp_path: Path) -> None:
+def test_large_strides_are_sampled(tmp_path: Path) -> None:
     array = noise((700, 900), "uint16")
     path = tmp_path / "map.goblin"
     spinney.build(array, path)
@@ -256,7 +256,7 @@ def test_large_steps_are_looked_up(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("shape", [(1900, 1300), (3, 1100, 700), (200, 90, 60)])
 @pytest.mark.parametrize("masked", [False, True])
-def test_large_views_are_read_piece_by_piece(tmp_path: Path, shape: tuple[int, ...], masked: bool) -> None:
+def test_large_views_are_read_in_blocks(tmp_path: Path, shape: tuple[int, ...], masked: bool) -> None:
     array = np.random.default_rng(5).integers(1, 250, shape, "u1")
     hidden = array > 200
     dims = "zyx"[3 - len(shape) :]

@@ -258,8 +258,8 @@ def runs(path: Path) -> dict[str, bytes]:
     (length,) = struct.unpack_from("<I", data, len(data) - 16)
     trailer = data[-16 - length : -16]
     (sections,) = struct.unpack_from("<I", trailer, 32)
-    places = [struct.unpack_from("<4sIQQ", trailer, 36 + 24 * number) for number in range(sections)]
-    ((start, size),) = [(start, size) for tag, _, start, size in places if tag == b"LAYR"]
+    positions = [struct.unpack_from("<4sIQQ", trailer, 36 + 24 * number) for number in range(sections)]
+    ((start, size),) = [(start, size) for tag, _, start, size in positions if tag == b"LAYR"]
     (layers,) = struct.unpack_from("<I", data, 16)
     found, name_at = {}, start + 152 * layers
     for entry in range(start, start + 152 * layers, 152):

@@ -53,15 +53,15 @@ def test_few_requests(server):
     assert server.counts()["requests"] <= 3
 
 
-def test_questions_of_an_event_loop(server):
+def test_queries_in_an_event_loop(server):
     ds, near = spinney.open(f"{server.url}/elevation.goblin"), spinney.open(FIXTURES / "elevation.goblin")
     zone = {"type": "Polygon", "coordinates": [[[301000, 3191000], [304000, 3192000], [302000, 3198000], [301000, 3191000]]]}
 
-    async def ask():
+    async def query():
         windows = [ds.aread(window=(8 * i, 10, 20, 30)) for i in range(5)]
         return await asyncio.gather(*windows, ds.asample([(30, 30)], coordinates="cells"), ds.azonal(zone, edge="area"))
 
-    *windows, samples, zones = asyncio.run(ask())
+    *windows, samples, zones = asyncio.run(query())
     for i, window in enumerate(windows):
         np.testing.assert_array_equal(window, near.read(window=(8 * i, 10, 20, 30)))
     np.testing.assert_array_equal(samples, near.sample([(30, 30)], coordinates="cells"))
@@ -80,15 +80,15 @@ def test_files_of_fsspec(name):
     fsspec = pytest.importorskip("fsspec")
     file = name.split("@")[0].split(":")[0]
     memory = fsspec.filesystem("memory")
-    memory.pipe(f"/folder/{file}", (FIXTURES / file).read_bytes())
+    memory.pipe(f"/directory/{file}", (FIXTURES / file).read_bytes())
     commit = int(name.split("@")[1]) if "@" in name else None
     layer = name.split(":")[1] if ":" in name else None
-    far = spinney.open(fsspec.open(f"memory://folder/{file}"), commit=commit, layer=layer)
+    far = spinney.open(fsspec.open(f"memory://directory/{file}"), commit=commit, layer=layer)
     near = spinney.open(FIXTURES / name)
     np.testing.assert_array_equal(far.read(), near.read())
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(far)).read(), near.read())
     assert "memory" in repr(far)
-    memory.rm(f"/folder/{file}")
+    memory.rm(f"/directory/{file}")
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def test_servers_show_a_certificate_that_is_known(certificate, monkeypatch):
             np.testing.assert_array_equal(far.read(), spinney.open(FIXTURES / "elevation.goblin").read())
 
 
-def test_what_cannot_be_read_is_told(server):
+def test_unreadable_files_are_reported(server):
     with pytest.raises(FileNotFoundError, match="missing.goblin"):
         spinney.open(f"{server.url}/missing.goblin")
     with pytest.raises(ValueError, match="storage option: got `no_such_option`"):

@@ -51,9 +51,9 @@ def test_sections_are_those_of_the_program(program: str, model: Path, tmp_path: 
     assert ours.read_bytes() == theirs.read_bytes()
 
 
-def test_what_two_models_have_in_common(program: str, model: Path, tmp_path: Path) -> None:
+def test_intersections_of_two_models(program: str, model: Path, tmp_path: Path) -> None:
     other = box(tmp_path / "other.goblin", (1, 1, 1))
-    beside = box(tmp_path / "beside.goblin", (2, 0, 0))
+    adjacent = box(tmp_path / "adjacent.goblin", (2, 0, 0))
     with spinney.open_brep(model) as a, spinney.open_brep(other) as b:
         made = a.section(tmp_path / "lines.geojson", b)
         assert (made.crossings, made.touches, made.overlaps, made.points) == (1, 0, 0, 0)
@@ -64,11 +64,11 @@ def test_what_two_models_have_in_common(program: str, model: Path, tmp_path: Pat
         assert kinds == {"crossing"}
         # (By its name, and a model that touches its wall.)
         assert a.section(tmp_path / "again.csv", other) == made
-        wall = a.section(tmp_path / "wall.csv", beside)
+        wall = a.section(tmp_path / "wall.csv", adjacent)
         assert (wall.crossings, wall.overlaps, wall.overlap_area) == (0, 1, 12)
 
 
-def test_sections_that_make_no_sense(model: Path, tmp_path: Path) -> None:
+def test_invalid_sections_are_rejected(model: Path, tmp_path: Path) -> None:
     never = tmp_path / "never.csv"
     with spinney.open_brep(model) as opened:
         for planes in ("z", "z=", "w=1", "z=0..1", "z=0..1/0", "plane=1,2,3"):
@@ -126,18 +126,18 @@ def edited(tmp_path: Path) -> Path:
     return path
 
 
-def test_tiles_are_brought_up_to_date(program: str, edited: Path, tmp_path: Path) -> None:
-    tiles, anew = tmp_path / "map.pmtiles", tmp_path / "anew.pmtiles"
+def test_tiles_are_updated(program: str, edited: Path, tmp_path: Path) -> None:
+    tiles, redrawn = tmp_path / "map.pmtiles", tmp_path / "redrawn.pmtiles"
     before = tiles.read_bytes()
     with spinney.open(edited) as ds:
-        count = ds.export(anew)
+        count = ds.export(redrawn)
         # Another archive, from the old one.
         assert ds.export(tmp_path / "copy.pmtiles", update=tiles) == count
-        assert (tmp_path / "copy.pmtiles").read_bytes() == anew.read_bytes() and tiles.read_bytes() == before
+        assert (tmp_path / "copy.pmtiles").read_bytes() == redrawn.read_bytes() and tiles.read_bytes() == before
         ds.export(tiles, update=True)
-    assert tiles.read_bytes() == anew.read_bytes() != before
+    assert tiles.read_bytes() == redrawn.read_bytes() != before
     run(program, "export", edited, "-o", tmp_path / "theirs.pmtiles", "--update", tmp_path / "copy.pmtiles")
-    assert (tmp_path / "theirs.pmtiles").read_bytes() == anew.read_bytes()
+    assert (tmp_path / "theirs.pmtiles").read_bytes() == redrawn.read_bytes()
 
 
 def test_tiles_of_another_file_and_style(edited: Path, tmp_path: Path) -> None:
@@ -148,8 +148,8 @@ def test_tiles_of_another_file_and_style(edited: Path, tmp_path: Path) -> None:
         with pytest.raises(ValueError, match="made it|made of|commits"):
             ds.export(tiles, update=True)
         ds.export(tiles, update=True, since=f"{edited}@1")
-        ds.export(tmp_path / "anew.pmtiles")
-        assert tiles.read_bytes() == (tmp_path / "anew.pmtiles").read_bytes()
+        ds.export(tmp_path / "redrawn.pmtiles")
+        assert tiles.read_bytes() == (tmp_path / "redrawn.pmtiles").read_bytes()
         with pytest.raises(ValueError, match="style"):
             ds.export(tiles, update=True, style="grey")
         ds.export(tiles, update=True, style="grey", restyle=True)
@@ -157,7 +157,7 @@ def test_tiles_of_another_file_and_style(edited: Path, tmp_path: Path) -> None:
         assert tiles.read_bytes() == (tmp_path / "grey.pmtiles").read_bytes()
         with pytest.raises(ValueError, match="for an update"):
             ds.export(tiles, restyle=True)
-        with pytest.raises(ValueError, match="give one"):
+        with pytest.raises(ValueError, match="expected one of them"):
             ds.export(tiles, update=True, resume=True)
         with pytest.raises(TypeError, match="update"):
             ds.export(tmp_path / "never.tif", update=True)

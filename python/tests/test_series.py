@@ -51,25 +51,25 @@ def test_reading_one_time_reads_one(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     path, given = tmp_path / "t.goblin", series("uint8")
     spinney.build(given, path)
     given = given.sortby("time")
-    asked: list[str] = []
+    read_layers: list[str] = []
     at_index = spinney.Dataset._at_index
 
     def noted(self: spinney.Dataset, level: int | None, key: object) -> object:
-        asked.append(self.layer)
+        read_layers.append(self.layer)
         return at_index(self, level, key)
 
     monkeypatch.setattr(spinney.Dataset, "_at_index", noted)
     for chunks in (None, {}):
         with xr.open_dataset(path, engine="spinney", mask_and_scale=False, chunks=chunks) as ds:
-            assert asked == []
+            assert read_layers == []
             one = ds.ndvi.isel(time=1).isel(y=slice(3, 40, 5), x=[1, 60, 7])
-            assert np.array_equal(one.values, given.values[1, 3:40:5][:, [1, 60, 7]]) and set(asked) == {"ndvi_20240115T102030"}
-            asked.clear()
-            assert np.array_equal(ds.ndvi.isel(time=slice(None, None, -2), y=5).values, given.values[::-2, 5]) and len(set(asked)) == 2
+            assert np.array_equal(one.values, given.values[1, 3:40:5][:, [1, 60, 7]]) and set(read_layers) == {"ndvi_20240115T102030"}
+            read_layers.clear()
+            assert np.array_equal(ds.ndvi.isel(time=slice(None, None, -2), y=5).values, given.values[::-2, 5]) and len(set(read_layers)) == 2
             assert ds.ndvi.isel(time=slice(0, 0), x=3).values.shape == (0, 60)
             if chunks is not None:
                 assert ds.ndvi.chunks == ((1, 1, 1), (60,), (70,))
-        asked.clear()
+        read_layers.clear()
 
 
 def test_several_variables_share_the_axis(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_several_variables_share_the_axis(tmp_path: Path) -> None:
             assert np.array_equal(levels["4/ndvi"].isel(time=1), ds.read(1, level=4), equal_nan=True)
 
 
-def test_what_makes_no_axis_stays_apart(tmp_path: Path) -> None:
+def test_layers_without_a_common_axis_stay_separate(tmp_path: Path) -> None:
     path = tmp_path / "t.goblin"
     cells = series("uint8", None)
     first, second, third = (cells.isel(time=number, drop=True) for number in range(3))
@@ -205,7 +205,7 @@ def test_axes_of_data_arrays_that_are_no_times(tmp_path: Path) -> None:
         (None, None),
     ],
 )
-def test_times_of_texts(text: str | None, time: str | None) -> None:
+def test_times_from_strings(text: str | None, time: str | None) -> None:
     found = time_of_text(text)
     assert found == (None if time is None else np.datetime64(time, "ns"))
     if found is not None:

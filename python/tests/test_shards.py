@@ -18,14 +18,14 @@ ELEVATION = ROOT / "fixtures/island_elevation.tif"
 CLASSES = ROOT / "fixtures/island_classes.tif"
 
 
-def tiles(folder: Path, side: int = 300, seed: int = 1) -> list[Path]:
+def tiles(directory: Path, side: int = 300, seed: int = 1) -> list[Path]:
     """Writes four adjacent rasters in their own directory."""
-    folder.mkdir()
+    directory.mkdir()
     random = np.random.default_rng(seed)
     paths = []
     for number in range(4):
         x, y = number % 2, number // 2
-        path = folder / f"tile_{number}.tif"
+        path = directory / f"tile_{number}.tif"
         transform = rasterio.Affine(10, 0, 5000 + 10 * side * x, 0, -10, 9000 - 10 * side * y)
         with rasterio.open(path, "w", driver="GTiff", width=side, height=side, count=1, dtype="uint8", crs="EPSG:32633", transform=transform, tiled=True) as out:
             out.write(random.integers(0, 4, (side // 4, side // 4), dtype=np.uint8).repeat(4, 0).repeat(4, 1), 1)
@@ -61,7 +61,7 @@ def test_layers_and_patterns(tmp_path: Path) -> None:
         shards.plan(str(tmp_path / "nothing" / "*.tif"), tmp_path / "third")
 
 
-def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
+def test_mismatched_inputs_are_rejected(tmp_path: Path) -> None:
     paths = tiles(tmp_path / "tiles")
     job = shards.plan(paths, tmp_path / "job", shards=4)
     with pytest.raises(ValueError, match="0 to 3 are missing"):
@@ -69,7 +69,7 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "merged.goblin").exists()
     # The same plan again, and another one.
     assert os.fspath(shards.plan(paths, tmp_path / "job", shards=4)) == os.fspath(job)
-    with pytest.raises((OSError, ValueError), match="something else was planned"):
+    with pytest.raises((OSError, ValueError), match="another job was planned"):
         shards.plan(paths[:2], tmp_path / "job", shards=4)
     # A changed input.
     os.utime(paths[0], ns=(1, 1))

@@ -103,10 +103,10 @@ def test_surfaces_are_closed_and_of_the_right_volume(cross: tuple, tmp_path: Pat
     assert len(ds.mesh(3).faces) < len(ds.mesh().faces)
 
 
-def test_pictures(tmp_path: Path, program: str) -> None:
+def test_images(tmp_path: Path, program: str) -> None:
     with spinney.open(BALL) as ds:
-        picture = ds.render(size=(40, 30))
-        assert picture is not None and picture.shape == (30, 40, 3) and picture.dtype == np.uint8
+        image = ds.render(size=(40, 30))
+        assert image is not None and image.shape == (30, 40, 3) and image.dtype == np.uint8
         assert ds.render(size=(40, 30), background=None).shape == (30, 40, 4)
         ds.render(tmp_path / "ours.png", size=(80, 60), azimuth=100, elevation=20)
         run(program, "render", BALL, tmp_path / "theirs.png", "--size", "80x60", "--from", "100,20")

@@ -30,7 +30,7 @@ def same(a: spinney.Dataset, b: spinney.Dataset, levels: int | None = None) -> N
         assert np.array_equal(ours, theirs), level
 
 
-def told(path: Path) -> Path:
+def annotated(path: Path) -> Path:
     """A tree of classes with all kinds of metadata."""
     array = np.random.default_rng(5).integers(0, 256, (70, 90)).astype("uint8")
     array[:4].flat[:256] = range(256)
@@ -50,9 +50,18 @@ def told(path: Path) -> Path:
     return path
 
 
+def test_classes_have_no_means(tmp_path: Path) -> None:
+    array, expected = np.ones((4, 4), "uint8"), "the rule mean for categorical values .* --kind continuous"
+    with pytest.raises(ValueError, match=expected):
+        spinney.build(array, tmp_path / "o.goblin", rule="mean", kind="categorical")
+    with pytest.raises(ValueError, match=expected):
+        spinney.build(CLASSES, tmp_path / "o.goblin", rule="mean")
+    spinney.build(CLASSES, tmp_path / "o.goblin", rule="mean", kind="continuous")
+
+
 def test_trees_keep_their_meaning(tmp_path: Path, program: str, history: str) -> None:
     out, theirs = tmp_path / "o.goblin", tmp_path / "p.goblin"
-    for source in (CLASSES, told(tmp_path / "t.goblin"), FIXTURES / "v1" / "rgb.goblin", FIXTURES / "v1" / "ball.goblin", f"{history}@1"):
+    for source in (CLASSES, annotated(tmp_path / "t.goblin"), FIXTURES / "v1" / "rgb.goblin", FIXTURES / "v1" / "ball.goblin", f"{history}@1"):
         spinney.convert(source, theirs)
         run(program, "-q", "build", source, "-o", tmp_path / "q.goblin")
         with spinney.open(source) as ds:
@@ -75,7 +84,7 @@ def test_trees_keep_their_meaning(tmp_path: Path, program: str, history: str) ->
             assert np.array_equal(made.level(2)[...], ds.level(2)[...])
 
 
-def test_options_go_before_what_trees_tell(tmp_path: Path) -> None:
+def test_options_override_properties_of_trees(tmp_path: Path) -> None:
     array, out = noise((50, 60), "float32"), tmp_path / "o.autumn"
     spinney.build(array, tmp_path / "t.goblin", units=["m"], tags={"a": "1", "b": "2"})
     with spinney.open(tmp_path / "t.goblin") as ds:
@@ -114,7 +123,7 @@ def test_data_arrays_keep_their_meaning(tmp_path: Path, masked: bool | None) -> 
     spinney.build(FIXTURES / "island_elevation.tif", heights)
     askew = tmp_path / "askew.goblin"
     spinney.transform(CLASSES, "rotate=30", askew)
-    for source in (CLASSES, told(tmp_path / "t.goblin"), heights, askew, FIXTURES / "v1" / "rgb.goblin"):
+    for source in (CLASSES, annotated(tmp_path / "t.goblin"), heights, askew, FIXTURES / "v1" / "rgb.goblin"):
         for chunks in (None, {}):
             with xr.open_dataset(source, engine="spinney", mask_and_scale=masked, chunks=chunks) as found:
                 spinney.build(found.band_data, tmp_path / "o.goblin")
@@ -267,7 +276,7 @@ def test_types_of_samples_that_are_refused(tmp_path: Path, dtype: object, advice
     assert os.listdir(tmp_path) == []
 
 
-def test_what_is_no_source_and_no_tree(tmp_path: Path) -> None:
+def test_invalid_sources_and_trees_are_rejected(tmp_path: Path) -> None:
     array = np.ones((4, 4), "u1")
     for name in ("o.tif", "o.PNG", "o.ply", "o.nc", "o.gpkg"):
         for make in (
@@ -281,14 +290,14 @@ def test_what_is_no_source_and_no_tree(tmp_path: Path) -> None:
             with pytest.raises(ValueError, match=r"\.goblin .*\.autumn"):
                 make(tmp_path / name)
     assert os.listdir(tmp_path) == []
-    with pytest.raises(OSError, match="is no tree but a TIFF picture; build one: `spinney build"):
+    with pytest.raises(OSError, match="is a TIFF image, not a Spinney file; build one: `spinney build"):
         spinney.open(FIXTURES / "island_classes.tif")
     (tmp_path / "a.las").write_bytes(b"LASF" + bytes(300))
     with pytest.raises(ValueError, match="tree of points"):
         spinney.build(tmp_path / "a.las", tmp_path / "o.goblin")
 
 
-def test_pages_are_told(tmp_path: Path) -> None:
+def test_pages_are_reported(tmp_path: Path) -> None:
     rasterio = pytest.importorskip("rasterio")
     pages = [noise((30, 40), "uint8", seed) for seed in (1, 2, 3)]
     about = {"count": 1, "dtype": "uint8", "width": 40, "height": 30, "driver": "GTiff"}
@@ -340,14 +349,14 @@ def test_void_among_values_that_are_all_in_use(tmp_path: Path, masked: bool | No
         assert solid.rule == "occupancy" and made.volume() == solid.volume()
 
 
-def test_classes_that_are_none_any_more_are_refused(tmp_path: Path) -> None:
+def test_fractional_classes_are_rejected(tmp_path: Path) -> None:
     xr = pytest.importorskip("xarray")
     pytest.importorskip("pyproj")
     with xr.open_dataset(CLASSES, engine="spinney", mask_and_scale=True) as found:
         array = found.band_data.load()
     assert array.dtype.kind == "f"
     array[0, 9, 9] = 2.5
-    with pytest.raises(ValueError, match="2.5 is no uint8; give kind="):
+    with pytest.raises(ValueError, match="2.5 is not a uint8; give kind="):
         spinney.build(array, tmp_path / "o.goblin")
     assert os.listdir(tmp_path) == []
     spinney.build(array, tmp_path / "o.goblin", kind="continuous")
@@ -391,7 +400,7 @@ def test_exact_models_are_combined(tmp_path: Path) -> None:
         with spinney.open_brep(tmp_path / "c.goblin") as model:
             volumes[operation] = model.volume
     assert np.isclose(volumes["union"] + volumes["and"], 72.0) and np.isclose(volumes["a-b"] + volumes["and"], 36.0)
-    with pytest.raises(ValueError, match="mean nothing"):
+    with pytest.raises(ValueError, match="do not apply"):
         spinney.combine("union", paths, tmp_path / "d.goblin", fill=3)
 
 

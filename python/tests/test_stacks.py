@@ -103,18 +103,18 @@ def test_volumes_and_lazy_arrays(tmp_path: Path) -> None:
         ({}, {}, "at least one"),
         ({"a": np.ones((4, 4)), "b": np.ones((3, 4))}, {}, "`b` has 3 x 4 cells"),
         ({"a": np.ones((4, 4)), "b": np.ones((4, 4))}, {"names": ["x", "x"]}, "`x`"),
-        ({"a": np.ones((4, 4)), " ": np.ones((4, 4))}, {}, "needs a name"),
-        ({"a": np.ones((4, 4))}, {"names": ["x", "y"]}, "2 given"),
-        ({"a": np.ones((4, 4))}, {"nodata": {"b": 1}}, "'b' is no layer"),
+        ({"a": np.ones((4, 4)), " ": np.ones((4, 4))}, {}, "expected a unique name"),
+        ({"a": np.ones((4, 4))}, {"names": ["x", "y"]}, "got 2, expected one for each of 1 layers"),
+        ({"a": np.ones((4, 4))}, {"nodata": {"b": 1}}, "unknown layer 'b'"),
         ({"a": np.ones((9, 9)), "b": np.ones((5, 5))}, {"depth": 3}, "expected"),
         ({"a": np.ones((4, 4)), "b": np.ones((4, 4, 4))}, {"dims": "zyx"}, "dims"),
         (np.ones((6, 4, 4)), {}, "bands"),
         (FIXTURES / "island_classes.tif", {"names": ["x"]}, "stack"),
         (FIXTURES / "island_classes.tif", {"pages": "all"}, "layers"),
         ([FIXTURES / "island_classes.tif"], {"stack": True, "grid": "xyz"}, "grid"),
-        ([FIXTURES / "island_classes.tif"], {"stack": True, "names": ["x", "y"]}, "as many"),
+        ([FIXTURES / "island_classes.tif"], {"stack": True, "names": ["x", "y"]}, "one per layer"),
         ([FIXTURES / "island_classes.tif"], {"stack": True, "times": ["in May"]}, "ISO 8601"),
-        ({"a": np.ones((4, 4))}, {"times": ["2024", "2025"]}, "2 given"),
+        ({"a": np.ones((4, 4))}, {"times": ["2024", "2025"]}, "got 2, expected one for each of 1 layers"),
     ],
 )
 def test_refusals(tmp_path: Path, source: object, options: dict[str, object], text: str) -> None:
@@ -123,7 +123,7 @@ def test_refusals(tmp_path: Path, source: object, options: dict[str, object], te
     assert os.listdir(tmp_path) == []
 
 
-def test_what_is_no_stack(tmp_path: Path) -> None:
+def test_invalid_stacks_are_rejected(tmp_path: Path) -> None:
     good = np.ones((4, 4), "u1")
     tree = tmp_path / "t.goblin"
     spinney.build(good, tree)
@@ -143,7 +143,7 @@ def test_what_is_no_stack(tmp_path: Path) -> None:
                 spinney.build(source, tmp_path / "o.goblin", **options)
 
 
-def test_a_failure_of_a_later_layer_leaves_nothing(tmp_path: Path) -> None:
+def test_a_failure_of_a_later_layer_leaves_no_file(tmp_path: Path) -> None:
     class Broken:
         shape, dtype = (300, 300), np.dtype("u1")
 
@@ -153,9 +153,9 @@ def test_a_failure_of_a_later_layer_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="on fire"):
         spinney.build({"a": noise((300, 300), "uint8"), "b": Broken()}, tmp_path / "o.goblin")
     assert os.listdir(tmp_path) == []
-    told: list[tuple[int, int]] = []
-    spinney.build({"a": noise((300, 300), "uint8"), "b": noise((150, 150), "uint8")}, tmp_path / "o.goblin", progress=lambda *at: told.append(at))
-    assert told[-1] == (300 * 300 + 150 * 150,) * 2
+    updates: list[tuple[int, int]] = []
+    spinney.build({"a": noise((300, 300), "uint8"), "b": noise((150, 150), "uint8")}, tmp_path / "o.goblin", progress=lambda *at: updates.append(at))
+    assert updates[-1] == (300 * 300 + 150 * 150,) * 2
 
 
 def tiff(path: Path, bands: np.ndarray, nodata: float | None = None, width: float = 10.0, names: list[str] | None = None, at: float = 500000.0, **more: str) -> Path:

@@ -74,7 +74,7 @@ def test_eight_threads_read_while_another_process_edits(tmp_path: Path) -> None:
     ds = spinney.open(path)
     editor = subprocess.Popen([sys.executable, "-P", "-c", EDITOR, path])
 
-    def look(_: int) -> int:
+    def read(_: int) -> int:
         seen = 0
         while editor.poll() is None or seen < 50:
             own = spinney.open(path)
@@ -89,7 +89,7 @@ def test_eight_threads_read_while_another_process_edits(tmp_path: Path) -> None:
         return seen
 
     with ThreadPoolExecutor(8) as pool:
-        assert all(seen >= 50 for seen in pool.map(look, range(8)))
+        assert all(seen >= 50 for seen in pool.map(read, range(8)))
     assert editor.wait() == 0
     ds.refresh()
     assert (ds[...] == 29).all() and len(ds.log()) == 31
@@ -99,14 +99,14 @@ def test_threads_share_one_dataset(relief: str) -> None:
     ds = spinney.open(relief)
     whole = ds.read(1)
 
-    def look(seed: int) -> None:
+    def read(seed: int) -> None:
         random = np.random.default_rng(seed)
         for _ in range(300):
             y, x = random.integers(0, 100, 2)
             assert np.array_equal(ds[y : y + 50, x : x + 50], whole[y : y + 50, x : x + 50], equal_nan=True)
 
     with ThreadPoolExecutor(8) as pool:
-        list(pool.map(look, range(8)))
+        list(pool.map(read, range(8)))
 
 
 def resident() -> int:

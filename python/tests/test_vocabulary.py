@@ -52,11 +52,11 @@ def check(name: str) -> None:
 
 
 def test_options_have_names(program: str) -> None:
-    told: dict[str, set[str]] = {}
+    documented: dict[str, set[str]] = {}
     every = commands(program)
     for option, meaning, used, python in rows("| `--"):
         assert meaning and python, option
-        told[option.strip("`")] = set(every) if used == "all" else set(used.split(", "))
+        documented[option.strip("`")] = set(every) if used == "all" else set(used.split(", "))
         names = named(python)
         assert names or " " in python, f"{option}: neither a name nor a reason"
         for name in names:
@@ -66,7 +66,7 @@ def test_options_have_names(program: str) -> None:
         for option in re.findall(r"^ {2,6}(?:-\w, )?(--[\w-]+)", help_of(program, *command.split()), re.MULTILINE):
             if option not in ("--help", "--version"):
                 found.setdefault(option, set()).add(command)
-    assert found == told
+    assert found == documented
 
 
 def test_commands_have_names(program: str) -> None:

@@ -58,7 +58,7 @@ def test_arrays_come_back(tmp_path: Path, dtype: str) -> None:
 
 
 @pytest.mark.parametrize("dtype", ["uint64", "int64"])
-def test_searches_tell_neighbours_apart(tmp_path: Path, dtype: str) -> None:
+def test_searches_distinguish_neighbouring_integers(tmp_path: Path, dtype: str) -> None:
     array, path = cells(dtype, spread=5), tmp_path / "a.goblin"
     spinney.build(array, path, kind="categorical", categories={BASE[dtype]: "base", BASE[dtype] + 1: "next"})
     wanted = BASE[dtype] + 1
@@ -161,7 +161,7 @@ def test_octrees_and_numpy_files(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("dtype", ["uint64", "int64"])
 @pytest.mark.parametrize("ending", ["goblin", "autumn"])
-def test_every_door_has_all_digits(tmp_path: Path, program: str, dtype: str, ending: str) -> None:
+def test_all_interfaces_keep_all_digits(tmp_path: Path, program: str, dtype: str, ending: str) -> None:
     """A layer of a stack, in all functions with numbers: neighbours that floats do not distinguish,
     and VOID that is one of them.
     """
@@ -183,16 +183,16 @@ def test_every_door_has_all_digits(tmp_path: Path, program: str, dtype: str, end
         coarse = ds.read(1, level=3, masked=True)
         assert set(np.unique(coarse.compressed()).tolist()) <= set(np.unique(array[valid]).tolist())
         ys, xs = np.divmod(np.arange(0, array.size, 37), array.shape[1])
-        places = np.stack([xs, ys], axis=1) + 0.5
-        assert np.array_equal(ds.sample(places, coordinates="cells", bands=1), array[ys, xs])
-        sampled = ds.sample(places, coordinates="cells", bands=1, masked=True)
+        positions = np.stack([xs, ys], axis=1) + 0.5
+        assert np.array_equal(ds.sample(positions, coordinates="cells", bands=1), array[ys, xs])
+        sampled = ds.sample(positions, coordinates="cells", bands=1, masked=True)
         assert np.array_equal(np.ma.getmaskarray(sampled), ~valid[ys, xs])
         classes, counts = np.unique(array[valid], return_counts=True)
-        told = dict(zip(classes.tolist(), counts.tolist()))
+        counted = dict(zip(classes.tolist(), counts.tolist()))
         stats = ds.stats((10, 20, 30, 40))
         inside = array[20:60, 10:40][valid[20:60, 10:40]]
         assert stats.classes == dict(zip(*(found.tolist() for found in np.unique(inside, return_counts=True)))) and stats.min == int(inside.min())
-        assert ds.stats().classes == told
+        assert ds.stats().classes == counted
         zone = {"type": "Polygon", "coordinates": [[[10, 20], [40, 20], [40, 60], [10, 60], [10, 20]]]}
         for edge in ("centre", "area"):
             (found,) = ds.zonal(zone, edge=edge, crs="world")  # type: ignore[arg-type]
@@ -202,11 +202,11 @@ def test_every_door_has_all_digits(tmp_path: Path, program: str, dtype: str, end
         assert (named["min"], named["max"], named["classes"]) == (stats.min, stats.max, stats.classes)
         blocks = ds.find(base + 1)
         assert len(blocks) and set(blocks.values.compressed().tolist()) == {base + 1}
-        assert sum(int(width * height) for _, _, width, height in blocks.boxes) == told[base + 1]
+        assert sum(int(width * height) for _, _, width, height in blocks.boxes) == counted[base + 1]
     # JSON, from the program and from Python.
     said = json.loads(run(program, "stats", f"{path}:id", "--json"))
     listed = {entry["value"]: entry["cells"] for entry in said["classes"]}
-    assert listed == told and all(isinstance(number, int) for number in listed)
+    assert listed == counted and all(isinstance(number, int) for number in listed)
     assert json.loads(json.dumps(stats.classes)) == {str(number): cells_of for number, cells_of in stats.classes.items()}
     assert run(program, "point", f"{path}:id", "--in", "cells", "7,6").strip() == (str(int(array[6, 7])) if valid[6, 7] else "void")
     lines = [json.loads(line) for line in run(program, "find", f"{path}:id", "--class", base + 1, "--json").splitlines()]
@@ -222,7 +222,7 @@ def test_every_door_has_all_digits(tmp_path: Path, program: str, dtype: str, end
         # (Only where both have values.)
         assert np.array_equal(ds.read(1, masked=True).compressed(), inside)
     pairs = {(a[0], b[0]): count for a, b, count in spinney.cross(copy, copy) if a is not None and b is not None}
-    assert pairs == {(number, number): count for number, count in told.items()}
+    assert pairs == {(number, number): count for number, count in counted.items()}
     with xarray.open_dataset(path, engine="spinney") as ds:
         assert ds.id.dtype == dtype and np.array_equal(ds.id, array) and int(ds.id.attrs["_FillValue"]) == void
         assert ds.id.attrs["flag_values"].tolist() == list(names)

@@ -183,7 +183,7 @@ def test_systems_without_a_number_reach_xarray(tmp_path: Path) -> None:
         assert axes[0] == axes[1] == ["north", "north"]
 
 
-def test_what_cannot_be_said_is_told(tmp_path: Path) -> None:
+def test_losses_are_reported(tmp_path: Path) -> None:
     pytest.importorskip("pyproj")
     definition = '{"type": "OtherCRS", "name": "a yard"}'
     spinney.build(np.zeros((3, 3), "u1"), tmp_path / "t.goblin", crs=definition)

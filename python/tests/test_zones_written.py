@@ -25,15 +25,15 @@ def written(path: Path) -> bytes:
 
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_files_are_those_of_the_program(program: str, island: str, tmp_path: Path, ending: str) -> None:
-    own, other = (tmp_path / folder / f"zones.{ending}" for folder in ("own", "other"))
+    own, other = (tmp_path / directory / f"zones.{ending}" for directory in ("own", "other"))
     for path in (own, other):
         path.parent.mkdir()
     with spinney.open(island) as ds, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         count = ds.zonal(DISTRICTS, ["count", "majority", "classes"], quantiles=[0.5], edge="area", out=own)
     assert count == 2
-    asked = ["--measure", "count,majority,classes", "--quantiles", "0.5", "--edge", "area"]
-    subprocess.run([program, "-q", "stats", island, "--zones", DISTRICTS, *asked, "-o", other], check=True)
+    options = ["--measure", "count,majority,classes", "--quantiles", "0.5", "--edge", "area"]
+    subprocess.run([program, "-q", "stats", island, "--zones", DISTRICTS, *options, "-o", other], check=True)
     assert written(own) == written(other) != b""
 
 
@@ -61,10 +61,10 @@ def test_features_keep_what_they_had(island: str, tmp_path: Path) -> None:
         (found,) = json.loads(out.read_text())["features"]
         assert found["properties"] == {"kind": "wood", "count": zone.cells}
         # Requested values are those of the result without a file.
-        (told,) = ds.zonal(alone, ["mean", "median"], quantiles=[0.25], edge="area")
+        (expected,) = ds.zonal(alone, ["mean", "median"], quantiles=[0.25], edge="area")
         ds.zonal(alone, ["mean", "median"], quantiles=[0.25], edge="area", out=out)
         (found,) = json.loads(out.read_text())["features"]
-        assert [found["properties"][name] for name in told] == list(told.values())
+        assert [found["properties"][name] for name in expected] == list(expected.values())
 
 
 def test_geometries_are_in_the_system_of_the_tree(relief: str, tmp_path: Path) -> None:
@@ -74,16 +74,16 @@ def test_geometries_are_in_the_system_of_the_tree(relief: str, tmp_path: Path) -
         out = tmp_path / "out.geojson"
         assert ds.zonal([box, box], ["count", "mean"], out=out) == 2
         document = json.loads(out.read_text())
-        (told,) = ds.zonal(box, ["count", "mean"])
+        (expected,) = ds.zonal(box, ["count", "mean"])
         for feature in document["features"]:
-            assert feature["properties"] == told
+            assert feature["properties"] == expected
             assert shapely.geometry.shape(feature["geometry"]).equals(box)
         # Written features have the same cells when they are read.
-        assert ds.zonal(document, ["count", "mean"]) == [told, told]
-        assert ds.zonal(out, ["count", "mean"]) == [told, told]
+        assert ds.zonal(document, ["count", "mean"]) == [expected, expected]
+        assert ds.zonal(out, ["count", "mean"]) == [expected, expected]
 
 
-def test_what_cannot_be_written(island: str, tmp_path: Path) -> None:
+def test_invalid_outputs_are_rejected(island: str, tmp_path: Path) -> None:
     with spinney.open(island) as ds:
         with pytest.raises(ValueError, match="out: expected"):
             ds.zonal(DISTRICTS, out=tmp_path / "out.tif")
@@ -106,11 +106,11 @@ def test_what_is_lost_is_a_warning(island: str, tmp_path: Path) -> None:
     for feature in document["features"]:
         feature["properties"]["description_of_it"] = "x" * 300
     with spinney.open(island) as ds:
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             ds.zonal(document, ["count"], out=tmp_path / "out.shp")
-        texts = " ".join(str(warning.message) for warning in told)
-        assert "`description_of_it` is `descriptio`" in texts and "cut to 254 bytes: 2" in texts
+        messages = " ".join(str(warning.message) for warning in caught)
+        assert "`description_of_it` is `descriptio`" in messages and "truncated to 254 bytes: 2" in messages
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             ds.zonal(document, ["count"], out=tmp_path / "out.fgb")
@@ -120,10 +120,10 @@ def test_whole_numbers_of_64_bits_are_exact(tmp_path: Path) -> None:
     with spinney.open(FIXTURES / "v1" / "stack.goblin", layer="label") as ds:
         assert ds.dtype == "uint64"
         box = shapely.box(*ds.bounds)
-        (told,) = ds.zonal(box, ["min", "max", "majority"], crs="world")
+        (expected,) = ds.zonal(box, ["min", "max", "majority"], crs="world")
         for ending in ("geojson", "gpkg"):
             out = tmp_path / f"out.{ending}"
             ds.zonal(box, ["min", "max", "majority"], crs="world", out=out)
         (found,) = json.loads((tmp_path / "out.geojson").read_text())["features"]
-        assert max(told.values()) > 2**53
-        assert [int(found["properties"][name]) for name in told] == list(told.values())
+        assert max(expected.values()) > 2**53
+        assert [int(found["properties"][name]) for name in expected] == list(expected.values())

@@ -29,8 +29,8 @@ pub(crate) struct Args {
     output: OutputFile,
     #[command(flatten)]
     memory: Memory,
-    /// Packing of the output's segments: plain ones are mapped and used in place, packed ones take
-    /// fewer bytes and are unpacked when they are used; for .goblin files
+    /// Packing of the output's segments: plain (mapped and read in place) or packed (smaller,
+    /// unpacked when read); for .goblin files
     #[arg(long, value_name = "plain|packed", default_value = "plain")]
     codec: Codec,
     #[command(flatten)]

@@ -15,19 +15,19 @@ use super::args::{
     Memory, OperationName, OutputLimit, Packing, ReconcileArgs, check_output, numbers, parse_operation,
 };
 use super::features::{FeatureOperands, are_mixed};
-use super::overlay::{self, Question, Region};
+use super::overlay::{self, PairQuery, Region};
 use super::report::{Work, print_json, print_text, report_output};
 use super::{Global, exact};
 
-/// Make one tree of several: unions, intersections, differences, one over the other, changes.
+/// Combine trees: union, intersection, difference, overlay, changes
 ///
 /// Files are traversed together, in place on disk. Where one file decides, the other files'
 /// subtrees are not read, and its stored records are copied unchanged. The result has the first
-/// file's cells, over the extents of all files (--extent). Other files are converted to the first
-/// one's cells: from other cells and coordinate systems (resampled by their rule), types, scales,
-/// units and numbers of classes. Conversions are reported. Rule, names and colours are those of the
-/// first file, with new classes added. Features are rasterized to the cells of the trees, as by
-/// `spinney build`; whatever is outside of these is left out.
+/// file's cells, over the extents of all files (--extent). Other files are converted to the first:
+/// cells and coordinate system (resampled by their rule), type, scale, unit and numbers of classes.
+/// Conversions are reported. Rule, names and colours are those of the first file, with new classes
+/// added. Features are rasterized to the cells of the trees, as by `spinney build`; those outside
+/// are ignored.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -36,11 +36,11 @@ pub(crate) struct Args {
     /// File to write; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: Option<PathBuf>,
-    /// Width of the grid units that vertices of polygons are moved to, in units of the coordinates,
-    /// or the next smaller power of two [default: 2^-42 of the largest coordinate]
+    /// Width of the grid units for vertices of polygons: in units of the coordinates, rounded down
+    /// to a power of two [default: 2^-42 of the largest coordinate]
     #[arg(long, value_name = "WIDTH")]
     snap: Option<f64>,
-    /// Print which faces of two exact models the operation keeps, and which of them it reverses
+    /// Print which faces of two exact models are kept or reversed
     #[arg(long)]
     explain: bool,
     /// Print JSON: the table of `cross`
@@ -59,7 +59,7 @@ pub(crate) struct Args {
 /// Files, and the operation that merges them.
 #[derive(clap::Args)]
 pub(crate) struct MergingArgs {
-    /// Operation; see the list in `spinney combine --help`
+    /// Operation; `spinney help combine` lists them
     #[arg(value_parser = parse_operation)]
     operation: OperationName,
     /// Tree files of one kind, and feature files to be rasterized to their cells; exact models; or
@@ -72,13 +72,13 @@ pub(crate) struct MergingArgs {
     /// Value of cells that a set operation makes of VOID cells [default: 255 for bytes, else 1]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     fill: Option<Number>,
-    /// Region in which an operation fills cells that neither file has, a box in world coordinates:
-    /// west, south, east, north; of octrees all minimum and then all maximum coordinates; of
+    /// Region in which an operation fills cells that neither file has: a box in world coordinates
+    /// (west, south, east, north; for octrees all minimum and then all maximum coordinates); for
     /// polygons also a polygon file, for all operations [default: a raster's extent, an octree's
     /// root]
     #[arg(long, value_name = "BOX", value_parser = parse_within, conflicts_with = "margin")]
     within: Option<Within>,
-    /// Fill cells that neither file has, in the files' extents and this many cells around them
+    /// Fill cells that neither file has, in the files' extents (and this many cells around them)
     #[arg(long, value_name = "CELLS")]
     margin: Option<u32>,
     #[command(flatten)]
@@ -91,19 +91,22 @@ impl MergingArgs {
         let within = match &self.within {
             Some(Within::Box(low, high)) => Some(Universe::Within(*low, *high)),
             Some(Within::Polygons(path)) => {
-                bail!("{}: a file of polygons limits what is made of polygons; give a box", path.display())
+                bail!(
+                    "--within: {} is a polygon file, which works only with polygons; give a box",
+                    path.display()
+                )
             }
             None => None,
         };
         let name = &self.operation;
         let prefer =
             if self.values == "a" || self.values == "first" { Prefer::First } else { Prefer::Second };
-        ensure!(!name.is_partition(), "partition is for files of polygons");
-        let operation = name.operation(prefer).with_context(|| format!("{}: no such operation", name.0))?;
+        ensure!(!name.is_partition(), "partition: works only with polygon files");
+        let operation = name.operation(prefer).with_context(|| format!("{}: unknown operation", name.0))?;
         let universe = within.or(self.margin.map(Universe::Margin));
         ensure!(
             universe.is_none() || operation.needs_universe(),
-            "--within and --margin are for operations that fill what neither file has (those from 8 on)"
+            "--within and --margin: work only with operations from 8 on, which fill cells that neither file has"
         );
         Ok((operation, universe.unwrap_or_default()))
     }
@@ -111,13 +114,19 @@ impl MergingArgs {
     /// Returns the job of combining trees of cells.
     pub(crate) fn spec(&self, packing: spinney::raw::store::Packing, global: &Global) -> Result<JobSpec> {
         let name = &self.operation.0;
-        ensure!(!self.operation.is_table(), "{name} prints a table: `spinney combine {name}`");
+        ensure!(
+            !self.operation.is_table(),
+            "{name}: prints a table, which shards do not support; use `spinney combine {name}`"
+        );
         if let Some(file) = self.files.iter().find(|file| is_feature_file(file)) {
-            bail!("{}: features are not combined in shards: `spinney combine {name}`", file.display())
+            bail!(
+                "{}: is a feature file, which shards do not support; use `spinney combine {name}`",
+                file.display()
+            )
         }
         ensure!(
             !exact::any_model(&self.files, global)?,
-            "exact models are not combined in shards: `spinney combine {name}`"
+            "shards do not support exact models; use `spinney combine {name}`"
         );
         let (operation, universe) = self.on_trees()?;
         let (inputs, fill) = (self.files.clone(), self.fill);
@@ -127,32 +136,6 @@ impl MergingArgs {
 }
 
 const EXAMPLES: &str = "\
-Set operations; a cell is present if it is not VOID. By number (1: both, 2: A only, 4: B only,
-8: neither, added up) or by name. With 8, --within and --margin say where:
-   0 none     1 and (intersection)   2 a-b (difference)   3 a
-   4 b-a      5 b                    6 xor                7 or (union)
-   8 nor      9 xnor                10 not-b             11 a|!b
-  12 not     13 b|!a                14 nand              15 all     (not: of one file, too; or: of many)
-Solids whose cells tell coverage are combined by how far they fill cells, taken to overlap as far as they
-can: A-A is empty, volumes add up, and only cells with both surfaces can be off, by half a cell at most.
-Exact models (build --brep) are combined as surfaces, exactly. Those whose grids have no unit in common are moved to a
-common grid first, by less than a unit, with a warning (build all with one --snap to choose the unit). New
-corners are kept as fractions, and rounded to the grid only for questions and export. Operations with 8 have all
-that is far away. (0, 1, 2, 6, 7 and their complements are for any number of models.)
-Polygons of feature files (GeoJSON, GeoPackage, FlatGeobuf, shapefiles, CSV) are combined exactly, and written to such a file:
-a feature for each pair of features with something in common, with the attributes of both, or of the one that is there.
-Corners come to lie on a grid (--snap), on which no edges cross that did not. Operations with 8 need --within. And:
-  partition  all parts into which the borders of any number of files divide them, each with all that it came from
-Operations on values:
-  over       the first of any number of files that has something
-  mask       A where B has something
-  min max    of all files, where all have something
-  add        as min and max; sums are kept within what the type can hold
-  subtract   A minus the others, where all have something
-  equal      where A and B are the same
-  changed    where they differ: the value of B, or of A where B has none
-  cross      no tree but a table: which values of A meet which of B, in how many cells
-
 Examples:
   spinney combine union land.goblin lakes.goblin -o surface.goblin
   spinney combine a-b model.goblin drill.goblin -o part.goblin
@@ -161,7 +144,54 @@ Examples:
   spinney combine changed 2020.goblin 2025.goblin -o changes.goblin
   spinney combine cross 2020.goblin 2025.goblin
   spinney combine and soils.gpkg parcels.fgb -o soils_of_parcels.gpkg
-  spinney combine not part.goblin --margin 4 -o mould.goblin";
+  spinney combine not part.goblin --margin 4 -o mould.goblin
+
+Set operations, by name or number, the sum of 1 (both), 2 (A only), 4 (B only) and 8 (neither):
+   0  none                  nothing
+   1  and, intersection     in A and B
+   2  a-b, difference       in A, but not in B
+   3  a                     A
+   4  b-a                   in B, but not in A
+   5  b                     B
+   6  xor                   in A or B, but not in both
+   7  or, union             in A or B; of any number of files
+   8  nor                   neither in A nor in B
+   9  xnor                  in both or neither
+  10  not-b                 not in B
+  11  a|!b                  in A, or not in B
+  12  not                   not in A; also of one file
+  13  b|!a                  in B, or not in A
+  14  nand                  not in both
+  15  all                   everything
+
+Operations on values of cells:
+  over                      the first value that is not VOID, of any number of files
+  mask                      A where B has a value
+  min, max                  minimum or maximum of all files, where all have a value
+  add                       sum of all files, where all have a value; limited to the type's range
+  subtract                  A minus the others, where all have a value
+  equal                     A where both are equal
+  changed                   B where both differ, or A where B is VOID
+  cross                     print a table: which values of A meet which of B, in how many cells
+
+Operations on polygon files:
+  partition                 all areas into which the borders of any number of files divide them
+
+Trees: a cell is in a file if it is not VOID. --within or --margin says where operations from 8 on
+fill cells. With the rule occupancy, cells are combined by fullness, assuming the largest possible
+overlap: A-A is empty, volumes add up, and only cells with both surfaces can be wrong, by half a
+cell at most.
+
+Exact models (`build --brep`): surfaces are combined exactly. Models whose grids have no common unit
+are moved to a common grid first, by less than a unit, with a warning (build all with one --snap to
+choose the unit). New vertices are kept as fractions, and rounded to the grid only for queries and
+export. Results of operations from 8 on extend to infinity. Operations 0, 1, 2, 6, 7 and their
+complements take any number of models.
+
+Polygon files (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV): polygons are combined exactly, and
+written to such a file. A feature is the common area of a pair of features, or an area of one
+feature, with their attributes. Vertices are moved to a grid (--snap) so that no new crossings
+arise. Operations from 8 on need --within.";
 
 /// The region in which an operation fills cells that neither file has.
 #[derive(Clone, Debug)]
@@ -185,7 +215,7 @@ fn parse_box(text: &str) -> Result<([f64; 3], [f64; 3]), String> {
         return Ok(([west, south, 0.0], [east, north, 0.0]));
     }
     let six = numbers(text).map(|[a, b, c, d, e, f]: [f64; 6]| ([a, b, c], [d, e, f]));
-    six.ok_or_else(|| "expected 4 or 6 numbers with commas between them, or a file of polygons".into())
+    six.ok_or_else(|| "expected 4 or 6 numbers, separated by commas, or a polygon file".into())
 }
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
@@ -193,31 +223,38 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let Args { merging, output, snap, explain, json, memory, packing, limit, features } = args;
     let MergingArgs { operation: name, files, values, fill, within, margin, reconcile } = &merging;
     let fill = *fill;
-    ensure!(!explain || exact::any_model(files, global)?, "--explain is for exact models (`build --brep`)");
+    ensure!(
+        !explain || exact::any_model(files, global)?,
+        "--explain: works only with exact models (`build --brep`)"
+    );
     if name.is_table() {
-        ensure!(output.is_none(), "cross prints a table: leave out --output");
+        ensure!(output.is_none(), "--output: has no effect on cross, which prints a table");
         return table(files, reconcile, json, global);
     }
-    ensure!(!json, "--json is for the table of cross");
+    ensure!(!json, "--json: works only with cross");
     if files.iter().all(|file| is_feature_file(file)) {
         let given =
             [("--values", *values != "a"), ("--fill", fill.is_some()), ("--margin", margin.is_some())];
         let given = given.into_iter().chain(packing.given()).chain(reconcile.given());
         let given = given.into_iter().find(|(_, is_given)| *is_given);
-        ensure!(given.is_none(), "{} is not for polygons", given.map_or("", |(name, _)| name));
-        let path = output.context("--output is missing: where should the result go?")?;
+        ensure!(given.is_none(), "{}: has no effect on polygons", given.map_or("", |(name, _)| name));
+        let path = output.context("--output: expected a file to write")?;
         let is_solid = matches!(within, Some(Within::Box(low, high)) if low[2] != high[2]);
-        ensure!(!is_solid, "--within: polygons are within a box of four numbers, or a file of polygons");
+        ensure!(!is_solid, "--within: got 6 numbers, expected 4 or a polygon file: the inputs are polygons");
         let within = within.as_ref().map(|within| match within {
             Within::Box(low, high) => Region::Box([low[0], low[1]], [high[0], high[1]]),
             Within::Polygons(path) => Region::Polygons(path.clone()),
         });
         let filter = features.filter_alone()?;
-        return overlay::run(&Question { name: &name.0, files, filter, within, snap, memory }, &path, global);
+        return overlay::run(
+            &PairQuery { name: &name.0, files, filter, within, snap, memory },
+            &path,
+            global,
+        );
     }
-    ensure!(snap.is_none(), "--snap is for polygons (exact models have the grid that they were built on)");
+    ensure!(snap.is_none(), "--snap: works only with polygons; exact models keep their grid");
     let (operation, universe) = merging.on_trees()?;
-    let path = output.context("--output is missing: where should the result go?")?;
+    let path = output.context("--output: expected a file to write")?;
     check_output(files.iter().map(PathBuf::as_path), &path)?;
     if exact::any_model(files, global)? {
         let given = [
@@ -250,7 +287,8 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     global.report_conversions(&outcome.conversions);
     if let Some(universe) = outcome.universe {
         let ([x, y, z], [width, height, depth]) = (universe.min, universe.size());
-        global.report("universe", format_args!("{width} x {height} x {depth} cells from {x},{y},{z}"));
+        let what = "the region in which cells that no file has may be filled (--within, --margin)";
+        global.report("region", format_args!("{width} x {height} x {depth} cells from {x},{y},{z}: {what}"));
     }
     global.report("result", format_args!("{} cells, depth {}", outcome.after, outcome.depth));
     report_output(global, &path, start);
@@ -259,7 +297,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
 
 /// Prints the table of pairs of values.
 fn table(files: &[PathBuf], reconcile: &ReconcileArgs, json: bool, global: &Global) -> Result<()> {
-    let [first, second] = files else { bail!("cross takes two files, not {}", files.len()) };
+    let [first, second] = files else { bail!("cross: got {} files, expected 2", files.len()) };
     let work = Work::start(global, "cells")?;
     let (pairs, conversions) =
         ops::crosstab_files(first, second, &reconcile.options(), global.access(), &work)?;

@@ -10,7 +10,7 @@ use super::Global;
 use super::args::{Memory, OutputLimit, check_output};
 use super::report::{Work, commit, report_output};
 
-/// Write some commits of an Autumnal file to a new one, without the space that the others used.
+/// Copy some commits of an Autumnal file to a new, smaller file
 ///
 /// Commits keep their numbers, messages, authors and times. Other programs can continue to read the
 /// old file.

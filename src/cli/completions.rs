@@ -8,7 +8,7 @@ use clap_complete::Shell;
 
 use super::Cli;
 
-/// Print a completion script for a shell.
+/// Print a completion script for a shell
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

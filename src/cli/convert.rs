@@ -9,14 +9,14 @@ use super::Global;
 use super::args::{Memory, OutputFile, OutputLimit, Packing, check_output};
 use super::report::{Work, report_output};
 
-/// Write a tree unchanged to a file of the other format (or of the same).
+/// Convert between Goblin and Autumnal files, or change the packing
 ///
-/// Makes a compact, read-only Goblin file of an Autumnal file or of one of its commits, or an
-/// Autumnal file, which can be edited, if the output's name ends with .autumn. From Goblin to
-/// Autumnal and back the bytes stay the same.
+/// Writes the same tree: a compact, read-only Goblin file, or an Autumnal file, which can be
+/// edited, if the output's name ends with .autumn. Converting from Goblin to Autumnal and back
+/// gives the same bytes.
 ///
-/// Options choose the packing of segments, whatever those of the file are: plain by default.
-/// (Commands that copy layers, such as edit add-layer, do not change their packing.)
+/// Segments are plain unless --codec is given, whatever those of the file are. (Commands that copy
+/// layers, such as edit add-layer, keep their packing.)
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {

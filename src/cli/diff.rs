@@ -13,11 +13,11 @@ use super::Global;
 use super::args::{Memory, OutputLimit, Packing, ReconcileArgs, check_output};
 use super::report::{Work, print_json, print_text, report_output};
 
-/// Show where two trees differ, for example two commits of one file.
+/// Show where two trees or commits differ
 ///
 /// Prints how many cells were added, removed and changed, by their world coordinates. The second
-/// file is converted to the cells, the type, the scale, the units and the classes of the first, as
-/// by `combine`. Data that the commits share are not read.
+/// file is converted to the cells, type, scale, unit and classes of the first, as by `combine`.
+/// Data that commits share are not read.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -29,7 +29,7 @@ pub(crate) struct Args {
     /// where the second is VOID
     #[arg(short, long, value_name = "OUT.goblin")]
     output: Option<PathBuf>,
-    /// Print the runs of cells that differ, in FD order: the paths of the first and the last
+    /// Print the runs of cells that differ, in FD order: the paths of the first and the last cell
     #[arg(long, conflicts_with = "json")]
     ranges: bool,
     /// Print JSON
@@ -71,8 +71,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     global.report_conversions(&report.conversions);
     if report.origin != [0; 3] && args.ranges {
         let [x, y, z] = report.origin;
-        let text =
-            format_args!("paths are those of a grid that begins at cell {x},{y},{z} of the first file");
+        let text = format_args!("paths are on a grid that begins at cell {x},{y},{z} of the first file");
         global.report("grid", text);
     }
     let ops::Differences { added, removed, changed, blocks, runs } = report.differences;

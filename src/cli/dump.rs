@@ -8,10 +8,10 @@ use super::args::ViewedTree;
 use super::report::print_text;
 
 const EXAMPLES: &str = "Examples:
-  spinney dump classic.goblin            the literature's table
+  spinney dump classic.goblin            table of nodes, as in the literature
   spinney dump classic.goblin --df       the DF-expression
-  spinney dump classic.goblin --codes    FD code and value of every leaf
-  spinney dump classic.goblin --bintree  the DF-expression of a bintree, which `build` takes as a .bintree file";
+  spinney dump classic.goblin --codes    path, FD code and value of every leaf
+  spinney dump classic.goblin --bintree  the DF-expression of a bintree, as in .bintree files";
 
 /// Print a small tree in full
 #[derive(clap::Args)]
@@ -23,18 +23,18 @@ pub(crate) struct Args {
     /// leaves
     #[arg(long, conflicts_with = "codes")]
     df: bool,
-    /// Print the DF-expression of a bintree, which halves blocks along x, y (z), x ...: G (M)
-    /// inner, leaves as with --df
+    /// Print the DF-expression of a bintree: blocks are halved along x, y (z), x ...; G (M) inner,
+    /// leaves as with --df
     #[arg(long, conflicts_with_all = ["codes", "df"])]
     bintree: bool,
-    /// Halve each block of the bintree along the axis that gives the fewest nodes: X, Y or Z inner;
-    /// for at most 1024 x 1024 or 64 x 64 x 64 cells
+    /// Halve each block along the axis that gives the fewest nodes: X, Y or Z inner; for at most
+    /// 1024 x 1024 or 64 x 64 x 64 cells
     #[arg(long, requires = "bintree")]
     adaptive: bool,
     /// Print a line per leaf: path, FD code, value
     #[arg(long)]
     codes: bool,
-    /// Maximum number of records: larger trees are refused
+    /// Maximum number of records; larger trees are an error
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     limit: u64,
 }

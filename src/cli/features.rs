@@ -15,11 +15,11 @@ use spinney::raw::import::rasterize::Overlaps;
 use spinney::raw::ops::{MadeOperand, Outcome, ViewSource, combine_with};
 use spinney::{
     CombineOperation, CombineOptions, Coordinates, Header, Metadata, Number, Output, Progress, Rule,
-    ViewStep, WriteOptions,
+    ViewOperation, WriteOptions,
 };
 
 use super::Global;
-use super::args::{OutputLimit, vector_format};
+use super::args::{OutputLimit, vector_format_of};
 use super::report::{Work, report_output};
 
 /// Options that select features, and the rule for their cells.
@@ -29,8 +29,8 @@ pub(crate) struct FeatureCells {
     /// polygon touches) or area (by the largest share) [default: centre]
     #[arg(long, value_name = "RULE")]
     edge: Option<EdgeRule>,
-    /// Only features for which all conditions hold, as in 'type=Building,lod>=2': =, !=, <, <=, >
-    /// or >= between an attribute and a value
+    /// Only features for which all conditions hold, as in 'type=Building,height>=10': an
+    /// attribute, one of =, !=, <, <=, > and >=, and a value
     #[arg(long = "where", value_name = "CONDITION,...")]
     filter: Option<FeatureFilter>,
 }
@@ -69,9 +69,9 @@ impl FeatureCells {
         options.features.filter = self.filter.clone().unwrap_or_default();
         options.memory = how.memory;
         let laid = plan_features(files, &options, progress)?.tree(progress)?;
-        if how.tells_beyond && laid.beyond > 0 {
+        if how.warns_of_cells_outside && laid.beyond > 0 {
             let text = format!(
-                "{} features reach beyond the cells of the trees; what lies there is left out",
+                "{} features extend beyond the cells of the trees; the parts outside are ignored",
                 laid.beyond
             );
             progress.warn(&files[0], &text);
@@ -90,7 +90,7 @@ pub(crate) struct FeatureTerms {
     pub(crate) coordinates: Option<Coordinates>,
     pub(crate) memory: u64,
     /// Whether to report features that extend beyond the tree.
-    pub(crate) tells_beyond: bool,
+    pub(crate) warns_of_cells_outside: bool,
 }
 
 /// Returns the number that marks a cell as present.
@@ -100,14 +100,13 @@ fn full(header: &Header) -> Number {
 
 fn refuse(given: &[(&str, bool)], reason: &str) -> Result<()> {
     match given.iter().find(|(_, given)| *given) {
-        Some((option, _)) => bail!("{option} {reason}"),
+        Some((option, _)) => bail!("{option}: {reason}"),
         None => Ok(()),
     }
 }
 
 /// Options for features that are combined with trees.
 #[derive(clap::Args, Clone, Debug, Default)]
-#[command(next_help_heading = "Features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV)")]
 pub(crate) struct FeatureOperands {
     #[command(flatten)]
     values: FeatureValues,
@@ -128,13 +127,13 @@ impl FeatureOperands {
             ("--overlaps", self.values.overlaps.is_some()),
             ("--edge", self.cells.edge.is_some()),
         ];
-        refuse(&given, "is for features that are combined with trees")?;
+        refuse(&given, "works only with features that are combined with trees")?;
         Ok(self.cells.filter.clone().unwrap_or_default())
     }
 
     /// Fails if an option for features was given, where there are none.
     pub(crate) fn refuse(&self) -> Result<()> {
-        let reason = "is for features that are combined with trees";
+        let reason = "works only with features that are combined with trees";
         let given =
             [("--value", self.values.value.is_some()), ("--overlaps", self.values.overlaps.is_some())];
         refuse(&given, reason)?;
@@ -159,7 +158,7 @@ impl FeatureOperands {
             overlaps: self.values.overlaps.unwrap_or_default(),
             coordinates: None,
             memory: how.memory,
-            tells_beyond: true,
+            warns_of_cells_outside: true,
         };
         let make = |number: usize, header: &Header, metadata: &Metadata| {
             let file = std::slice::from_ref(&files[number]);
@@ -189,9 +188,10 @@ impl FeatureOperands {
 }
 
 /// Parses the value that `edit fill` gives cells of features: numbers, or an attribute.
-pub(crate) fn feature_value(texts: &[String]) -> Result<FeatureValue> {
-    let numbers: Result<Vec<Number>, _> = texts.iter().map(|text| text.trim().parse::<Number>()).collect();
-    match (numbers, texts) {
+pub(crate) fn feature_value(value_strings: &[String]) -> Result<FeatureValue> {
+    let numbers: Result<Vec<Number>, _> =
+        value_strings.iter().map(|text| text.trim().parse::<Number>()).collect();
+    match (numbers, value_strings) {
         (Ok(numbers), [_]) => Ok(FeatureValue::Number(numbers[0])),
         (Ok(numbers), _) => Ok(FeatureValue::Samples(numbers)),
         (Err(_), [name]) => Ok(FeatureValue::Attribute(name.clone())),
@@ -203,7 +203,7 @@ pub(crate) fn feature_value(texts: &[String]) -> Result<FeatureValue> {
 pub(crate) fn check_features(file: &Path, option: &str) -> Result<()> {
     ensure!(
         is_feature_file(file),
-        "{option}: {} is no file of features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV)",
+        "{option}: {} is not a feature file (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV)",
         file.display()
     );
     Ok(())
@@ -212,7 +212,7 @@ pub(crate) fn check_features(file: &Path, option: &str) -> Result<()> {
 /// A feature file to be reprojected.
 pub(crate) struct Reprojection<'a> {
     pub(crate) file: &'a Path,
-    pub(crate) steps: &'a [ViewStep],
+    pub(crate) steps: &'a [ViewOperation],
     pub(crate) allow_ballpark: bool,
 }
 
@@ -220,11 +220,11 @@ impl Reprojection<'_> {
     /// Writes the features, in the format of the output's name.
     pub(crate) fn write(&self, path: &Path, memory: u64, limit: &OutputLimit, global: &Global) -> Result<()> {
         let start = Instant::now();
-        global.check_options(self.file, "a file of features", &["--allow-ballpark"])?;
+        global.check_options(self.file, "a feature file", &["--allow-ballpark"])?;
         let steps = SystemChange::of_view(self.file, self.steps)?;
         let features = FeatureOptions { memory, ..FeatureOptions::default() };
-        let options = ReprojectOptions { steps, allow_ballpark: self.allow_ballpark, features };
-        let format = vector_format(None, path)?;
+        let options = ReprojectOptions { operations: steps, allow_ballpark: self.allow_ballpark, features };
+        let format = vector_format_of(path)?;
         let output = limit.create(path, global)?;
         let work = Work::start(global, "features")?;
         let written = reproject_features(self.file, &options, output, format, &work)?;

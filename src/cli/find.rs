@@ -12,42 +12,20 @@ use spinney::raw::report::class_as_json;
 use spinney::{Dataset, Number};
 
 use super::Global;
-use super::args::{Memory, PartOptions, ViewedTree};
+use super::args::{Memory, PartOptions, ViewedTree, class_value};
 use super::exact::{self, LeafKind};
 use super::features::{FeatureCells, FeatureTerms, check_features};
-use super::report::{Found, Work};
+use super::report::{Found, Work, warn};
 
 const EXAMPLES: &str = "Examples:
   spinney find relief.goblin --above 4000
   spinney find landcover.goblin --class 11 --largest 10
-  spinney find landcover.goblin --class 11 --in world --window 5,44,17,48 --json > blocks.txt
-  spinney find landcover.goblin --class 11 --within parks.gpkg --where 'kind=national'
-  spinney find bracket.goblin --leaf edge,vertex --limit 20
   spinney find city.goblin --object 'town hall'
-  spinney find city.city.json --contacts --snap 0.001
+  spinney find city.city.json --contacts --snap 0.001";
 
-Every cell that meets the condition is in one block, and no block is a part of a larger one. They come
-by place, in the order of their FD codes (Z order), or with --largest by size.
-
-A line has the block's FD code, level, first column and row, columns and rows, its box in the world
-(west, south, east, north, as --in world --window takes it; of octrees least x, y, z and greatest x, y, z), and its
-value if it has only one.
-
-Of exact models --leaf lists the octree's leaves. A line has the leaf's FD code, level, kind, position
-among the cells of its level, its box in the world, and how many faces cut it.
-
---object tells of an object by its name: a line has its number, its box in the world (least x, y, z and greatest x, y, z),
-its volume (- if it is not closed), and, each behind a tab, its name and what is said of it, as JSON.
-
---contacts lists pairs of objects: those of an exact model touch, or else it were none; those of a mesh file (of
-CityJSON, say) may also overlap. A line has how they do (touch; overlap; contains: the second is in the first; within:
-the first is in the second; equal), the volume of what is in both, the area of walls that lie on each other where they
-touch, a place that both have, and, each behind a tab, their names.";
-
-/// Find the blocks of the tree whose cells all satisfy a condition, or leaves and objects of an
-/// exact model
+/// Find blocks of cells by value, or leaves, objects and contacts of exact models
 #[derive(clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, override_usage = "spinney find [OPTIONS] <CONDITION> <FILE>")]
 pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
@@ -63,8 +41,7 @@ pub(crate) struct Args {
     features: FeatureCells,
     #[command(flatten)]
     memory: Memory,
-    /// Width of the grid units that vertices of a mesh file are moved to for --contacts [default:
-    /// that of `build --brep`]
+    /// Width of the grid units of a mesh file for --contacts [default: that of `build --brep`]
     #[arg(long, value_name = "WIDTH", requires = "contacts")]
     snap: Option<f64>,
     /// Maximum number of blocks
@@ -89,16 +66,16 @@ struct Wanted {
     /// Values less than this
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
     below: Option<Number>,
-    /// Values equal to this
+    /// Values equal to this: a number, or the name of a class
     #[arg(long, value_name = "K", allow_hyphen_values = true)]
-    class: Option<Number>,
+    class: Option<String>,
     /// Leaves of exact models, of these kinds
     #[arg(long, value_name = "KIND,...", value_delimiter = ',')]
     leaf: Option<Vec<LeafKind>>,
     /// Name of the object of an exact model to report: its number, box, volume and attributes
     #[arg(long, value_name = "NAME")]
     object: Option<String>,
-    /// Pairs of objects of an exact model, or of a mesh file, that touch or overlap
+    /// Pairs of objects that touch or overlap: of an exact model, or of a mesh file
     #[arg(long)]
     contacts: bool,
 }
@@ -132,17 +109,20 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         found.finish()?;
         return Ok(view.file().check_unchanged()?);
     }
-    ensure!(args.snap.is_none(), "--snap is for --contacts of mesh files");
+    ensure!(args.snap.is_none(), "--snap: works only with --contacts of mesh files");
     let has_place = args.part.is_given() || args.within.is_some();
-    ensure!(has_place || args.part.coordinates().given().is_none(), "--in is for --window and --within");
+    ensure!(
+        has_place || args.part.coordinates().given().is_none(),
+        "--in: works only with --window or --within"
+    );
     let tree = args.tree.open(global)?;
     let boxes = args.part.boxes(&tree)?;
-    let condition = match (*above, *below, *class) {
+    let condition = match (*above, *below, class) {
         (Some(bound), _, _) => Condition::Above(bound),
         (_, Some(bound), _) => Condition::Below(bound),
-        (_, _, Some(number)) => Condition::Equal(number),
+        (_, _, Some(class)) => Condition::Equal(class_value(&tree, "--class", class)?),
         _ => bail!(
-            "{}: is no exact model, which --leaf and --object are for; use --above, --below or --class",
+            "{}: is not an exact model, which --leaf and --object need; use --above, --below or --class",
             file.display()
         ),
     };
@@ -160,14 +140,27 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         }
     }
     found.finish()?;
+    if found.is_empty() {
+        warn_empty(&tree, args)?;
+    }
     Ok(tree.check_unchanged()?)
+}
+
+/// Prints a warning that no cell was found, with the values of a file. (Those of a view may take as
+/// long as the search.)
+fn warn_empty(tree: &Dataset, args: &Args) -> Result<()> {
+    let bounds = if args.tree.is_viewed() { Vec::new() } else { tree.exact_bounds()? };
+    let values =
+        bounds.first().map_or(String::new(), |(min, max)| format!("; values of the file are {min} to {max}"));
+    warn(&format!("{}: no cell satisfies the condition{values}", args.tree.file.display()));
+    Ok(())
 }
 
 impl Args {
     /// Returns the cells of the region of the search, as a tree.
     fn zones(&self, tree: &Dataset, global: &Global) -> Result<Option<Arc<ViewSource>>> {
         let Some(file) = &self.within else {
-            self.features.refuse("is for features: name their file with --within")?;
+            self.features.refuse("works only with --within")?;
             return Ok(None);
         };
         check_features(file, "--within")?;

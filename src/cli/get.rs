@@ -12,46 +12,27 @@ use spinney::raw::space::web_mercator_depth;
 use spinney::style::Style;
 use spinney::{Bounds, Dataset, Number, SampleType};
 
-use super::Global;
 use super::args::{
     OutputFile, PartOptions, Size, Slice, ViewedTree, check_output, level_of, numbers, parse_size,
-    parse_slice, parse_style, picture_format,
+    parse_slice, parse_style, raster_format,
 };
-use super::lines;
-use super::points::{self, PointPlaces};
+use super::points::{self, PointSelection};
 use super::report::{Work, report_output};
+use super::{Global, exact, lines};
 
 const EXAMPLES: &str = "Examples:
   spinney get world.goblin overview.png --size 1024x512
   spinney get world.goblin alps.tif --in world --window 5,44,17,48
   spinney get utm.goblin fiji.tif --in lonlat --window 176,-20,-178,-15
-  spinney get relief.goblin alps.png --in world --window 5,44,17,48 --range 0,4000
   spinney get relief.goblin alps.png --in world --window 5,44,17,48 --style hillshade
-  spinney get world.goblin part.npy --window 20000,5000,4096,4096 --level 12
   spinney get world.goblin - --format png --size 256x256 > tile.png
-  spinney get scene.goblin infrared.png --layer B08,B04,B03 --size 1000
-  spinney get house.goblin cut.png --slice y=120 --size 800x600
-  spinney get house.goblin floor.png --slice z=2.5 --in world
-  spinney get house.goblin solid.npy --level 7
-  spinney get house.goblin door.npy --window 100,40,0,64,64,32
-  spinney get scan.goblin street.laz --window 500100,5200100,500300,5200250 --where classification=2
-  spinney get roads.goblin bridges.gpkg --crossing rivers.gpkg
-
-The output is a picture or an array, by its name: .png, .webp (without loss), .tif, .exr, .npy, .nrrd or .raw. Several layers are bands
-of a .tif, .npy or .raw file, on the grid of the one with the smallest cells; two to four that are named are
-the colours of a .png or .webp, or of whatever has a --style.
-
-A slice across x or y has columns along y or x, and rows along z: pictures have the highest at the
-top, arrays the lowest first. Its --window counts so, too. An octree without --slice is an array of
-three dimensions, z, y, x, in .npy, .nrrd and .raw files; .nrrd has its place, units and tags, too.
-
-Of trees of points (.las, .laz, .csv, .ply, .npy) a window is least and greatest coordinates, and --level N those points that are spread
-evenly at that level and above: each deeper level adds some.
-
-Of trees of lines (.geojson, .gpkg, .fgb, .shp, .csv, .svg, .obj, .ply) come the whole features of which a line passes through the window, or
-crosses those of a file (--crossing).";
+  spinney get scene.goblin infrared.png --layer B08,B04,B03 --size 1000";
 
 /// Write any region at any level of detail as an image or array
+///
+/// The output's name selects the format: .png, .webp (lossless), .tif, .exr, .npy, .nrrd, .raw; for
+/// points .las, .laz, .csv, .ply, .npy; for lines .geojson, .gpkg, .fgb, .shp, .csv, .svg, .obj,
+/// .ply.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -65,13 +46,12 @@ pub(crate) struct Args {
     /// original cells
     #[arg(long, conflicts_with = "size")]
     level: Option<u8>,
-    /// Columns and rows, or the longer side, which keeps the aspect ratio. Continuous values are
-    /// averaged over each pixel's area, from a level with at least two cells along its sides
-    /// (error: at most half of the difference between the values within the cells at a pixel's
-    /// edges); classes are those at pixels' centres
+    /// Columns and rows, or the longer side (keeps the aspect ratio). Continuous values are
+    /// averages over pixels, to half a cell of a level with at least two cells along a pixel's
+    /// sides; classes are those at the centres of pixels
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<Size>,
-    /// Exact averages for --size, down to the deepest cells wherever a pixel's edge cuts a node
+    /// Exact averages for --size: the deepest cells are read wherever a pixel's edge cuts a node
     #[arg(long, requires = "size")]
     exact: bool,
     /// Slice of an octree perpendicular to an axis, as in z=12, x=3 or y=5: a cell of the deepest
@@ -79,29 +59,28 @@ pub(crate) struct Args {
     #[arg(long, value_name = "AXIS=N", value_parser = parse_slice)]
     slice: Option<Slice>,
     #[command(flatten)]
-    places: PointPlaces,
-    /// Lines of a feature file, reprojected to the tree's coordinate system: of a tree of lines the
-    /// features that they cross or touch are written
+    point_selection: PointSelection,
+    /// Lines of a feature file: write the features of a tree of lines that they cross or touch.
+    /// Lines are reprojected to the tree's coordinate system
     #[arg(long, value_name = "LINES", conflicts_with_all = ["window", "within", "ball"])]
     crossing: Option<PathBuf>,
     /// Attributes of points or lines to write, as in intensity,classification [default: all]
     #[arg(long, value_name = "NAME,...")]
     attribute: Option<String>,
-    /// Format, if the output's name does not say; points have las, laz, csv, ply and npy, lines
-    /// geojson, csv, svg, gpkg, fgb, shp, obj and ply
+    /// Format [default: by the output's extension]
     #[arg(long, value_parser = ["png", "webp", "tif", "exr", "npy", "nrrd", "raw", "las", "laz", "csv", "ply", "geojson", "svg", "gpkg", "fgb", "shp", "obj"])]
     format: Option<String>,
     /// Nodata number for VOID; an error if it lies within the values [default: the layer's own if
-    /// no value can be equal to it, else NaN or an end of the type's range; where none is free,
-    /// .tif gets a mask]
+    /// no value can be equal to it, else NaN or an end of the type's range; if none is free, .tif
+    /// has a mask]
     #[arg(long, allow_hyphen_values = true)]
     nodata: Option<Number>,
-    /// Colours: a style's name (viridis, terrain, hillshade, relief, terrain-rgb ...), its JSON or
-    /// a file with it; see docs/styles.md [default: the values themselves; .webp, and .png of
-    /// others than u8 and u16: the style "default"]
+    /// Colours: a style's name (viridis, terrain, hillshade, relief ...), its JSON or a file with
+    /// it (docs/styles.md) [default: the values; .webp, and .png unless u8 or u16: the style
+    /// "default"]
     #[arg(long, value_name = "STYLE", value_parser = parse_style, conflicts_with = "nodata")]
     style: Option<Style>,
-    /// Grey between two numbers, which become black and white: shorthand for a style
+    /// Grey between two numbers (black, white); shorthand for a style
     #[arg(long, value_name = "A,B", value_parser = parse_range, conflicts_with = "style")]
     range: Option<[f64; 2]>,
 }
@@ -114,20 +93,27 @@ fn parse_range(text: &str) -> Result<[f64; 2], String> {
 }
 
 /// Error message for coordinates without a window or slice.
-const IN_IS_FOR: &str = "--in is for --window and --slice";
+const IN_IS_FOR: &str = "--in: works only with --window or --slice";
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let path = args.output.path();
+    if exact::open(&args.tree.file, global)?.is_some() {
+        let file = args.tree.file.display();
+        bail!(
+            "{file}: is an exact model, which has no cells; `spinney render {file} -o IMAGE.png` writes an image, `spinney section {file} z=HEIGHT -o OUTLINE.svg` \
+             a section, `spinney export {file} SURFACE.ply` the surface; or make cells: `spinney build {file} --cells N -o CELLS.goblin`"
+        );
+    }
     if let Some(tree) = lines::open(&args.tree.file, global)? {
         let fitting = ["--output", "--format", "--window", "--in", "--crossing", "--attribute"];
         global.check_options(&args.tree.file, lines::KIND, &fitting)?;
         ensure!(args.part.is_given() || args.part.coordinates().given().is_none(), IN_IS_FOR);
         let format = args.format.as_deref();
-        let places = (&args.part, args.crossing.as_deref());
-        return lines::get(&tree, places, (path, format), args.attribute.as_deref(), global);
+        let point_selection = (&args.part, args.crossing.as_deref());
+        return lines::get(&tree, point_selection, (path, format), args.attribute.as_deref(), global);
     }
-    ensure!(args.crossing.is_none(), "--crossing is for trees of lines");
+    ensure!(args.crossing.is_none(), "--crossing: works only with trees of lines");
     if let Some(tree) = points::open(&args.tree.file, global)? {
         let fitting = [
             "--output",
@@ -142,7 +128,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         ];
         global.check_options(&args.tree.file, points::KIND, &fitting)?;
         ensure!(args.part.is_given() || args.part.coordinates().given().is_none(), IN_IS_FOR);
-        let selection = args.places.selection(&tree, &args.part, args.level, global)?;
+        let selection = args.point_selection.selection(&tree, &args.part, args.level, global)?;
         return points::get(
             &tree,
             &selection,
@@ -151,11 +137,11 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             global,
         );
     }
-    let of_points = args.places.given().or(args.attribute.as_ref().map(|_| "--attribute"));
+    let of_points = args.point_selection.given().or(args.attribute.as_ref().map(|_| "--attribute"));
     if let Some(option) = of_points {
-        bail!("{option}: is for trees of points and of lines");
+        bail!("{option}: works only with trees of points or lines");
     }
-    let format = picture_format(path, args.format.as_deref(), ".png, .webp, .tif, .exr, .npy, .nrrd or .raw");
+    let format = raster_format(path, args.format.as_deref(), ".png, .webp, .tif, .exr, .npy, .nrrd or .raw");
     // Images have layers as colours; arrays have them as bands.
     let is_drawn = args.style.is_some() || args.range.is_some() || args.slice.is_some();
     let is_drawn = is_drawn || matches!(format, Ok(Format::Png | Format::Webp | Format::Exr));
@@ -177,19 +163,23 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let is_cut = args.slice.is_some() || args.size.is_some() || style.is_some();
     ensure!(
         !args.part.is_solid() || !is_cut,
-        "--window: six numbers are a part of an octree as an array; --slice, --size, --style and --range are for pictures, with four"
+        "--window: got 6 numbers, which select an array, expected 4 with --slice, --size, --style or --range"
     );
     if args.part.is_solid() || is_octree && is_array && !is_cut {
         return array(args, &tree, format, global, start);
     }
-    let picture = picture(&tree, global)?;
+    let default_region = default_region(&tree, global)?;
     let slice = args.slice.unwrap_or(Slice::FLOOR);
-    ensure!(is_octree || slice.axis == 2, "--slice: {} is a quadtree", args.tree.file.display());
+    ensure!(
+        is_octree || args.slice.is_none(),
+        "{}: is a quadtree, which has no slices; --slice works only with octrees",
+        args.tree.file.display()
+    );
     let across = slice.axis;
     let boxes = args.part.slice_boxes(&tree, across)?;
     let (tree, mut bounds) = match boxes.as_deref() {
-        None => (tree, picture),
-        Some([west, east]) => across_seam(tree, west, east)?,
+        None => (tree, default_region),
+        Some([west, east]) => across_east_edge(tree, west, east)?,
         Some(boxes) => (tree, boxes[0]),
     };
     let is_placed = args.slice.is_some() && !coordinates.are_cells();
@@ -231,7 +221,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     global.report_approximate(&tree, request.level(&tree)?);
     let output = global.access().create(path)?;
     export_window(&tree, &request, output, format, &progress)
-        .with_context(|| format!("cannot write {}", path.display()))?;
+        .with_context(|| format!("{}: cannot write", path.display()))?;
     progress.finish();
     let detail =
         if args.size.is_some() { String::new() } else { format!(", level {level} of {}", tree.depth()) };
@@ -245,16 +235,16 @@ fn layers(args: &Args, trees: Vec<Dataset>, format: Format, global: &Global, sta
     let path = args.output.path();
     ensure!(
         args.style.is_none() && args.range.is_none() && !matches!(format, Format::Png | Format::Webp),
-        "--style, --range, .png and .webp are for one layer (--layer NAME), or two to four as colours (--layer A,B,C); all are written to .tif, .npy and .raw"
+        "--style, --range, .png and .webp: work only with one layer (--layer NAME), or two to four as colours (--layer A,B,C); for all layers, use .tif, .npy or .raw"
     );
-    ensure!(args.slice.is_none(), "--slice: is for one layer (--layer NAME)");
+    ensure!(args.slice.is_none(), "--slice: works only with one layer; add --layer NAME");
     // All layers use the grid of the one with the smallest cells.
     let depth = trees.iter().map(Dataset::depth).max().unwrap_or(0);
     let finest = trees.iter().position(|tree| tree.depth() == depth).unwrap_or(0);
     let names: Vec<String> = trees.iter().map(|tree| tree.metadata().name.clone()).collect();
     ensure!(
         trees.iter().all(|tree| tree.depth() == depth) || !args.tree.is_viewed(),
-        "--view: layers of different cells are seen one by one (--layer NAME)"
+        "--view: works only with one layer if their cells differ; add --layer NAME"
     );
     let trees = match trees.iter().all(|tree| tree.depth() == depth) {
         true => trees,
@@ -263,12 +253,18 @@ fn layers(args: &Args, trees: Vec<Dataset>, format: Format, global: &Global, sta
         }
     };
     let tree = &trees[finest];
-    ensure!(tree.header().form.axes() == 2, "an octree's layers are written one by one (--layer NAME)");
+    ensure!(
+        tree.header().form.axes() == 2,
+        "{}: has layers that are octrees, expected one; add --layer NAME",
+        args.tree.file.display()
+    );
     let boxes = args.part.slice_boxes(tree, 2)?;
     let bounds = match boxes.as_deref() {
-        None => picture(tree, global)?,
+        None => default_region(tree, global)?,
         Some([one]) => *one,
-        Some(_) => bail!("--window: a part across the seam is written layer by layer (--layer NAME)"),
+        Some(_) => {
+            bail!("--window: crosses the tree's east edge, which works only with one layer; add --layer NAME")
+        }
     };
     let level = level_of(tree, args.level)?;
     let [columns, rows] = [0, 1].map(|axis| bounds.size()[axis]);
@@ -281,7 +277,7 @@ fn layers(args: &Args, trees: Vec<Dataset>, format: Format, global: &Global, sta
     request.nodata = args.nodata;
     let progress = Work::start(global, "pixels")?;
     export_layers(&trees, &request, global.access().create(path)?, format, &progress)
-        .with_context(|| format!("cannot write {}", path.display()))?;
+        .with_context(|| format!("{}: cannot write", path.display()))?;
     progress.finish();
     global.report("layers", format_args!("{}", names.join(", ")));
     report_output(global, path, start);
@@ -290,19 +286,19 @@ fn layers(args: &Args, trees: Vec<Dataset>, format: Format, global: &Global, sta
 
 /// Returns the default region: the raster's extent, or, for the web map grid of the whole world,
 /// the box of all data.
-pub(crate) fn picture(tree: &Dataset, global: &Global) -> Result<Bounds> {
+pub(crate) fn default_region(tree: &Dataset, global: &Global) -> Result<Bounds> {
     let header = tree.header();
     if web_mercator_depth(&tree.metadata().frame, header.extent).is_none() {
-        return Ok(header.picture());
+        return Ok(header.extent_bounds());
     }
-    let bounds = tree.data_box()?.unwrap_or(header.picture());
-    if bounds != header.picture() {
+    let bounds = tree.data_box()?.unwrap_or(header.extent_bounds());
+    if bounds != header.extent_bounds() {
         let [column, row, _] = bounds.min;
         let [width, height, _] = bounds.size();
         global.report(
             "window",
             format_args!(
-                "{column},{row},{width},{height}: where data are in the world's {} cells a side",
+                "{column},{row},{width},{height}: the box of all data; the world has {} cells a side",
                 header.extent[0]
             ),
         );
@@ -311,20 +307,20 @@ pub(crate) fn picture(tree: &Dataset, global: &Global) -> Result<Bounds> {
 }
 
 /// Returns a view of the tree whose columns start at the western box, so that the boxes on both
-/// sides of the seam are adjacent, and the box of both.
-fn across_seam(tree: Dataset, west: &Bounds, east: &Bounds) -> Result<(Dataset, Bounds)> {
+/// sides of the tree's east edge are adjacent, and the box of both.
+fn across_east_edge(tree: Dataset, west: &Bounds, east: &Bounds) -> Result<(Dataset, Bounds)> {
     let extent = [west.size()[0] + east.size()[0], west.size()[1], 1];
     let origin = west.min.map(|cell| cell as f64);
     let frame = tree.metadata().frame.shifted(origin);
     let tree = tree.warped(&WarpGrid { frame, extent })?;
-    Ok((tree, Bounds::picture(extent)))
+    Ok((tree, Bounds::of_extent(extent)))
 }
 
 /// Writes a box of an octree, or all of it.
 fn array(args: &Args, tree: &Dataset, format: Format, global: &Global, start: Instant) -> Result<()> {
     let path = args.output.path();
     let level = level_of(tree, args.level)?;
-    let advice = "octrees have none: ask for the two parts one by one";
+    let advice = "write each box on its own";
     let bounds = match args.part.bounds(tree, advice)? {
         None => tree.extent_at(level),
         Some(part) => {
@@ -339,7 +335,7 @@ fn array(args: &Args, tree: &Dataset, format: Format, global: &Global, start: In
     let progress = Work::start(global, "cells")?;
     let output = global.access().create(path)?;
     export_array(tree, &request, output, format, &progress)
-        .with_context(|| format!("cannot write {}", path.display()))?;
+        .with_context(|| format!("{}: cannot write", path.display()))?;
     progress.finish();
     let [width, height, depth] = bounds.size();
     global.report("cells", format_args!("{width} x {height} x {depth}, level {level} of {}", tree.depth()));

@@ -15,7 +15,8 @@ use spinney::raw::store::{FileReference, LevelCounts, TagScope};
 use spinney::{Codec, Crs, Dataset, Frame, Metadata};
 
 use super::args::LayerOption;
-use super::report::unit::{behind_number, unit};
+use super::report::quantity::counted;
+use super::report::unit::{suffix, unit};
 use super::report::{commit, print_json, print_text, shortened};
 use super::{Global, exact, lines, open, points};
 
@@ -23,7 +24,7 @@ const EXAMPLES: &str = "Examples:
   spinney info world.goblin
   spinney info world.goblin --json > world.json";
 
-/// Show a file's contents
+/// Print a file's properties
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -31,8 +32,8 @@ pub(crate) struct Args {
     file: PathBuf,
     #[command(flatten)]
     layer: LayerOption,
-    /// Count the nodes of each level also where that takes long: in .autumn files of more than 4
-    /// million records
+    /// Count the nodes of each level of any file: by default, not in .autumn files of more than 4
+    /// million records, where it takes long
     #[arg(long)]
     levels: bool,
     /// Print JSON
@@ -90,7 +91,7 @@ fn layers_as_text(tree: &Dataset, layers: &[LayerInfo]) -> Result<String> {
     if let Some(commit) = tree.commit() {
         writeln!(text, "commit      {}{}", commit.number, commit::about(commit))?;
     }
-    write_place(&mut text, tree)?;
+    write_georeferencing(&mut text, tree)?;
     if let Some(crs) = &tree.metadata().frame.crs {
         writeln!(text, "crs         {crs}")?;
     }
@@ -178,7 +179,7 @@ fn as_json(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
         json!({ "level": level, "segments": segments, "packed": packed, "bytes": bytes, "plain_bytes": plain })
     };
     let segments = segments.map(|levels| levels.iter().map(of_level).collect::<Vec<_>>());
-    let [low, high] = metadata.frame.world_box(&header.picture());
+    let [low, high] = metadata.frame.world_box(&header.extent_bounds());
     let sections: serde_json::Map<_, _> =
         tree.sections().into_iter().map(|(name, bytes)| (name.to_string(), json!(bytes))).collect();
     let classes: Vec<_> = stats
@@ -268,7 +269,7 @@ fn crs_as_json(crs: &Crs) -> serde_json::Value {
 
 fn as_text(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Result<String> {
     let mut text = String::new();
-    write_picture(&mut text, tree)?;
+    write_raster(&mut text, tree)?;
     write_storage(&mut text, tree)?;
     write_segments(&mut text, tree, segments)?;
     write_values(&mut text, tree)?;
@@ -305,7 +306,7 @@ fn control_points_as_json(metadata: &Metadata) -> Option<serde_json::Value> {
 }
 
 /// Writes the tree's type, size, and georeferencing.
-fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
+fn write_raster(text: &mut String, tree: &Dataset) -> Result<()> {
     let (header, metadata) = (tree.header(), tree.metadata());
     writeln!(text, "{}: {} {}", shown(tree.name()), tree.format().name(), tree_name(tree))?;
     if let Some(commit) = tree.commit() {
@@ -324,7 +325,7 @@ fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
     let (size, depth) = (size.join(" x "), header.depth());
     writeln!(text, "size        {size} cells of {}, depth {depth}", header.form.value)?;
     writeln!(text, "values      {}, averaged by {}", header.kind, header.rule)?;
-    write_place(text, tree)?;
+    write_georeferencing(text, tree)?;
     if let Some(crs) = &metadata.frame.crs {
         writeln!(text, "crs         {crs}")?;
         if crs.numbers().is_none() {
@@ -346,7 +347,7 @@ fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
 }
 
 /// Writes the georeferencing of the cells.
-fn write_place(text: &mut String, tree: &Dataset) -> Result<()> {
+fn write_georeferencing(text: &mut String, tree: &Dataset) -> Result<()> {
     let (frame, axes) = (&tree.metadata().frame, tree.header().form.axes());
     let list = |numbers: &[f64], between: &str| -> String {
         numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(between)
@@ -359,8 +360,8 @@ fn write_place(text: &mut String, tree: &Dataset) -> Result<()> {
         }
         writeln!(text, "origin      {}", list(&frame.to_world([0.0; 3]), ", "))?;
     }
-    let [low, high] = frame.world_box(&tree.header().picture());
-    writeln!(text, "cell        {}{}", list(&cell_size(frame)[..axes], " x "), behind_number(tree, ""))?;
+    let [low, high] = frame.world_box(&tree.header().extent_bounds());
+    writeln!(text, "cell        {}{}", list(&cell_size(frame)[..axes], " x "), suffix(tree, ""))?;
     writeln!(text, "world       {} to {}", list(&low[..axes], ","), list(&high[..axes], ","))?;
     Ok(())
 }
@@ -383,9 +384,10 @@ fn write_storage(text: &mut String, tree: &Dataset) -> Result<()> {
             writeln!(text, "records     {}; {}", tree.stored_records(), commit::written(commit))?;
         }
         None => {
-            let (places, segments) = (tree.stored_records(), tree.segments());
+            let (slots, segments) = (tree.stored_records(), tree.segments());
             let records = tree.metadata().counts.records();
-            writeln!(text, "records     {records}, in {places} places of {segments} segments")?;
+            let segments = counted(segments as u64, "segment");
+            writeln!(text, "records     {records} inner nodes, in {slots} record slots of {segments}")?;
         }
     }
     Ok(())
@@ -407,7 +409,7 @@ fn write_segments(text: &mut String, tree: &Dataset, segments: Segments<'_>) -> 
 /// Writes the cell count, and the classes, or else the statistics of each channel.
 fn write_values(text: &mut String, tree: &Dataset) -> Result<()> {
     /// Maximum number of listed classes.
-    const MOST: usize = 32;
+    const MAX_CLASSES: usize = 32;
     let stats = tree.statistics(None, &())?;
     writeln!(text, "cells       {}, and {} VOID", stats.cells, stats.void_cells)?;
     if stats.classes.is_empty() {
@@ -422,7 +424,7 @@ fn write_values(text: &mut String, tree: &Dataset) -> Result<()> {
     }
     writeln!(text, "classes     {}", stats.classes.len())?;
     let metadata = tree.metadata();
-    for (value, cells) in stats.classes.iter().take(MOST) {
+    for (value, cells) in stats.classes.iter().take(MAX_CLASSES) {
         let colour = metadata
             .palette
             .as_ref()
@@ -431,8 +433,8 @@ fn write_values(text: &mut String, tree: &Dataset) -> Result<()> {
         let name = metadata.class_names.get(value).map(String::as_str).unwrap_or_default();
         writeln!(text, "{value:>8} {cells:>14} cells{colour}  {name}")?;
     }
-    if stats.classes.len() > MOST {
-        writeln!(text, "         and {} more", stats.classes.len() - MOST)?;
+    if stats.classes.len() > MAX_CLASSES {
+        writeln!(text, "         and {} more", stats.classes.len() - MAX_CLASSES)?;
     }
     Ok(())
 }

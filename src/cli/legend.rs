@@ -26,7 +26,7 @@ pub(crate) struct Args {
     /// tree's own]
     #[arg(long, value_name = "STYLE", value_parser = parse_style)]
     style: Option<Style>,
-    /// Format, if the output's name does not say
+    /// Format [default: by the output's extension]
     #[arg(long, value_parser = ["png", "svg", "json"])]
     format: Option<String>,
     /// Scale factor of a .png [default: 2]
@@ -44,12 +44,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         bail!("{}: unknown format; use .png, .svg or .json, or --format", path.display());
     };
     if args.scale.is_some() && !matches!(format, LegendFormat::Png(_)) {
-        bail!("--scale: is for .png; {} is none", path.display());
+        bail!("--scale: works only with .png, not with {}", path.display());
     }
     let style = args.style.clone().unwrap_or_else(|| Style::default_for(&tree));
     let progress = Work::start(global, "cells")?;
     let legend = StylePainter::new(&style, &tree, &progress)?.legend(&tree)?;
     tree.check_unchanged()?;
     export_legend(&legend, global.access().create(path)?, format)
-        .with_context(|| format!("cannot write {}", path.display()))
+        .with_context(|| format!("{}: cannot write", path.display()))
 }

@@ -9,14 +9,13 @@ use spinney::raw::manifest::list_files;
 use super::Global;
 use super::report::{Work, warn};
 
-/// Make a manifest of tree files, or change one: a JSON file that combines many files into one,
-/// wherever a tree file is expected.
+/// Make or change a manifest: a JSON file that opens many trees as one
 ///
-/// The files have one grid of cells and values of one kind. Cells without data in any file are
-/// VOID; where two files overlap the later one lies on top. Files are named relative to the
-/// manifest if they are given so. A manifest is replaced as a whole: readers see the old one or the
-/// new one. If two processes change it at the same time, one of them fails and reports to try
-/// again.
+/// A manifest is accepted wherever a tree file is. Its files have one grid of cells and values of
+/// one kind. Cells without data in any file are VOID; where two files overlap, the later one is on
+/// top. Files given by relative paths are listed relative to the manifest. A manifest is replaced
+/// as a whole: readers see the old one or the new one. If two processes change it at the same time,
+/// one of them fails and must be run again.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -46,12 +45,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let is_update = !args.add.is_empty() || !args.remove.is_empty();
     ensure!(
         is_update || !args.files.is_empty(),
-        "name files to list, or files to --add to the manifest or to --remove from it"
+        "expected files to list, or --add or --remove to change the manifest"
     );
     let listed = args.files.iter().chain(&args.add);
     listed.filter(|file| url_of(file).is_some_and(|url| shown(file) != url)).for_each(|file| {
         warn(&format!(
-            "{}: query and password are not stored; --signed-urls supplies them again",
+            "{}: the URL's query and password are not stored; --signed-urls supplies them again",
             shown(file)
         ));
     });

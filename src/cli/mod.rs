@@ -16,6 +16,7 @@ mod export;
 mod features;
 mod find;
 mod get;
+mod help;
 mod info;
 mod legend;
 mod lines;
@@ -35,7 +36,6 @@ mod show;
 mod signals;
 mod stats;
 mod stdio;
-mod tasks;
 mod transform;
 mod verify;
 #[cfg(test)]
@@ -45,7 +45,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Result;
-use clap::{FromArgMatches as _, Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use spinney::Dataset;
 use spinney::FileAccess;
 
@@ -64,18 +64,17 @@ struct Cli {
 }
 
 const EXAMPLES: &str = "\
-Start here:
-  spinney build world.tif -o world.goblin              make a tree of a picture
-  spinney show world.goblin                            look at it, here in the terminal
-  spinney info world.goblin                            see what is in it
-  spinney get world.goblin -o small.png --size 1024    a picture of it
-  spinney build bunny.ply -o bunny.goblin              make a tree of a solid
-  spinney render bunny.goblin -o bunny.png             a picture of that
-  spinney build world.tif -o world.autumn              make a tree that can be edited
-  spinney help edit                                    all about that
-  spinney help build                                   all about building
+Examples:
+  spinney build world.tif -o world.goblin              build a tree of a raster
+  spinney show world.goblin                            show it in the terminal
+  spinney info world.goblin                            print its properties
+  spinney get world.goblin -o small.png --size 1024    write an image of it
+  spinney build bunny.ply -o bunny.goblin              build a tree of a solid
+  spinney render bunny.goblin -o bunny.png             write an image of the solid
+  spinney build world.tif -o world.autumn              build a tree that can be edited
+  spinney help build                                   describe a command
 
-Exit codes: 0 fine, 1 failure, 2 wrong usage, 130 interrupted.";
+Exit codes: 0 success, 1 failure, 2 usage error, 130 interrupted.";
 
 /// Subcommands. A new one is a module, a variant here and an arm in [`Command::run`].
 #[derive(Subcommand)]
@@ -155,20 +154,35 @@ fn open(path: &Path, access: &FileAccess) -> Result<Dataset> {
     Ok(tree)
 }
 
+/// Returns the program's arguments.
+fn program() -> clap::Command {
+    Cli::command()
+}
+
 /// Runs the program with its command-line arguments.
 pub(crate) fn main() -> ExitCode {
-    let mut program = tasks::program();
-    let parsed = program.try_get_matches_from_mut(words()).and_then(|matches| {
+    let words: Vec<_> = words().collect();
+    if let Some(page) = help::page(&words) {
+        return match page {
+            Ok(page) => report::print_help(&page),
+            Err(error) => report::explain_usage(&error),
+        };
+    }
+    let mut program = program();
+    let parsed = program.try_get_matches_from_mut(words).and_then(|matches| {
         let mut cli = Cli::from_arg_matches(&matches)?;
         cli.global.remember(&program, &matches);
         Ok(cli)
     });
     let Cli { mut global, command } = match parsed {
         Ok(cli) => cli,
-        Err(error) => return report::explain_usage(&error),
+        Err(mut error) => {
+            report::suggest_output(&mut error, &program);
+            return report::explain_usage(&error);
+        }
     };
     stdio::refuse_closed_stdout();
-    signals::tell_lost_pages();
+    signals::report_lost_pages();
     let done = global.start().map_err(anyhow::Error::from).and_then(|()| command.run(&global));
     global.finish();
     match done {
@@ -176,10 +190,10 @@ pub(crate) fn main() -> ExitCode {
         Err(error) => {
             let code = exit_code(&error);
             if code != BROKEN_PIPE {
-                report::complain(&error);
+                report::complain(&error, global.given());
             }
             if stdio::stdout_was_closed() {
-                report::complain(&anyhow::anyhow!("standard output is closed"));
+                report::complain(&anyhow::anyhow!("standard output is closed"), global.given());
             }
             ExitCode::from(code)
         }
@@ -188,10 +202,8 @@ pub(crate) fn main() -> ExitCode {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     #[test]
     fn arguments_are_consistent() {
-        super::Cli::command().debug_assert();
+        super::program().debug_assert();
     }
 }

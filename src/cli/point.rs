@@ -12,7 +12,7 @@ use spinney::raw::report::{OUTSIDE, PointLayers};
 use spinney::{Coordinates, Dataset, WorldLocator};
 
 use super::args::{CoordinatesOption, ViewedTree, level_of};
-use super::exact::PointQuestion;
+use super::exact::PointQuery;
 use super::report::warn;
 use super::{Global, exact, lines, points};
 
@@ -30,10 +30,15 @@ const EXAMPLES: &str = "Examples:
   spinney point house.goblin --rays all < rays.csv > hits.csv
   spinney point roads.goblin --in lonlat 7.66,45.98 --nearest 3
 
-A line of the answer has a point's samples, those of all layers, `void` where nothing is there, or `outside` of the tree's picture; of exact models `inside`, `outside` or `boundary`, or with --distance how far the surface is: negative inside. With --rays there is a line of CSV \
-for each place where a ray, given by its origin and direction, passes through the surface: the number of the ray from 1, the distance in lengths of the \
-direction, the place, numbers of the face and its part, and 1 if the ray enters there. Lines of standard input are `X,Y` or `X Y`;
-octrees need X,Y,Z.";
+An output line has the samples of a point, those of all layers, `void` where there is no data, or
+`outside` outside of the raster.
+
+Exact models: `inside`, `outside` or `boundary`; with --distance the distance from the surface,
+negative inside; with --rays a line of CSV for each intersection of a ray, given by origin and
+direction, with the surface: the number of the ray from 1, the distance in lengths of the direction,
+the position, the numbers of the face and its part, and 1 if the ray enters the body there.
+
+Lines of standard input are `X,Y` or `X Y`; octrees need X,Y,Z.";
 
 /// Query the values of single cells
 #[derive(clap::Args)]
@@ -52,23 +57,23 @@ pub(crate) struct Args {
     /// Print JSON: a line for each point, with names and times of the layers
     #[arg(long)]
     json: bool,
-    /// Name of the object of an exact model that a point is in or on, after its location and a tab:
-    /// the object with the nearest surface
+    /// Name of the object of an exact model that a point is in or on: the one with the nearest
+    /// surface, after the point's location and a tab
     #[arg(long, conflicts_with_all = ["distance", "rays"])]
     object: bool,
-    /// Signed distance from the surface of an exact model, negative inside, instead of the location
+    /// Signed distance from the surface of an exact model: negative inside, instead of the location
     #[arg(long)]
     distance: bool,
-    /// Find the nearest K points or features of a tree of points or of lines; a result line has the
+    /// Find the nearest K points or features (trees of points or lines); an output line has the
     /// query point's number, the distance and the coordinates, for lines those of the nearest point
     /// and the feature's number, from 0; distance and coordinates are in the tree's own system,
     /// whatever --in says [default: 1]
     #[arg(long, value_name = "K")]
     nearest: Option<usize>,
-    /// Maximum distance of these points or lines [default: any]
+    /// Maximum distance of the nearest points or lines [default: any]
     #[arg(long, value_name = "DISTANCE")]
     radius: Option<f64>,
-    /// Points where rays X,Y,Z,DX,DY,DZ cross the surface of an exact model: first or all
+    /// Points where rays cross the surface of an exact model: first or all; a ray is X,Y,Z,DX,DY,DZ
     #[arg(long, value_name = "WHICH", value_parser = ["first", "all"], conflicts_with = "distance")]
     rays: Option<String>,
 }
@@ -92,11 +97,11 @@ impl Args {
     }
 
     /// Returns the query for points of exact models.
-    fn question(&self) -> PointQuestion {
+    fn query(&self) -> PointQuery {
         match (self.object, self.distance) {
-            (true, _) => PointQuestion::Object,
-            (false, true) => PointQuestion::Distance,
-            (false, false) => PointQuestion::Place,
+            (true, _) => PointQuery::Object,
+            (false, true) => PointQuery::Distance,
+            (false, false) => PointQuery::Position,
         }
     }
 }
@@ -124,7 +129,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         )?;
         return match &args.rays {
             Some(which) => exact::rays(&view, &args.points, which == "all"),
-            None => exact::points(&view, &args.points, args.question()),
+            None => exact::points(&view, &args.points, args.query()),
         };
     }
     if let Some(tree) = lines::open(&args.tree.file, global)? {
@@ -139,10 +144,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     ensure!(
         args.nearest.is_none() && args.radius.is_none(),
-        "--nearest and --radius are for trees of points and of lines"
+        "--nearest and --radius: work only with trees of points or lines"
     );
     let is_of_models = args.distance || args.object || args.rays.is_some();
-    ensure!(!is_of_models, "--object, --distance and --rays are for exact models");
+    ensure!(!is_of_models, "--object, --distance and --rays: work only with exact models");
     let trees = args.tree.open_all(global)?;
     // Positions are cells of the layer with the smallest cells.
     let finest = trees.iter().max_by_key(|tree| tree.depth()).expect("a file has a layer");
@@ -152,7 +157,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let coordinates = args.coordinates();
     let layers: Vec<&Dataset> = trees.iter().collect();
     let layers = PointLayers::new(&layers, coordinates, Some(level))?;
-    layers.places().remarks().iter().for_each(|remark| warn(remark));
+    layers.locator().remarks().iter().for_each(|remark| warn(remark));
     let points = Points {
         headings: args.json.then(|| layers.headings()),
         layers,
@@ -163,12 +168,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
     if !args.points.is_empty() {
         let lines = args.points.join("\n");
-        out.write_all(&points.answer(lines.as_bytes(), 1)?)?;
+        out.write_all(&points.result(lines.as_bytes(), 1)?)?;
     } else {
         points.stream(io::stdin().lock(), &mut out)?;
     }
     out.flush()?;
-    points.tell_outside();
+    points.warn_of_outside();
     trees.iter().try_for_each(Dataset::check_unchanged)?;
     Ok(())
 }
@@ -212,7 +217,7 @@ impl Points<'_> {
                 None => {
                     ensure!(
                         rest.len() < 2 * BATCH,
-                        "standard input, line {line}: a line of more than {BATCH} bytes"
+                        "standard input, line {line}: is longer than {BATCH} bytes"
                     );
                     continue;
                 }
@@ -227,10 +232,10 @@ impl Points<'_> {
                 Some(start)
             });
             let parts: Vec<_> = parts.iter().copied().zip(starts).collect();
-            let answers: Result<Vec<_>> =
-                parts.par_iter().map(|(part, line)| self.answer(part, *line)).collect();
-            for answer in answers? {
-                out.write_all(&answer)?;
+            let results: Result<Vec<_>> =
+                parts.par_iter().map(|(part, line)| self.result(part, *line)).collect();
+            for result in results? {
+                out.write_all(&result)?;
             }
             line += rest[..whole].iter().filter(|byte| **byte == b'\n').count() as u64;
             rest.drain(..whole);
@@ -241,8 +246,8 @@ impl Points<'_> {
     }
 
     /// Returns a result line for each nonempty input line. The first input line has number `first`.
-    fn answer(&self, lines: &[u8], first: u64) -> Result<Vec<u8>> {
-        let text = std::str::from_utf8(lines).context("standard input is not text")?;
+    fn result(&self, lines: &[u8], first: u64) -> Result<Vec<u8>> {
+        let text = std::str::from_utf8(lines).context("standard input: is not UTF-8 text")?;
         let mut cells = Vec::new();
         for (line, number) in text.lines().zip(first..) {
             let line = line.trim();
@@ -250,15 +255,15 @@ impl Points<'_> {
                 cells.push(self.cell(line, number)?);
             }
         }
-        let report = self.layers.ask(&cells)?;
-        let mut answers = Vec::with_capacity(lines.len());
+        let report = self.layers.query(&cells)?;
+        let mut results = Vec::with_capacity(lines.len());
         for index in 0..cells.len() {
             match &self.headings {
-                Some(headings) => report.write_json(headings, index, &mut answers),
-                None => report.write_text(index, &mut answers),
+                Some(headings) => report.write_json(headings, index, &mut results),
+                None => report.write_text(index, &mut results),
             }
         }
-        Ok(answers)
+        Ok(results)
     }
 
     /// Returns the cell of the level that contains the point of a line.
@@ -266,7 +271,7 @@ impl Points<'_> {
         let axes = self.layers.axes();
         let wrong = || {
             let wanted = if axes == 3 { "X,Y,Z" } else { "X,Y" };
-            anyhow!("{} {number}: `{line}` is not {wanted}", self.from)
+            anyhow!("{} {number}: got `{line}`, expected {wanted}", self.from)
         };
         let mut point = [0.0; 3];
         let mut given = 0;
@@ -287,7 +292,7 @@ impl Points<'_> {
     }
 
     /// Reports the number of points outside of the extent, if there are any.
-    fn tell_outside(&self) {
+    fn warn_of_outside(&self) {
         let outside = self.outside.lock().expect("no thread has panicked");
         let OutsidePoints { count, swapped } = *outside;
         if count == 0 {
@@ -297,10 +302,11 @@ impl Points<'_> {
             0 => "",
             _ => "; with x and y swapped they would be inside: longitude comes before latitude",
         };
+        let what = if self.layers.axes() == 3 { "octree" } else { "raster" };
         let points = if count == 1 { "1 point is".into() } else { format!("{count} points are") };
         warn(&format!(
-            "{points} outside of the picture, which is {}{advice}",
-            self.layers.places().picture()
+            "{points} outside of the {what}, which is {}{advice}",
+            self.layers.locator().bounds_text()
         ));
     }
 }

@@ -9,14 +9,14 @@ use super::Global;
 use super::report::Work;
 
 const EXAMPLES: &str = "Examples:
-  spinney log map.autumn                             the commits that can be read, and what is wrong
-  cp map.autumn copy.autumn                          what is given up may be of use to somebody
+  spinney log map.autumn                             print readable commits, and the error
+  cp map.autumn copy.autumn                          keep a copy: later data is discarded
   spinney recover map.autumn --to 11";
 
-/// Make an older commit the newest, in an Autumnal file whose newest commit is corrupt
+/// Recover an Autumnal file whose newest commit is corrupt: restore an older one
 ///
 /// Everything after that commit is discarded: the next edit overwrites it. Files that are not
-/// corrupt are not changed; `spinney revert` goes back without losing anything.
+/// corrupt are not changed; `spinney revert` restores a commit of those without discarding others.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -31,6 +31,6 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let work = Work::start(global, "bytes")?;
     let commit = recover(&args.file, args.to, global.access(), &work)?;
     work.finish();
-    global.report("newest", format_args!("commit {}; what came behind it is given up", commit.number));
+    global.report("newest", format_args!("commit {}; everything after it is discarded", commit.number));
     Ok(())
 }

@@ -11,7 +11,7 @@ use spinney::raw::brep::ModelView;
 use spinney::raw::export::{CameraProjection, DrawingFormat, DrawingStyle, draw_cells, draw_exact};
 use spinney::raw::space::Up;
 
-use super::args::{OutputFile, Size, ViewedTree, check_output, numbers, parse_size, picture_format};
+use super::args::{OutputFile, Size, ViewedTree, check_output, numbers, parse_size, raster_format};
 use super::report::{Work, report_output};
 use super::{Global, exact};
 
@@ -24,15 +24,15 @@ const EXAMPLES: &str = "Examples:
   spinney render part.goblin part.svg --drawing hidden-lines
   spinney render bunny.goblin blocks.svg --drawing octants --level 5
 
-The viewer stands at a point of the compass: 0 is north (along y), 90 east (along x); 0 degrees high
-looks along the horizon, 90 straight down. Without --level the coarsest level is read whose cells
-are no larger than a pixel. Exact models are drawn with their faces as they are, and have no levels.
-The output is .png, .tif, .npy or .raw, and of drawings also .svg.
+--from AZIMUTH,ELEVATION: the viewer is in the north (along y) at azimuth 0, in the east (along x)
+at 90; the view is horizontal at elevation 0, straight down at 90. Without --level, the coarsest
+level is read whose cells are no larger than a pixel. Exact models are drawn with their own faces,
+and have no levels. The output is .png, .tif, .npy or .raw, and for line drawings also .svg.
 
-Drawings have lines: wireframe all edges of an exact model, hidden-lines those that no face hides, and
-octants the blocks of the octree of an exact model or of cells, to --level (the coarsest with 32 blocks
-along the longest side). Edges between faces of one plane are left out. They are held in memory: at
-most 131072 triangles, or 262144 blocks.";
+--drawing: wireframe draws all edges of an exact model, hidden-lines those that no face hides,
+octants the blocks of the octree, of an exact model or of cells, to --level [default: the coarsest
+with 32 blocks along the longest side]. Edges between coplanar faces are left out. All edges are
+held in memory: at most 131072 triangles, or 262144 blocks.";
 
 /// Draw an image of a solid: shaded, or as a line drawing
 #[derive(clap::Args)]
@@ -42,7 +42,7 @@ pub(crate) struct Args {
     tree: ViewedTree,
     #[command(flatten)]
     output: OutputFile,
-    /// Columns and rows, or the longer side, with the aspect ratio 4:3
+    /// Columns and rows, or the longer side (aspect ratio 4:3)
     #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "1024x768")]
     size: Size,
     /// Direction of the viewer, in degrees: azimuth on the compass, and elevation above the horizon
@@ -70,7 +70,7 @@ pub(crate) struct Args {
     /// Samples per pixel along each axis [default: 2; for line drawings 4]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
     samples: Option<u32>,
-    /// Format, if the output's name does not say
+    /// Format [default: by the output's extension]
     #[arg(long, value_parser = ["png", "tif", "npy", "raw", "svg"])]
     format: Option<String>,
 }
@@ -139,7 +139,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
                 level,
             ];
             global.check_options(file, exact::KIND, &fitting)?;
-            view.as_model("pictures")?;
+            view.as_model("images")?;
             Scene::Model(Box::new(view))
         }
         None => Scene::Cells(args.tree.open_drawn(global)?),
@@ -148,7 +148,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         ensure!(tree.header().form.axes() == 3, "{}: is a quadtree; use `spinney get`", file.display());
         ensure!(
             matches!(args.drawing, None | Some(DrawingStyle::Octants)),
-            "{}: is an octree of cells, which have no edges: --drawing octants is for it",
+            "{}: is an octree of cells, which have no edges; use --drawing octants",
             file.display()
         );
     }
@@ -159,14 +159,14 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let work = Work::start(global, if args.drawing.is_some() { "parts" } else { "pixels" })?;
     let output = global.access().create(path)?;
     let level = match (&scene, args.drawing, format) {
-        (Scene::Model(view), None, DrawingFormat::Picture(format)) => view
-            .as_model("pictures")
+        (Scene::Model(view), None, DrawingFormat::Image(format)) => view
+            .as_model("images")
             .and_then(|model| render_exact(model, &request, output, format, &work))
             .map(|()| None),
-        (Scene::Cells(tree), None, DrawingFormat::Picture(format)) => {
+        (Scene::Cells(tree), None, DrawingFormat::Image(format)) => {
             render(tree, &request, output, format, &work).map(|level| Some((level, tree.depth())))
         }
-        (Scene::Model(view), style, format) => view.as_model("pictures").and_then(|model| {
+        (Scene::Model(view), style, format) => view.as_model("images").and_then(|model| {
             let style = style.unwrap_or(DrawingStyle::HiddenLines);
             let level = draw_exact(model, style, &request, output, format, &work)?;
             Ok(level.map(|level| (level, model.grid().depth())))
@@ -175,7 +175,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             draw_cells(tree, &request, output, format, &work).map(|level| Some((level, tree.depth())))
         }
     };
-    let level = level.with_context(|| format!("cannot write {}", path.display()))?;
+    let level = level.with_context(|| format!("{}: cannot write", path.display()))?;
     work.finish();
     if let Some((level, depth)) = level {
         global.report("level", format_args!("{level} of {depth}"));
@@ -203,11 +203,11 @@ impl Args {
             } else {
                 ".png, .tif, .npy or .raw"
             };
-            return picture_format(path, self.format.as_deref(), known).map(DrawingFormat::Picture);
+            return raster_format(path, self.format.as_deref(), known).map(DrawingFormat::Image);
         }
         ensure!(
             self.drawing.is_some(),
-            "{}: a shaded picture is no drawing by lines; choose one with --drawing, or write .png",
+            "{}: SVG needs a line drawing; add --drawing, or write .png",
             path.display()
         );
         Ok(DrawingFormat::Svg)

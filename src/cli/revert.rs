@@ -15,7 +15,7 @@ const EXAMPLES: &str = "Examples:
   spinney revert map.autumn 3
   spinney revert map.autumn 3 -m 'The survey was wrong' --author Ann";
 
-/// Restore an older commit of an Autumnal file: adds a commit, nothing is lost
+/// Restore an older commit of an Autumnal file by adding a new one
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {

@@ -9,10 +9,11 @@ use spinney::export::VectorFormat;
 use spinney::raw::brep::surface_intersection::surface_intersection;
 use spinney::raw::brep::{ModelView, divide_faces};
 use spinney::raw::export::vector::{SectionPlanes, export_intersection, export_section};
-use spinney::{ExactModel, ViewStep};
+use spinney::{ExactModel, ViewOperation};
 
 use super::args::{Memory, OutputLimit, VECTOR_FORMATS, check_output, parse_step, vector_format};
-use super::report::{Work, report_output};
+use super::report::quantity::counted;
+use super::report::{Work, report_output, warn};
 use super::{Global, exact};
 
 const EXAMPLES: &str = "Examples:
@@ -22,52 +23,54 @@ const EXAMPLES: &str = "Examples:
   spinney section part.goblin tool.goblin -o lines.ply
   spinney section part.goblin tool.goblin --split part2.goblin --split-other tool2.goblin
 
-A section by a plane is that just below it: what ends there counts, what stands on it does not.
-Points are computed in double precision, and are the same for faces beside each other: outlines
-are closed. Attributes are plane (x, y, z, or the normal), at (its coordinate, or the product of
-the normal with its points) and area. Points are in space; --flat writes coordinates in the
-plane instead, as an SVG always does.
+A section at a plane is the limit from below: bodies that end at the plane count, bodies that begin
+there do not. Vertices are computed in double precision and shared by adjacent faces, so that
+outlines are closed. Attributes are plane (x, y, z, or the normal), at (its coordinate, or the dot
+product of the normal with its points) and area. Coordinates are three-dimensional; --flat writes
+coordinates in the plane, as SVG always does.
 
-What two models have in common is found exactly, and points are rounded once. Features are lines
-where the surfaces pass through each other (kind crossing: closed, with what of the first
-model's surface is inside of the second on the left) or touch (touch), areas in which they lie
-on each other (overlap; side says whether they face the same way), and lone points (point).
-a_left, a_right, b_left and b_right are the faces of both models beside each segment, by their
-numbers in the files that the models were built from. Only two models need --memory. --split and
---split-other write the models themselves, with their faces divided along lines where the surfaces
-pass through each other, and around areas: these are edges of both then, and the bodies are the same.";
+The intersection of two models is exact, and its points are rounded once. Features are lines where
+the surfaces intersect (kind crossing: closed, with the part of the first surface that is inside of
+the second model on the left) or touch (touch), areas where they coincide (overlap; side says
+whether they face the same way), and isolated points (point). a_left, a_right, b_left and b_right
+are the faces of both models next to each segment, by their numbers in the files that the models
+were built from. --memory has an effect on intersections only.
 
-/// Write plane sections of an exact model, or the intersection of the surfaces of two models
+--split and --split-other write the models themselves, with faces divided along these lines and
+around these areas, which become edges of both; the bodies do not change.";
+
+/// Write plane sections of an exact model, or the intersection of two surfaces
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Exact model (`build --brep`)
     file: PathBuf,
-    /// Planes: z=12.5, many at a time z=0..50/0.2, or plane=NX,NY,NZ,D with the normal and its dot
-    /// product with the plane's points; or another exact model
+    /// Planes: z=12.5, many as in z=0..50/0.2, or plane=NX,NY,NZ,D (the normal, and its dot product
+    /// with the plane's points); or another exact model
     #[arg(required = true, value_name = "PLANE|MODEL", value_parser = parse_cutter)]
     cutters: Vec<Cutter>,
     /// File to write: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp (of planes), .obj
     /// or .ply; - is standard output
     #[arg(short, long, value_name = "FILE", required_unless_present_any = ["split", "split_other"])]
     output: Option<PathBuf>,
-    /// Write the first of two models with its faces split where the other one intersects them
+    /// Write the first of two models with its faces split: divided where the other one intersects
+    /// them
     #[arg(long, value_name = "OUT.goblin")]
     split: Option<PathBuf>,
-    /// Write the other one of two models with its faces split where the first one intersects them
+    /// Write the other one of two models with its faces split: divided where the first one
+    /// intersects them
     #[arg(long, value_name = "OUT.goblin")]
     split_other: Option<PathBuf>,
-    /// Format, if the output's name does not say
+    /// Format [default: by the output's extension]
     #[arg(long, value_parser = VECTOR_FORMATS)]
     format: Option<String>,
     /// Coordinates in the plane: y and z if x is given, z and x if y is, x and y if z is
     #[arg(long)]
     flat: bool,
-    /// View the file through an operation of `transform`, such as rotate=30; may be given several
-    /// times. Nothing is built in advance. (With another model, only translate= and scale= with one
-    /// factor)
-    #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
-    steps: Vec<ViewStep>,
+    /// View the file through an operation of `transform`, such as rotate=30; repeatable. (With
+    /// another model: only translate= and scale= with one factor)
+    #[arg(long = "view", value_name = "OPERATION", value_parser = parse_step)]
+    steps: Vec<ViewOperation>,
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
@@ -89,7 +92,7 @@ fn parse_cutter(text: &str) -> Result<Cutter, String> {
         Some("x" | "y" | "z" | "plane") => planes(),
         _ if Path::new(text).exists() => Ok(Cutter::Model(text.into())),
         Some(_) => planes(),
-        None => Err("there is no such file, and planes are such as z=12.5".into()),
+        None => Err("no such file; planes are z=12.5, z=0..50/0.2 or plane=NX,NY,NZ,D".into()),
     }
 }
 
@@ -104,7 +107,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         }
     }
     if others.len() > usize::from(planes.is_empty()) {
-        bail!("a model is cut by planes or by one other model: call `spinney section` once for each");
+        bail!("expected planes, or one other model; run `spinney section` once for each");
     }
     let view = open(&args.file, &args.steps, global)?;
     let format =
@@ -116,12 +119,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     for (number, output) in outputs.iter().enumerate() {
         check_output(inputs(), output)?;
         if outputs[..number].contains(output) {
-            bail!("{}: is to be two outputs; choose another name for one", output.display());
+            bail!("{}: is named for two outputs; choose another name for one", output.display());
         }
     }
     let Some(other) = others.first() else {
         if splits.iter().any(Option::is_some) {
-            bail!("--split and --split-other are for two models: planes divide no faces");
+            bail!("--split and --split-other: work only with another model, not with planes");
         }
         if let (Some(output), Some(format)) = (&args.output, format) {
             let found = cut(args, output, &view, &planes, format, global)?;
@@ -130,7 +133,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         }
         return Ok(());
     };
-    let (other, what) = (open(other, &[], global)?, "what two models have in common");
+    let (other, what) = (open(other, &[], global)?, "the intersection of two models");
     let models = [view.as_model(what)?, other.as_model(what)?];
     if let (Some(output), Some(format)) = (&args.output, format) {
         let found = intersect(args, output, models, format, global)?;
@@ -154,13 +157,13 @@ fn split(args: &Args, output: &Path, model: &ExactModel, by: &ExactModel, global
         .limit
         .create_tree(output, global)
         .and_then(|file| divide_faces(model, by, file, model.codec(), args.memory.bytes, &work))
-        .with_context(|| format!("cannot write {}", output.display()))?;
+        .with_context(|| format!("{}: cannot write", output.display()))?;
     work.finish();
     let before = report.before.first().copied().unwrap_or(0);
     global.report(
         "split",
         format_args!(
-            "{}: {} of {before} faces divided, into {} in all",
+            "{}: {} of {before} faces divided, {} faces after",
             model.path().display(),
             report.divided,
             report.after
@@ -183,9 +186,14 @@ fn cut(
         .limit
         .create(output, global)
         .and_then(|file| export_section(view, planes, args.flat, file, format, &work))
-        .with_context(|| format!("cannot write {}", output.display()))?;
+        .with_context(|| format!("{}: cannot write", output.display()))?;
     work.finish();
-    Ok(format!("{} polygons in {} planes, with an area of {}", made.polygons, made.planes, made.area))
+    if made.polygons == 0 {
+        let (name, file) = (output.display(), args.file.display());
+        warn(&format!("{name}: is empty: no plane cuts the model; `spinney stats {file}` prints its bounds"));
+    }
+    let (polygons, planes) = (counted(made.polygons, "polygon"), counted(made.planes, "plane"));
+    Ok(format!("{polygons} in {planes}, with an area of {}", made.area))
 }
 
 /// Writes the intersection of two models' surfaces. Returns a summary.
@@ -197,7 +205,7 @@ fn intersect(
     global: &Global,
 ) -> Result<String> {
     if args.flat {
-        bail!("--flat is for planes: what two models have in common lies in none");
+        bail!("--flat: works only with planes, not with another model");
     }
     let work = Work::start(global, "faces")?;
     let found = surface_intersection(models[0], models[1], args.memory.bytes, &work)?;
@@ -205,28 +213,28 @@ fn intersect(
         .limit
         .create(output, global)
         .and_then(|file| export_intersection(&found, models, file, format, &work))
-        .with_context(|| format!("cannot write {}", output.display()))?;
+        .with_context(|| format!("{}: cannot write", output.display()))?;
     work.finish();
     Ok(format!(
-        "{} lines where surfaces pass through each other (length {}), {} where they touch ({}), {} areas ({}), {} points",
-        made.crossings,
+        "{} where surfaces intersect (length {}), {} where they touch ({}), {} ({}), {}",
+        counted(made.crossings, "line"),
         made.crossing_length,
         made.touches,
         made.touch_length,
-        made.overlaps,
+        counted(made.overlaps, "area"),
         made.overlap_area,
-        made.points
+        counted(made.points, "point")
     ))
 }
 
-fn open(path: &Path, steps: &[ViewStep], global: &Global) -> Result<ModelView> {
+fn open(path: &Path, steps: &[ViewOperation], global: &Global) -> Result<ModelView> {
     match exact::open_viewed(path, steps, global)? {
         Some(view) => Ok(view),
         None => {
             // (A file that is not a Spinney file gets its own error.)
             super::open(path, global.access())?;
             bail!(
-                "{}: is no exact model; sections are of those (`spinney build MODEL --brep`)",
+                "{}: is not an exact model; build one: `spinney build MODEL --brep -o OUT.goblin`",
                 path.display()
             )
         }

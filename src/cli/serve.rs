@@ -22,17 +22,18 @@ const EXAMPLES: &str = "Examples:
   curl -H 'Range: bytes=0-4095' http://127.0.0.1:8000/relief.goblin -o start
   curl --data-binary @districts.geojson 'http://127.0.0.1:8000/zonal/landcover?edge=area'
 
-The address is printed when the server listens. It answers until Ctrl-C or SIGTERM; requests that it is answering then come to their end.
-docs/serve.md tells all addresses and what they answer.
+The server prints its address when it listens, and runs until Ctrl-C or SIGTERM; it completes open
+requests first. docs/serve.md describes all paths and their responses.
 
-Files are served to whoever can reach the address: by default programs on this machine, and pages of any origin in its browsers.";
+Any client that can reach the address can read the files: by default programs on this machine, and
+pages of any origin in its browsers.";
 
 /// Serve files and query results over HTTP
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Directory whose .goblin and .autumn files are served, or one file
-    #[arg(value_name = "FOLDER|FILE")]
+    #[arg(value_name = "DIRECTORY|FILE")]
     path: PathBuf,
     /// Show the page in a browser
     #[arg(long)]
@@ -43,21 +44,21 @@ pub(crate) struct Args {
     /// Address to listen at: by default only this machine can connect; 0.0.0.0 is all its addresses
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     host: IpAddr,
-    /// Origin whose pages may read responses (CORS), as in https://maps.example.org; may be given
-    /// several times; * is all, none is only the server's own pages
+    /// Origin whose pages may read responses (CORS), as in https://maps.example.org; repeatable; *
+    /// is all, none is only the server's own pages
     #[arg(long, value_name = "ORIGIN", default_value = "*")]
     allow_origin: Vec<String>,
-    /// Host name that requests may use, in addition to those of its address; may be given several
-    /// times; * is any. Without it a loopback address accepts only localhost and similar names
-    /// (against DNS rebinding), others accept all names
+    /// Host name that requests may use: in addition to those of the address; repeatable; * is any.
+    /// Without it, a loopback address accepts only localhost and similar names (against DNS
+    /// rebinding), others accept all names
     #[arg(long, value_name = "NAME")]
     allow_host: Vec<String>,
-    /// Address of the server as clients know it, for TileJSON with a proxy, as in
+    /// Address of the server as clients know it: for TileJSON with a proxy, as in
     /// https://maps.example.org/tiles [default: by X-Forwarded-Proto, -Host and -Prefix, Forwarded
     /// or Host of the request]
     #[arg(long, value_name = "URL")]
     public_url: Option<String>,
-    /// Seconds that a response may take, and that the server waits for a client
+    /// Seconds that a response may take; also the time to wait for a client
     #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = parse_seconds)]
     timeout: f64,
     /// Maximum pixels of a requested window
@@ -74,7 +75,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     ensure!(
         url_of(&args.path).is_none(),
-        "{}: files elsewhere are served where they are; copy it to this machine first",
+        "{}: is a remote file, expected a local one; copy it to this machine first",
         args.path.display()
     );
     let mut options = ServeOptions::default();
@@ -95,7 +96,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         warn("no browser was found; open the address in one");
     }
     server.run(&stop_is_wanted)?;
-    global.report("stopped", "all requests have come to their end");
+    global.report("stopped", "all requests are complete");
     Ok(())
 }
 

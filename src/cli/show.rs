@@ -11,7 +11,7 @@ use spinney::raw::export::image::Format;
 use spinney::style::Style;
 
 use super::args::{Size, ViewedTree, parse_size, parse_style};
-use super::get::picture;
+use super::get::default_region;
 use super::report::Work;
 use super::{Global, exact};
 
@@ -21,7 +21,8 @@ const EXAMPLES: &str = "Examples:
   spinney show bunny.goblin --view rotate=90,z
   spinney show world.goblin | head                   letters instead of colours
 
-Colours are those of terminals with 24 bits; NO_COLOR, or an output that is no terminal, makes letters of them.";
+Colours need a terminal with 24-bit colours. If NO_COLOR is set, or the output is not a terminal,
+brightness is shown by letters.";
 
 /// Show a file in the terminal
 #[derive(clap::Args)]
@@ -29,7 +30,7 @@ Colours are those of terminals with 24 bits; NO_COLOR, or an output that is no t
 pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
-    /// Columns and rows of letters, at most [default: the terminal's]
+    /// Columns and rows of the output, at most [default: the terminal's]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<Size>,
     /// Colours: a style's name, its JSON or a file with it: see `spinney get --style` [default: the
@@ -39,17 +40,17 @@ pub(crate) struct Args {
 }
 
 /// Default columns and rows of letters.
-const USUAL: [u64; 2] = [80, 24];
+const DEFAULT_SIZE: [u64; 2] = [80, 24];
 /// Maximum columns and rows.
-const MOST: u64 = 1000;
+const MAX_SIZE: u64 = 1000;
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let is_terminal = io::stdout().is_terminal();
-    let room = match args.size {
-        Some(size) => <[u64; 2]>::from(size.of(USUAL[0], USUAL[1])),
+    let text_size = match args.size {
+        Some(size) => <[u64; 2]>::from(size.of(DEFAULT_SIZE[0], DEFAULT_SIZE[1])),
         None => terminal(),
     };
-    let [columns, rows] = room.map(|letters| letters.clamp(1, MOST));
+    let [columns, rows] = text_size.map(|letters| letters.clamp(1, MAX_SIZE));
     // A letter shows two pixels, one above the other.
     let drawn = drawn(args, [columns, 2 * rows.saturating_sub(2).max(1)], global)?;
     let has_colours = is_terminal && env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
@@ -62,25 +63,25 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 fn terminal() -> [u64; 2] {
     match rustix::termios::tcgetwinsize(io::stdout()) {
         Ok(size) if size.ws_col > 0 && size.ws_row > 0 => [size.ws_col.into(), size.ws_row.into()],
-        _ => USUAL,
+        _ => DEFAULT_SIZE,
     }
 }
 
 #[cfg(not(unix))]
 fn terminal() -> [u64; 2] {
-    USUAL
+    DEFAULT_SIZE
 }
 
 /// Pixels: red, green, blue and opacity.
-struct Picture {
+struct Drawing {
     columns: usize,
     pixels: Vec<[u8; 4]>,
 }
 
-/// Draws a file's contents, at the size of `room`.
-fn drawn(args: &Args, room: [u64; 2], global: &Global) -> Result<Picture> {
-    let folder = tempfile::tempdir()?;
-    let path = folder.path().join("picture.raw");
+/// Draws a file's contents, at the size of `text_size`.
+fn drawn(args: &Args, text_size: [u64; 2], global: &Global) -> Result<Drawing> {
+    let directory = tempfile::tempdir()?;
+    let path = directory.path().join("image.raw");
     let work = Work::start(global, "pixels")?;
     let file = args.tree.file.as_path();
     let request = |[columns, rows]: [u64; 2]| {
@@ -91,25 +92,29 @@ fn drawn(args: &Args, room: [u64; 2], global: &Global) -> Result<Picture> {
     let size = if let Some(view) = args.tree.open_model(global)? {
         global.check_options(file, exact::KIND, &["--size", "--view"])?;
         render_exact(
-            view.as_model("pictures")?,
-            &request(room),
+            view.as_model("images")?,
+            &request(text_size),
             global.access().create(&path)?,
             Format::Raw,
             &work,
         )?;
-        room
+        text_size
     } else {
         let tree = args.tree.open_drawn(global)?;
         if tree.header().form.axes() == 3 {
-            ensure!(args.style.is_none(), "--style: {} is an octree, whose solid is drawn", file.display());
-            render(&tree, &request(room), global.access().create(&path)?, Format::Raw, &work)?;
-            room
+            ensure!(
+                args.style.is_none(),
+                "--style: has no effect on {}, an octree, which is drawn as a solid",
+                file.display()
+            );
+            render(&tree, &request(text_size), global.access().create(&path)?, Format::Raw, &work)?;
+            text_size
         } else {
-            map(&tree, args.style.as_ref(), room, &path, (&work, global))?
+            map(&tree, args.style.as_ref(), text_size, &path, (&work, global))?
         }
     };
     work.finish();
-    let bytes = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    let bytes = std::fs::read(&path).with_context(|| format!("{}: cannot read", path.display()))?;
     let columns = size[0] as usize;
     let channels = bytes.len() / (columns * size[1] as usize).max(1);
     let pixel = |samples: &[u8]| match *samples {
@@ -117,22 +122,22 @@ fn drawn(args: &Args, room: [u64; 2], global: &Global) -> Result<Picture> {
         [red, green, blue] => [red, green, blue, 255],
         _ => [samples[0], samples[0], samples[0], samples.get(1).copied().unwrap_or(255)],
     };
-    Ok(Picture { columns, pixels: bytes.chunks_exact(channels.max(1)).map(pixel).collect() })
+    Ok(Drawing { columns, pixels: bytes.chunks_exact(channels.max(1)).map(pixel).collect() })
 }
 
 /// Draws a quadtree. Returns the image's columns and rows.
 fn map(
     tree: &Dataset,
     style: Option<&Style>,
-    room: [u64; 2],
+    text_size: [u64; 2],
     path: &std::path::Path,
     (work, global): (&Work, &Global),
 ) -> Result<[u64; 2]> {
-    let bounds = picture(tree, global)?;
+    let bounds = default_region(tree, global)?;
     let [width, height, _] = bounds.size().map(|cells| cells as f64);
-    let factor = (room[0] as f64 / width).min(room[1] as f64 / height);
+    let factor = (text_size[0] as f64 / width).min(text_size[1] as f64 / height);
     let [columns, rows] = [width, height].map(|cells| ((cells * factor).round() as u64).max(1));
-    let size = [columns.min(room[0]), rows.min(room[1])];
+    let size = [columns.min(text_size[0]), rows.min(text_size[1])];
     let mut request = WindowRequest::new(bounds, Detail::Size(size[0], size[1]));
     request.style = Some(style.cloned().unwrap_or_else(|| Style::default_for(tree)));
     export_window(tree, &request, global.access().create(path)?, Format::Raw, work)?;
@@ -142,7 +147,7 @@ fn map(
 /// Minimum opacity of visible pixels.
 const SEEN: u8 = 128;
 
-impl Picture {
+impl Drawing {
     /// Returns pairs of pixels, one above the other, for each row of letters.
     fn lines(&self) -> impl Iterator<Item = Vec<[Option<[u8; 3]>; 2]>> {
         let seen = |[red, green, blue, alpha]: [u8; 4]| (alpha >= SEEN).then_some([red, green, blue]);

@@ -64,7 +64,7 @@ fn ignored_signals() -> u64 {
 /// Error message for a page of a mapping that cannot be read.
 #[cfg(unix)]
 const LOST_PAGE: &[u8] =
-    b"spinney: a file was cut short, or its disk failed, while it was read; --positioned reads such files \
+    b"spinney: a mapped file was truncated, or its disk failed, while it was read; --positioned reads such files \
 without mapping them\n";
 
 /// Prints the message and ends the program.
@@ -83,7 +83,7 @@ extern "C" fn page_is_lost(_: libc::c_int) {
 /// The standard library's handler restores the default action unless the signal is a stack
 /// overflow. A handler chained to it would thus run only once, and the signal would then be fatal
 /// to other threads. So this handler replaces it.
-pub(crate) fn tell_lost_pages() {
+pub(crate) fn report_lost_pages() {
     #[cfg(unix)]
     // SAFETY: the handler may run at any read of a mapped file. It makes two async-signal-safe
     // system calls, and never returns. Zero is valid for all other fields of the action, and means

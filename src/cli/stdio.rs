@@ -10,7 +10,7 @@ static WAS_CLOSED: AtomicBool = AtomicBool::new(false);
 
 /// Checks whether standard output is open.
 #[cfg(target_os = "linux")]
-extern "C" fn look() {
+extern "C" fn check_stdout() {
     let is_closed = rustix::io::fcntl_getfd(rustix::stdio::stdout()).is_err();
     WAS_CLOSED.store(is_closed, Ordering::Relaxed);
 }
@@ -22,7 +22,7 @@ extern "C" fn look() {
 #[allow(unsafe_code)]
 #[used]
 #[unsafe(link_section = ".init_array")]
-static LOOK: extern "C" fn() = look;
+static CHECK_STDOUT: extern "C" fn() = check_stdout;
 
 /// Whether standard output was closed when the program was started.
 pub(crate) fn stdout_was_closed() -> bool {

@@ -7,45 +7,41 @@ use anyhow::{Result, bail, ensure};
 use spinney::brep::TransformOptions;
 use spinney::raw::import::feature::is_feature_file;
 use spinney::raw::points::{PointRaster, rasterize_points};
-use spinney::{FileView, Resampling, ViewStep, WarpOptions};
+use spinney::{FileView, Resampling, ViewOperation, WarpOptions};
 
 use super::args::{Memory, OutputLimit, Packing, UNITS, check_output, parse_step};
 use super::report::{Work, report_output};
 use super::{Global, exact, features, points};
 
-/// Make a tree of a region of another, moved, scaled, mirrored or rotated, or of calculations with
-/// other trees.
+/// Transform a tree: crop, scale, rotate, reproject or calculate
 ///
-/// Operations are applied in the given order; a chain of any length looks up each cell once, in the
-/// file on disk, and memory does not grow with the raster (the system loads and evicts pages of the
-/// mapped file). Subtrees that the result has unchanged are copied. Without operations the result
-/// is a condensed copy.
+/// Operations are applied in the given order. A chain of any length looks up each cell once, in the
+/// file on disk, and memory does not grow with the raster. Unchanged subtrees are copied. Without
+/// operations, the result is a condensed copy.
 ///
 /// New cells that do not coincide with old ones get their value by the file's rule: the mean, or
-/// the class with the largest area, of the cells they cover; if axes are not mapped to axes, the
-/// value at their centre.
+/// the class with the largest area, of the cells that they cover; if axes are not mapped to axes,
+/// the value at their centre. The raster keeps its world coordinates, however its cells are
+/// arranged; with --move it moves with its cells.
 ///
-/// Exact models are moved in the world: integer translations on the grid, quarter turns, mirrors,
-/// exchanged axes and one factor for all axes exactly, others with their vertices moved to the
+/// Exact models are moved in the world: exactly by integer translations on the grid, quarter turns,
+/// mirrors, exchanged axes and one factor for all axes; otherwise, vertices are moved to the
 /// nearest points of a grid.
 ///
 /// Feature files are reprojected, with their attributes, heights and ids.
-///
-/// The raster keeps its world coordinates, however its cells are arranged; with --move it moves
-/// with its cells.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
     chain: ChainArgs,
-    /// File to write, of features in the format of its name; - is standard output
+    /// File to write; for features, its name determines the format; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: PathBuf,
-    /// Width of the grid units of a new grid for exact models, to which all vertices are moved
-    /// [default: the model's grid, with as little rounding as possible]
+    /// Width of the grid units of the result, for exact models: all vertices are moved to a new
+    /// grid [default: the model's grid, with as little rounding as possible]
     #[arg(long, value_name = "WIDTH")]
     snap: Option<f64>,
-    /// Unit of the model's coordinates, of exact models [default: the file's]
+    /// Unit of the model's coordinates, for exact models [default: the file's]
     #[arg(long, value_parser = UNITS)]
     unit: Option<String>,
     #[command(flatten)]
@@ -61,16 +57,16 @@ pub(crate) struct Args {
 pub(crate) struct ChainArgs {
     /// Tree file, exact model, or feature file
     file: PathBuf,
-    /// Operations, in order; see the list in `spinney transform --help`
-    #[arg(value_name = "STEP", value_parser = parse_any_step, allow_hyphen_values = false)]
-    steps: Vec<AnyStep>,
-    /// Resampling of cells that do not coincide with old ones: nearest, or for like=, warp= and
-    /// grid= bilinear, cubic, area or majority, too [default: the file's rule; with warp=, grid=
-    /// and, from another coordinate system, like= nearest for classes, bilinear for continuous
+    /// Operations, in order; `spinney help transform` lists them
+    #[arg(value_name = "OPERATION", value_parser = parse_any_step, allow_hyphen_values = false)]
+    steps: Vec<AnyOperation>,
+    /// Resampling of cells that do not coincide with old ones: nearest, and for like=, warp= and
+    /// grid= also bilinear, cubic, area or majority [default: the file's rule; for warp=, grid=,
+    /// and like= from another coordinate system nearest for classes, bilinear for continuous
     /// values, and majority or area where new cells are more than 1.5 times as large]
     #[arg(long, value_name = "WAY")]
     resampling: Option<Resampling>,
-    /// Treat datums whose shift to WGS 84 is unknown or needs a grid as WGS 84
+    /// Treat datums as WGS 84 if their shift is unknown or needs a grid
     #[arg(long)]
     allow_ballpark: bool,
     /// Move the raster in the world as its cells are moved
@@ -80,12 +76,12 @@ pub(crate) struct ChainArgs {
 
 impl ChainArgs {
     /// Returns the operations on trees of cells, and the rasterizations of trees of points.
-    fn steps(&self) -> (Vec<ViewStep>, Vec<&PointRaster>) {
+    fn steps(&self) -> (Vec<ViewOperation>, Vec<&PointRaster>) {
         let (mut cells, mut rasters) = (Vec::new(), Vec::new());
         for step in &self.steps {
             match step {
-                AnyStep::Cells(step) => cells.push(step.clone()),
-                AnyStep::Points(raster) => rasters.push(raster),
+                AnyOperation::Cells(step) => cells.push(step.clone()),
+                AnyOperation::Points(raster) => rasters.push(raster),
             }
         }
         (cells, rasters)
@@ -95,7 +91,7 @@ impl ChainArgs {
     pub(crate) fn chain(&self, global: &Global) -> Result<FileView> {
         let (steps, rasters) = self.steps();
         if !rasters.is_empty() {
-            bail!("{}: is no tree of points, which raster= is for", self.file.display());
+            bail!("{}: is not a tree of points, which raster= needs", self.file.display());
         }
         let mut warp = WarpOptions::default();
         (warp.resampling, warp.allow_ballpark) = (self.resampling, self.allow_ballpark);
@@ -111,68 +107,21 @@ impl ChainArgs {
 
 /// An operation on trees of cells and exact models, or a rasterization of a tree of points.
 #[derive(Clone, Debug)]
-enum AnyStep {
-    Cells(ViewStep),
+enum AnyOperation {
+    Cells(ViewOperation),
     Points(PointRaster),
 }
 
-fn parse_any_step(text: &str) -> Result<AnyStep, String> {
+fn parse_any_step(text: &str) -> Result<AnyOperation, String> {
     match text.strip_prefix("raster=") {
         Some(raster) => {
-            raster.parse().map(AnyStep::Points).map_err(|error: spinney::Error| error.to_string())
+            raster.parse().map(AnyOperation::Points).map_err(|error: spinney::Error| error.to_string())
         }
-        None => parse_step(text).map(AnyStep::Cells),
+        None => parse_step(text).map(AnyOperation::Cells),
     }
 }
 
 const EXAMPLES: &str = "\
-Steps:
-  window=COL,ROW,W,H       a box of cells, aligned or not; what sticks out is VOID
-  window=X,Y,Z,W,H,D       the same of octrees
-  window=W,S,E,N,in=world  the cells in a box of the world; in=lonlat: of longitudes and latitudes
-  crop                     the smallest box around all data
-  opaque                   VOID for transparent pixels, those of opacity 0
-  void=N                   VOID for cells that have this number, in all channels
-  translate=DX,DY[,DZ]     by cells or parts of cells; room is made on the far sides
-  scale=F  scale=FX,FY     so many times as many cells along each axis
-  rotate=DEG[@COL,ROW]     turns about a centre (the middle); clockwise, since rows go down
-  rotate=DEG,AXIS[@X,Y,Z]  octrees: AXIS is x, y, z or a direction such as 1,1,0
-  mirror=x  transpose      along an axis; columns for rows
-  axes=+y,-x,+z            where x, y and z of the result come from: all 48 symmetries
-  affine=a,b,c,d,e,f       col' = a col + b row + c, row' = d col + e row + f; or 12 numbers
-  depth=N                  coarser or finer cells, so that the tree has N levels
-  tree-depth=N             a deeper root over the same cells, so that the tree has N levels
-  subtree=/031             a node becomes the root
-  embed=/2                 the root becomes a node of a larger tree
-  crs=DEF                  says in which coordinate system the cells lie: EPSG:NUMBER, WKT, PROJJSON, '+proj=...' or @FILE
-  like=OTHER.goblin[,extent=PART]
-                           onto the cells of another tree (a), where it lies in the world, also in another coordinate system;
-                           PART is a, b (this tree's extent), union or intersection [default: a, or b where data lie beyond a]
-  warp=DEF[,cell=W][,resampling=WAY]
-                           to another coordinate system, onto square cells of width W where data land, as far as
-                           they lie in its area of use [default: cells as large as the tree's, in its middle]
-  grid=xyz[,ZOOM]          onto the cells of web maps, in web mercator with the world as the root
-  calc=EXPR[,a=FILE ...][,type=T]
-                           one channel, f32 or of type T, of what is calculated with the channels, b1, b2, ... or by
-                           their names, and of files brought to the same cells: scale and offset are applied, + - * / < <= > >= == != and or not,
-                           where(condition, then, else), abs, sqrt, and of any count min, max, mean, median, count
-  reduce=WAY[,a=FILE ...][,type=T]
-                           the median, mean, min, max or count of all channels, and those of files
-  components=4|8           numbers the components of cells of equal value (of occupancy: of cells at least half full) from 1 on, by
-                           their first cells in FD order; cells hang together with 4 or 8 neighbours, of octrees 6 or 26
-  sieve=CELLS[,connect=8]  gives components of fewer cells to their largest neighbours, the smallest first; those in VOID stay
-  sieve=AREAm2             the same with square metres, where the coordinate system tells them
-                           (components= and sieve= go through all cells first, and are not for --view)
-Steps of exact models, in coordinates of the world, about its origin:
-  translate=DX,DY,DZ  scale=F  scale=FX,FY,FZ  mirror=x  transpose  axes=+y,-x,+z  affine=12 numbers  crs=DEF
-  rotate=DEG,AXIS[@X,Y,Z]  counterclockwise seen from the axis' end, also about another point
-Of files of features (GeoJSON, GeoPackage, FlatGeobuf, shapefile, CSV), which are written as any of these, .svg, .obj or .ply, by the output's name:
-  warp=DEF                 every vertex to another coordinate system, one by one: edges are straight between them
-  crs=DEF                  says in which coordinate system they are, whatever the file says
-Of trees of points:
-  raster=RULE,cell=W[,attribute=NAME]
-                           a quadtree of cells of width W: the min, max or mean of the points' z (or an attribute), or their count
-
 Examples:
   spinney transform world.goblin window=20000,5000,4096,4096 -o part.goblin
   spinney transform world.goblin window=5,44,17,48,in=world scale=0.5 -o alps.goblin
@@ -192,18 +141,89 @@ Examples:
   spinney transform part.goblin rotate=90,x translate=0,0,12.5 -o placed.goblin
   spinney transform inches.goblin scale=25.4 --unit mm -o part.goblin
   spinney transform parcels.gpkg warp=EPSG:25832 -o parcels_25832.gpkg
-  spinney transform scan.goblin raster=max,cell=0.5 -o surface.goblin";
+  spinney transform scan.goblin raster=max,cell=0.5 -o surface.goblin
+
+Operations on trees of cells:
+  window=COL,ROW,W,H        crop to a box of cells; cells outside of the tree are VOID
+  window=X,Y,Z,W,H,D        crop an octree
+  window=W,S,E,N,in=world   crop to a box in world coordinates; in=lonlat: in degrees
+  crop                      crop to the bounding box of all data
+  opaque                    make pixels of opacity 0 VOID
+  void=N                    make cells VOID that have this number in all channels
+  translate=DX,DY[,DZ]      shift by cells or fractions of cells; the extent grows
+  scale=F  scale=FX,FY      change the number of cells along each axis by a factor
+  rotate=DEG[@COL,ROW]      rotate clockwise (rows go down) about a centre [default: the middle]
+  rotate=DEG,AXIS[@X,Y,Z]   rotate an octree; AXIS is x, y, z or a direction such as 1,1,0
+  mirror=x                  reverse an axis
+  transpose                 exchange columns and rows
+  axes=+y,-x,+z             permute and reverse axes: sources of x, y and z of the result
+  affine=a,b,c,d,e,f        map cells: col' = a col + b row + c, row' = d col + e row + f
+  affine=12 numbers         map cells of an octree by a 3 x 4 matrix, row by row
+  depth=N                   make cells coarser or finer, so that the tree has N levels
+  tree-depth=N              put a deeper root over the same cells, so that the tree has N levels
+  subtree=/031              make a node the root
+  embed=/2                  make the root a node of a larger tree
+  crs=DEF                   set the coordinate system of the cells, without moving them
+  like=TREE[,extent=E]      resample to another tree's cells, also across coordinate systems
+  warp=DEF[,...]            reproject to another coordinate system
+  grid=xyz[,ZOOM]           reproject to the web map grid: web mercator, the world is the root
+  calc=EXPR[,...]           calculate one channel from channels, also of other files
+  reduce=WAY[,...]          median, mean, min, max or count of channels, also of other files
+  components=4|8            number the connected components of equal value (octrees: 6|26)
+  sieve=CELLS[,connect=8]   merge components of fewer cells into their largest neighbours
+  sieve=AREAm2              the same by square metres, if the coordinate system has them
+
+Operations on exact models, in world coordinates, about the origin:
+  translate=DX,DY,DZ        shift
+  scale=F  scale=FX,FY,FZ   scale
+  rotate=DEG,AXIS[@X,Y,Z]   rotate counterclockwise, seen from the axis' end; also about a point
+  mirror=x                  reverse an axis
+  transpose                 exchange x and y
+  axes=+y,-x,+z             permute and reverse axes
+  affine=12 numbers         map coordinates by a 3 x 4 matrix, row by row
+  crs=DEF                   set the coordinate system
+
+Operations on feature files (GeoJSON, GeoPackage, FlatGeobuf, shapefile, CSV):
+  warp=DEF                  reproject each vertex; edges are straight between vertices
+  crs=DEF                   set the coordinate system, whatever the file says
+
+Operations on trees of points:
+  raster=RULE,cell=W[,...]  write a quadtree of cells of width W: min, max, mean or count
+
+DEF is EPSG:NUMBER, WKT, PROJJSON, '+proj=...' or @FILE.
+
+like=TREE[,extent=E]: the extent is a (the other tree's), b (this tree's), union or intersection
+[default: a, or b where data extend beyond a].
+
+warp=DEF[,cell=W][,resampling=WAY]: cells are squares of width W [default: as large as the tree's
+cells in its middle], over all data in the area of use of DEF.
+
+calc=EXPR[,a=FILE ...][,type=T]: EXPR has the channels b1, b2, ... or their names, and files by the
+names given to them, which are resampled to the same cells; scale and offset are applied. Operators
+are + - * / < <= > >= == != and or not; functions are where(condition, then, else), abs, sqrt, and,
+of any number of values, min, max, mean, median, count. The result is f32, or of type T.
+
+reduce=WAY[,a=FILE ...][,type=T]: all channels, and those of the files.
+
+components=, sieve=: cells of a component are connected through 4 or 8 neighbours, in octrees 6 or
+26; with the rule occupancy, they are at least half full. Components are numbered from 1, by their
+first cells in FD order. The smallest are merged first; those surrounded by VOID stay. Both
+operations scan all cells first, and are not for --view.
+
+raster=RULE,cell=W[,attribute=NAME]: of the points' z, or of an attribute.
+
+Features are written in the formats that are read, or as .svg, .obj or .ply.";
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let Args { chain, output: path, snap, unit, memory, packing, limit } = args;
     let file = &chain.file;
     let (steps, rasters) = chain.steps();
-    check_output([&**file].into_iter().chain(steps.iter().flat_map(ViewStep::files)), &path)?;
+    check_output([&**file].into_iter().chain(steps.iter().flat_map(ViewOperation::files)), &path)?;
     if is_feature_file(file) {
         ensure!(
             rasters.is_empty(),
-            "{}: is a file of features, which raster= means nothing for",
+            "{}: is a feature file; raster= works only with trees of points",
             file.display()
         );
         let features = features::Reprojection { file, steps: &steps, allow_ballpark: chain.allow_ballpark };
@@ -212,13 +232,13 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     if let Some(tree) = points::open(file, global)? {
         let [raster] = &rasters[..] else {
             bail!(
-                "{}: is a tree of points, of which one step makes cells: raster=mean,cell=1",
+                "{}: is a tree of points, expected one operation raster=, such as raster=mean,cell=1",
                 file.display()
             );
         };
         ensure!(
             steps.is_empty(),
-            "{}: is a tree of points, for which steps of cells mean nothing",
+            "{}: is a tree of points; operations on cells have no effect on it",
             file.display()
         );
         global.check_options(file, points::KIND, &["--codec", "--max-error"])?;
@@ -241,7 +261,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     }
     let given = [("--snap", snap.is_some()), ("--unit", unit.is_some())];
     if let Some((name, _)) = given.iter().find(|(_, is_given)| *is_given) {
-        bail!("{}: is no exact model, which {name} is for", file.display());
+        bail!("{}: is not an exact model, which {name} needs", file.display());
     }
     let how = packing.with(memory);
     let report_size = |[width, height, depth]: [u64; 3], levels: u8| {
@@ -250,7 +270,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     };
     // (A grid of another coordinate system may have many more cells. Users learn this before they
     // wait.)
-    let is_warped = steps.iter().any(|step| matches!(step, ViewStep::Warp(_)));
+    let is_warped = steps.iter().any(|step| matches!(step, ViewOperation::Warp(_)));
     if is_warped {
         let view = cells.open()?;
         report_size(view.extent(), view.depth());
@@ -264,7 +284,9 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     global.report("cells", format_args!("{} before, {} after", outcome.before[0], outcome.after));
     if let Some(expected) = outcome.expected.filter(|expected| *expected > 0.0) {
         let error = 100.0 * (outcome.after as f64 / expected - 1.0);
-        global.report("area error", format_args!("{error:+.4} %"));
+        let what = if outcome.extent[2] > 1 { "volume" } else { "area" };
+        let why = "after scaling, since cells have the value at their centres, or parts were cut off";
+        global.report(what, format_args!("{error:+.4} % compared with the source's {why}"));
     }
     report_output(global, &path, start);
     Ok(())

@@ -21,25 +21,24 @@ use super::report::{Work, complain, print_text};
 const EXAMPLES: &str = "Examples:
   spinney verify world.goblin
   spinney verify world.pmtiles map/
-  spinney verify --quiet *.goblin || echo damaged
+  spinney verify --quiet *.goblin || echo corrupt
 
-A line of the answer has a file and `good`, or the place and kind of a damage. All files are
-checked, also after one that cannot be read; the exit code is 1 if any was not good.";
+A line of the output has a file and `good`, or the location and kind of a problem. All files are
+checked, also after one that cannot be read; the exit code is 1 if any is not good.";
 
-/// Check every checksum and every invariant of the tree
+/// Check all checksums and invariants of files
 ///
-/// Of exact models also that the faces are planar and bound a body, and that each node of the
-/// octree matches them.
+/// Exact models: the faces are planar and bound a body, and each node of the octree matches them.
 ///
-/// Of tiles that `export` wrote (.pmtiles, .mbtiles, directories): that all exist, in order, with
-/// the bytes that were written.
+/// Web tiles that `export` wrote (.pmtiles, .mbtiles, directories; not 3D Tiles): all exist, in
+/// order, with the bytes that were written.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Tree files, archives and directories of tiles
+    /// Tree files, archives and directories of web tiles
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Check the trees of the newest commits only, or of those that are named (FILE@N)
+    /// Check the trees of the newest commits only, or of the named ones (FILE@N)
     #[arg(long)]
     quick: bool,
 }
@@ -49,6 +48,12 @@ fn verify(file: &Path, is_quick: bool, global: &Global, work: &Work) -> spinney:
     let access = global.access();
     if is_tile_archive(file) {
         return verify_tiles(file, work);
+    }
+    if file.is_dir() {
+        let found = "checking a directory without web tiles of `spinney export`";
+        let advice =
+            "give tree files, .pmtiles, .mbtiles or directories of web tiles; 3D Tiles are not checked";
+        return Err(Error::unsupported(file, found, advice));
     }
     if is_model_file(file, access)? {
         return ExactModel::open(file, &access.into())?.verify(DEFAULT_MEMORY, work);
@@ -72,7 +77,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
             Err(Error::Interrupted) => return Err(Error::Interrupted.into()),
             Err(error) => {
                 // Continue with the other files.
-                complain(&error.into());
+                complain(&error.into(), global.given());
                 good = false;
                 continue;
             }

@@ -47,7 +47,10 @@ fn every_option_has_one_meaning() {
     let mut meanings: BTreeMap<String, (&str, Vec<String>)> = BTreeMap::new();
     for row in rows("| `--") {
         let [name, meaning, ..] = row[..] else { panic!("docs/options.md: {row:?}") };
-        assert!(meanings.insert(name.into(), (meaning, Vec::new())).is_none(), "{name} stands there twice");
+        assert!(
+            meanings.insert(name.into(), (meaning, Vec::new())).is_none(),
+            "docs/options.md: two rows of {name}"
+        );
     }
     let (mut wrong, mut shorts) = (String::new(), BTreeMap::new());
     for (command, arguments) in commands() {
@@ -55,7 +58,11 @@ fn every_option_has_one_meaning() {
             let name = format!("--{}", option.get_long().unwrap());
             let help = option.get_help().map(ToString::to_string).unwrap_or_default();
             let short = *shorts.entry(name.clone()).or_insert(option.get_short());
-            assert_eq!(option.get_short(), short, "{name} of {command} has another letter than elsewhere");
+            assert_eq!(
+                option.get_short(),
+                short,
+                "{name} of {command} has another letter than in other commands"
+            );
             match meanings.get_mut(&name) {
                 None => writeln!(wrong, "{name} of {command} is not in docs/options.md").unwrap(),
                 Some((meaning, used)) if help.starts_with(*meaning) => used.push(command.clone()),
@@ -78,10 +85,11 @@ fn every_option_has_one_meaning() {
 }
 
 #[test]
-fn every_command_is_told() {
-    let told: Vec<_> = rows("| `spinney ").iter().map(|row| row[0]["spinney ".len()..].to_string()).collect();
+fn every_command_is_listed() {
+    let listed: Vec<_> =
+        rows("| `spinney ").iter().map(|row| row[0]["spinney ".len()..].to_string()).collect();
     let all: Vec<_> = commands().into_iter().map(|(name, _)| name).collect();
-    assert_eq!(told, all);
+    assert_eq!(listed, all);
 }
 
 /// Returns command and option of each line with an option's effect.

@@ -4,7 +4,7 @@
 use spinney::{Code, Dimension};
 
 /// A block of faces or a segment, with its key.
-pub type Piece = (u64, Vec<u8>);
+pub type Chunk = (u64, Vec<u8>);
 
 /// Tags of the optional lists.
 const OTHERS: [&[u8; 4]; 3] = [b"EXAC", b"OBJE", b"FVAL"];
@@ -14,11 +14,11 @@ const OTHERS: [&[u8; 4]; 3] = [b"EXAC", b"OBJE", b"FVAL"];
 pub struct BrepFile {
     /// Without its checksum.
     pub header: Vec<u8>,
-    pub blocks: Vec<Piece>,
-    pub segments: Vec<Piece>,
+    pub blocks: Vec<Chunk>,
+    pub segments: Vec<Chunk>,
     /// Entries of the optional lists: blocks of faces with off-grid vertices, and tables of parts
     /// and of faces.
-    pub others: [Vec<Piece>; 3],
+    pub others: [Vec<Chunk>; 3],
     pub formula: Vec<u8>,
     pub model: Vec<u8>,
     pub metadata: Vec<u8>,
@@ -52,18 +52,18 @@ pub fn section<'a>(file: &'a [u8], tag: &[u8; 4]) -> Option<&'a [u8]> {
 
 impl BrepFile {
     pub fn of(file: &[u8]) -> BrepFile {
-        let pieces = |tag: &[u8; 4]| {
-            let piece = |entry: &[u8]| {
+        let chunks = |tag: &[u8; 4]| {
+            let chunk = |entry: &[u8]| {
                 let start = long(entry, 8) as usize;
                 (long(entry, 0), file[start..start + short(entry, 16) as usize].to_vec())
             };
-            section(file, tag).unwrap_or_default().chunks(24).map(piece).collect()
+            section(file, tag).unwrap_or_default().chunks(24).map(chunk).collect()
         };
         BrepFile {
             header: file[..20].to_vec(),
-            blocks: pieces(b"FACE"),
-            segments: pieces(b"DIRE"),
-            others: OTHERS.map(pieces),
+            blocks: chunks(b"FACE"),
+            segments: chunks(b"DIRE"),
+            others: OTHERS.map(chunks),
             formula: section(file, b"FORM").unwrap_or_default().to_vec(),
             model: section(file, b"BREP").unwrap().to_vec(),
             metadata: section(file, b"META").unwrap().to_vec(),
@@ -73,9 +73,9 @@ impl BrepFile {
     pub fn bytes(&self) -> Vec<u8> {
         let mut file = self.header.clone();
         file.extend(crc32c::crc32c(&self.header).to_le_bytes());
-        let mut list = |pieces: &[Piece]| {
+        let mut list = |chunks: &[Chunk]| {
             let mut list = Vec::new();
-            for (key, bytes) in pieces {
+            for (key, bytes) in chunks {
                 list.extend(key.to_le_bytes());
                 list.extend((file.len() as u64).to_le_bytes());
                 list.extend(shorts([bytes.len() as u32, crc32c::crc32c(bytes)]));
@@ -83,8 +83,8 @@ impl BrepFile {
             }
             list
         };
-        let [blocks, directory] = [&self.blocks, &self.segments].map(|pieces| list(pieces));
-        let others = self.others.each_ref().map(|pieces| list(pieces));
+        let [blocks, directory] = [&self.blocks, &self.segments].map(|chunks| list(chunks));
+        let others = self.others.each_ref().map(|chunks| list(chunks));
         let mut sections = Vec::new();
         let always = [(b"FACE", &blocks), (b"DIRE", &directory)];
         let more = [(b"BREP", &self.model), (b"FORM", &self.formula), (b"META", &self.metadata)];
@@ -191,7 +191,7 @@ impl Segment {
     }
 
     /// Appends the segment of a node, and those of the INNER nodes below it.
-    fn cut(&self, code: Code, word: u32, out: &mut Vec<Piece>) {
+    fn cut(&self, code: Code, word: u32, out: &mut Vec<Chunk>) {
         let mut segment =
             Segment { faces: Vec::new(), exact: Vec::new(), words: Vec::new(), leaves: Vec::new() };
         // Appends a list of faces, renumbered within the segment.

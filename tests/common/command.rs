@@ -71,9 +71,7 @@ pub fn interruptible(program: &str) -> Option<std::process::Command> {
     };
     let launcher = launchers.iter().find(works);
     if launcher.is_none() {
-        println!(
-            "skipped: whoever started these tests wants signals ignored, and nothing here can change that"
-        );
+        println!("skipped: the parent process ignores signals, and tests cannot change that");
     }
     launcher.map(|launcher| launch(launcher, program))
 }

@@ -38,8 +38,8 @@ pub fn file_of(list: &FaceList) -> ExactModel {
 /// Builds a file with a memory limit in bytes and a maximum number of faces per undivided cell.
 /// Returns its bytes; `None` if the faces bound no solid.
 pub fn built(list: &FaceList, memory: u64, leaf_size: usize) -> (Option<Vec<u8>>, BuildReport) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("model.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("model.goblin");
     let output = Output::create(&path).unwrap();
     let mut builder = ModelBuilder::new(output, list.grid().clone(), memory).unwrap().leaf_size(leaf_size);
     list.each(&mut |face| builder.push(face)).unwrap();

@@ -61,9 +61,9 @@ impl Glb {
             let accessor = &primitive["attributes"][name];
             accessor.as_u64().map(|accessor| self.numbers(accessor as usize))
         };
-        let places = read("POSITION").unwrap();
+        let positions = read("POSITION").unwrap();
         let (normals, colours, classes) = (read("NORMAL").unwrap(), read("COLOR_0"), read("_FEATURE_ID_0"));
-        let corners = places.iter().enumerate().map(|(i, place)| Corner {
+        let corners = positions.iter().enumerate().map(|(i, place)| Corner {
             at: [0, 1, 2]
                 .map(|axis| number(&node["translation"], axis) + number(&node["scale"], axis) * place[axis]),
             normal: [0, 1, 2].map(|axis| normals[i][axis] / 127.0),
@@ -137,21 +137,21 @@ fn check_contents(json: &Json, name: &str) {
 }
 
 /// A tile: level, x, y, z.
-pub type Place = [u32; 4];
+pub type TilePosition = [u32; 4];
 
 /// The tiles of a tileset, as listed by its subtrees.
 #[derive(Default)]
 pub struct Tiles {
     /// Tiles, and whether each has content.
-    pub tiles: BTreeMap<Place, bool>,
+    pub tiles: BTreeMap<TilePosition, bool>,
     /// Explicit bounding boxes: centre and half side lengths.
-    pub boxes: BTreeMap<Place, [[f64; 3]; 2]>,
+    pub boxes: BTreeMap<TilePosition, [[f64; 3]; 2]>,
     /// Names of subtree files.
     pub files: BTreeSet<String>,
 }
 
 impl Tiles {
-    pub fn read(folder: &Path, tileset: &Json) -> Tiles {
+    pub fn read(directory: &Path, tileset: &Json) -> Tiles {
         let implicit = &tileset["root"]["children"][0]["implicitTiling"];
         assert_eq!(implicit["subdivisionScheme"], "OCTREE");
         let [levels, of_subtree] =
@@ -161,7 +161,7 @@ impl Tiles {
         while let Some(root) = pending.pop() {
             let [level, x, y, z] = root;
             let name = format!("subtrees/{level}/{x}/{y}/{z}.subtree");
-            let bytes = std::fs::read(folder.join(&name)).unwrap();
+            let bytes = std::fs::read(directory.join(&name)).unwrap();
             found.files.insert(name);
             let word = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
             assert_eq!(&bytes[..8], b"subt\x01\0\0\0");
@@ -186,7 +186,7 @@ impl Tiles {
                 assert_eq!(json["availableCount"].as_u64(), Some(set as u64));
                 bits
             };
-            let child = |below: u32, order: u32| -> Place {
+            let child = |below: u32, order: u32| -> TilePosition {
                 let place =
                     |axis: u32| (0..below).map(|bit| (order >> (3 * bit + axis) & 1) << bit).sum::<u32>();
                 [level + below, (x << below) + place(0), (y << below) + place(1), (z << below) + place(2)]

@@ -8,7 +8,7 @@ pub struct Read {
     pub points: Vec<[f64; 3]>,
     pub faces: Vec<Vec<usize>>,
     /// Numbers that follow each face's vertex list.
-    pub told: Vec<Vec<u16>>,
+    pub extra_numbers: Vec<Vec<u16>>,
 }
 
 fn numbers<const N: usize>(bytes: &mut &[u8]) -> [u8; N] {
@@ -46,11 +46,11 @@ pub fn read_ply(mut bytes: &[u8]) -> Read {
         let [corners] = numbers(&mut bytes);
         let index = |_| i32::from_le_bytes(numbers(&mut bytes)) as usize;
         read.faces.push((0..corners).map(index).collect());
-        let told = types.iter().map(|kind| match kind.split_once(' ').unwrap().0 {
+        let extra_numbers = types.iter().map(|kind| match kind.split_once(' ').unwrap().0 {
             "uchar" => numbers::<1>(&mut bytes)[0].into(),
             _ => u16::from_le_bytes(numbers(&mut bytes)),
         });
-        read.told.push(told.collect());
+        read.extra_numbers.push(extra_numbers.collect());
     }
     assert!(bytes.is_empty());
     read
@@ -83,7 +83,7 @@ pub fn read_off(bytes: &[u8]) -> Read {
     for _ in 0..counts[1] {
         let face: Vec<usize> = lines.next().unwrap().split(' ').map(|word| word.parse().unwrap()).collect();
         read.faces.push(face[1..=face[0]].to_vec());
-        read.told.push(face[face[0] + 1..].iter().map(|channel| *channel as u16).collect());
+        read.extra_numbers.push(face[face[0] + 1..].iter().map(|channel| *channel as u16).collect());
     }
     assert_eq!(lines.next(), None);
     read
@@ -146,10 +146,10 @@ impl Read {
         let open = edges.values().filter(|balance| **balance != 0).count();
         assert_eq!(open, 0, "{what}: {open} of {} edges are open", edges.len());
         assert!(used.iter().all(|used| *used), "{what}");
-        let mut places: Vec<_> = self.points.iter().map(|point| point.map(f64::to_bits)).collect();
-        places.sort_unstable();
-        places.dedup();
-        assert_eq!(places.len(), self.points.len(), "{what}: points twice");
+        let mut positions: Vec<_> = self.points.iter().map(|point| point.map(f64::to_bits)).collect();
+        positions.sort_unstable();
+        positions.dedup();
+        assert_eq!(positions.len(), self.points.len(), "{what}: points twice");
     }
 
     /// Checks that the surface is a manifold, with points identified by position: each edge has two

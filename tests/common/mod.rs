@@ -80,13 +80,14 @@ pub fn as_byte(value: Value) -> u8 {
 
 /// Returns the optional test data directory: `$SPINNEY_DATA`, or `../shared/data`.
 pub fn shared_data() -> Option<PathBuf> {
-    let folder = std::env::var_os("SPINNEY_DATA").map(PathBuf::from);
-    let folder = folder.unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"));
-    if !folder.is_dir() {
-        eprintln!("skipped: {} is not there", folder.display());
+    let directory = std::env::var_os("SPINNEY_DATA").map(PathBuf::from);
+    let directory =
+        directory.unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"));
+    if !directory.is_dir() {
+        eprintln!("skipped: {} is not there", directory.display());
         return None;
     }
-    Some(folder)
+    Some(directory)
 }
 
 /// Returns the models of public bug reports, if the test data has them.
@@ -276,8 +277,8 @@ pub fn write_goblin(path: &Path, cells: &Cells, (rule, kind): (Rule, DataKind), 
 
 /// Returns the bytes of a file that a function writes.
 pub fn bytes_of(write: impl FnOnce(&Path)) -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.goblin");
     write(&path);
     std::fs::read(&path).unwrap()
 }
@@ -320,8 +321,8 @@ pub fn dataset(cells: &Cells, rule: Rule, kind: DataKind) -> Dataset {
 /// Opens a file that a function writes as a dataset.
 pub fn opened(write: impl FnOnce(&Path)) -> Dataset {
     // The mapping stays valid after the file is removed.
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.goblin");
     write(&path);
     dataset::open(&path, &OpenOptions::new()).unwrap()
 }

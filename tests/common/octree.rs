@@ -31,7 +31,7 @@ pub fn read(path: &Path) -> Cells {
     let tree = open(path);
     assert_eq!(tree.verify(1 << 24, &()).unwrap(), [], "{}", path.display());
     assert_eq!(tree.header().form, OCT, "{}", path.display());
-    let (size, bounds) = (tree.header().extent, tree.header().picture());
+    let (size, bounds) = (tree.header().extent, tree.header().extent_bounds());
     let cells = bounds.volume() as usize;
     let (mut bytes, mut valid) = (vec![0; cells], vec![false; cells]);
     tree.window(tree.depth(), &bounds, 0.0, &mut bytes, Some(&mut valid)).unwrap();

@@ -27,23 +27,23 @@ impl Cut {
 /// An INNER node with its subtree.
 struct Inner {
     code: Code,
-    children: Vec<Place>,
+    children: Vec<Subtree>,
     /// INNER nodes of the subtree.
     records: u64,
     sums: Sums,
 }
 
-enum Place {
+enum Subtree {
     Void,
     Leaf(Value),
     Inner(Value, Box<Inner>),
 }
 
-impl Place {
+impl Subtree {
     fn value(&self) -> Value {
         match self {
-            Place::Void => Value::ZERO,
-            Place::Leaf(value) | Place::Inner(value, _) => *value,
+            Subtree::Void => Value::ZERO,
+            Subtree::Leaf(value) | Subtree::Inner(value, _) => *value,
         }
     }
 }
@@ -83,15 +83,15 @@ pub fn goblin(tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, DataKind), 
     let (levels, entries) = (vec![[0; 3]; usize::from(tree.depth()) + 1], BTreeMap::new());
     let file = header(tree);
     let mut writer = Writer { tree, cut, counts_classes, levels, file, entries, stored: 0 };
-    let root = writer.place(Code::root(tree.form().dimension), tree.root().unwrap());
-    let mut crown = writer.file.len();
-    if let Place::Inner(_, node) = &root {
+    let root = writer.subtree(Code::root(tree.form().dimension), tree.root().unwrap());
+    let mut top_levels = writer.file.len();
+    if let Subtree::Inner(_, node) = &root {
         writer.segments(node, true, false);
-        crown = writer.file.len();
+        top_levels = writer.file.len();
         writer.segments(node, true, true);
     }
     let header = tree_header(tree, extent, (rule, kind), cut);
-    writer.finish(&root, header, crown)
+    writer.finish(&root, header, top_levels)
 }
 
 /// The file's header.
@@ -185,36 +185,36 @@ impl Writer<'_> {
     }
 
     /// Returns a node with its subtree, counted.
-    fn place(&mut self, code: Code, child: Child<<MemTree as Source>::Node>) -> Place {
+    fn subtree(&mut self, code: Code, child: Child<<MemTree as Source>::Node>) -> Subtree {
         let level = usize::from(code.level());
         self.levels[level][child.state() as usize] += 1;
         match child {
-            Child::Void => Place::Void,
-            Child::Leaf(value) => Place::Leaf(value),
+            Child::Void => Subtree::Void,
+            Child::Leaf(value) => Subtree::Leaf(value),
             Child::Inner { representative, node } => {
                 let mut children = no_children();
                 self.tree.children(&node, &mut children).unwrap();
                 let count = self.tree.form().children();
-                let places = children.into_iter().take(count).enumerate();
-                let children: Vec<Place> =
-                    places.map(|(step, child)| self.place(code.child(step), child)).collect();
+                let numbered = children.into_iter().take(count).enumerate();
+                let children: Vec<Subtree> =
+                    numbered.map(|(step, child)| self.subtree(code.child(step), child)).collect();
                 let mut inner = Inner { code, records: 1, sums: Sums::default(), children };
                 for child in &inner.children {
-                    if let Place::Inner(_, below) = child {
+                    if let Subtree::Inner(_, below) = child {
                         inner.records += below.records;
                     }
                     inner.sums.add(&self.sums(code.level() + 1, child));
                 }
-                Place::Inner(representative, Box::new(inner))
+                Subtree::Inner(representative, Box::new(inner))
             }
         }
     }
 
-    fn sums(&self, level: u8, place: &Place) -> Sums {
-        match place {
-            Place::Void => Sums::default(),
-            Place::Inner(_, inner) => inner.sums.clone(),
-            Place::Leaf(value) => {
+    fn sums(&self, level: u8, subtree: &Subtree) -> Sums {
+        match subtree {
+            Subtree::Void => Sums::default(),
+            Subtree::Inner(_, inner) => inner.sums.clone(),
+            Subtree::Leaf(value) => {
                 let cells = self.tree.form().dimension.cells(self.tree.depth() - level);
                 let samples = self.value_type().numbers(*value);
                 let sums = |sample: &Number| {
@@ -236,21 +236,21 @@ impl Writer<'_> {
     }
 
     /// The level above which segments belong to the top levels.
-    fn crown_level(&self) -> u8 {
+    fn shard_level(&self) -> u8 {
         let (depth, reach) = (self.tree.depth(), self.cut.reach);
         if depth <= reach { 0 } else { (depth - reach).saturating_sub(6).max((depth - reach).min(3)) }
     }
 
     /// Writes the segments of all nodes below a node, then its own, if it has one; those of the top
     /// levels, or the others.
-    fn segments(&mut self, node: &Inner, is_root: bool, in_crown: bool) {
+    fn segments(&mut self, node: &Inner, is_root: bool, in_top_levels: bool) {
         for child in &node.children {
-            if let Place::Inner(_, node) = child {
-                self.segments(node, false, in_crown);
+            if let Subtree::Inner(_, node) = child {
+                self.segments(node, false, in_top_levels);
             }
         }
         let owns = is_root || self.is_candidate(node.code.level()) && self.is_heavy(node);
-        if owns && (node.code.level() < self.crown_level()) == in_crown {
+        if owns && (node.code.level() < self.shard_level()) == in_top_levels {
             self.segment(node);
         }
     }
@@ -302,9 +302,9 @@ impl Writer<'_> {
         let (mut states, mut below) = (0u32, Vec::new());
         for (step, child) in node.children.iter().enumerate() {
             let state = match child {
-                Place::Void => 0,
-                Place::Leaf(_) => 1,
-                Place::Inner(_, inner) => {
+                Subtree::Void => 0,
+                Subtree::Leaf(_) => 1,
+                Subtree::Inner(_, inner) => {
                     let level = inner.code.level();
                     let bottom = bottom.or_else(|| {
                         let deepest =
@@ -376,21 +376,21 @@ impl Writer<'_> {
     }
 
     /// Writes a child, at a position of the level above, and its subtree to the rows.
-    fn paint(&self, place: &Place, level: u8, above: [usize; 3], step: usize, block: &mut DenseRows) {
+    fn paint(&self, subtree: &Subtree, level: u8, above: [usize; 3], step: usize, block: &mut DenseRows) {
         let at: [usize; 3] = std::array::from_fn(|axis| 2 * above[axis] + (step >> axis & 1));
         let side = 1 << level;
         let index = (at[2] * side + at[1]) * side + at[0];
-        block.rows[usize::from(level)][index] = self.bytes(place.value());
+        block.rows[usize::from(level)][index] = self.bytes(subtree.value());
         if level == block.levels {
-            block.states[index] = match place {
-                Place::Void => 0,
-                Place::Leaf(_) => 1,
-                Place::Inner(..) => 3,
+            block.states[index] = match subtree {
+                Subtree::Void => 0,
+                Subtree::Leaf(_) => 1,
+                Subtree::Inner(..) => 3,
             };
             return;
         }
         for step in 0..self.tree.form().children() {
-            let child = if let Place::Inner(_, inner) = place { &inner.children[step] } else { place };
+            let child = if let Subtree::Inner(_, inner) = subtree { &inner.children[step] } else { subtree };
             self.paint(child, level + 1, at, step, block);
         }
     }
@@ -416,7 +416,7 @@ impl Writer<'_> {
         metadata
     }
 
-    fn finish(mut self, root: &Place, header: Vec<u8>, crown: usize) -> Vec<u8> {
+    fn finish(mut self, root: &Subtree, header: Vec<u8>, top_levels: usize) -> Vec<u8> {
         let metadata = self.metadata();
         let start = self.file.len();
         let entries: Vec<Vec<u8>> = self.entries.values().cloned().collect();
@@ -429,16 +429,16 @@ impl Writer<'_> {
         let top_at = self.file.len();
         self.file.extend(&top);
         let (state, value) = match root {
-            Place::Void => (0, Value::ZERO),
-            Place::Leaf(value) => (1, *value),
-            Place::Inner(value, _) => (2, *value),
+            Subtree::Void => (0, Value::ZERO),
+            Subtree::Leaf(value) => (1, *value),
+            Subtree::Inner(value, _) => (2, *value),
         };
         let mut layer = header;
         layer.extend([state, 0, 0, 0, 0, 0, 0, 0]);
         layer.extend(self.bytes(value));
         layer.resize(72, 0);
         let numbers =
-            [entries.len() as u64, self.stored, 24, run as u64, crown as u64 - 24, start as u64 - 24];
+            [entries.len() as u64, self.stored, 24, run as u64, top_levels as u64 - 24, start as u64 - 24];
         numbers.iter().for_each(|number| layer.extend(number.to_le_bytes()));
         for (at, bytes) in [(top_at, &top), (metadata_at, &metadata)] {
             layer.extend((at as u64).to_le_bytes());

@@ -80,8 +80,8 @@ impl Body {
 
 /// Returns the result of an operation.
 pub fn try_combined(operation: u8, bodies: &[&Body]) -> Result<(Body, CombineReport)> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("c.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("c.goblin");
     let models: Vec<&ExactModel> = bodies.iter().map(|body| &body.model).collect();
     let result = combine(
         set_operation(operation),
@@ -91,7 +91,7 @@ pub fn try_combined(operation: u8, bodies: &[&Body]) -> Result<(Body, CombineRep
         MEMORY,
         &(),
     );
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), usize::from(result.is_ok()));
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), usize::from(result.is_ok()));
     result.map(|report| (Body::of_bytes(std::fs::read(&path).unwrap()), report))
 }
 

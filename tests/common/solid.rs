@@ -98,8 +98,8 @@ pub fn plain(triangles: &[Triangle]) -> Box<dyn Model> {
 
 /// Builds a tree and opens it.
 pub fn build(model: Box<dyn Model>, options: &SolidOptions) -> (Goblin, SolidReport) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("solid.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("solid.goblin");
     let report =
         plan_models(vec![model], options).unwrap().build(Output::create(&path).unwrap(), &()).unwrap();
     let tree = Goblin::open(&path, &OpenOptions::new()).unwrap();

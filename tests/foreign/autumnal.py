@@ -10,7 +10,7 @@ from basics import Bytes, Code, Header, Unknown, check, check_names, crc32c, met
 from coder import turned
 from packed import unpack_runs
 from rules import Pyramid, same
-from trees import INNER, VOID, Form, Run, Statistics, Tree, sum_of
+from trees import INNER, VOID, RunRecords, Statistics, Tree, TreeHeader, sum_of
 from verify import Writer, verify_tree
 
 MAGIC = b"\x93Autumn\n"
@@ -18,18 +18,18 @@ RECORDS, COMMIT, METADATA, PACKED = range(4)
 FIRST = 12288
 
 
-def heights(form: Form, levels: int) -> list[int]:
+def heights(form: TreeHeader, levels: int) -> list[int]:
     """Heights of the nodes with records, ascending, for runs of `levels` levels."""
     return [*range(levels, form.depth, 2), form.depth]
 
 
-def pointed(form: Form, levels: int, height: int) -> int:
+def pointed(form: TreeHeader, levels: int, height: int) -> int:
     """Levels from a node to the nodes its record points to; 0 if it has no pointers."""
     check(height in heights(form, levels), "a node of this height has no record")
     return height - max(h for h in heights(form, levels) if h < height) if height > levels else 0
 
 
-def zoned(form: Form, levels: int, height: int) -> bool:
+def zoned(form: TreeHeader, levels: int, height: int) -> bool:
     """Whether a node's record has a zone."""
     return height > levels and (height >= (7 if form.axes == 2 else 5) or height == form.depth)
 
@@ -42,7 +42,7 @@ class Record:
     at: int
     node: Code
     value: bytes
-    run: Run
+    run: RunRecords
     below: int
     pointers: dict[int, int]
     zone: tuple[int, Statistics, list[tuple[bytes, int]] | None] | None
@@ -57,14 +57,14 @@ class LayerOfCommit(Tree):
         self.cells, self.inner = b.unsigned(), b.unsigned()
         header = b.blob()
         check(len(header) == 48, "a tree's header has another size")
-        self.form = form = Form(header, file.header)
+        self.form = form = TreeHeader(header, file.header)
         check(not form.codec, "packed segments, where there are none")
         self.root_state, self.root_value, self.root = b.get("B"), b.blob(), b.unsigned()
         check(self.root_state <= INNER and len(self.root_value) == (form.width if self.root_state else 0), "the root")
         self.root_value = self.root_value or bytes(form.width)
         check(self.root_state < INNER or form.depth and self.root < commit, "the root's record")
         self.meta_at = b.unsigned()
-        check(self.meta_at < commit, "metadata are behind the commit")
+        check(self.meta_at < commit, "the metadata follow the commit")
         self.cache: dict[tuple[int, Code], Record] = {}
         self.of_run: dict[int, Record] = {}
 
@@ -98,8 +98,8 @@ class LayerOfCommit(Tree):
         end = b.at + f.record
         check(end <= len(b.data), "a record ends too early")
         skip = int.from_bytes(b.data[end - f.axes - 1 : end], "little") & (1 << f.skips) - 1
-        check(1 <= skip <= (f.children ** min(height, levels) - 1) // (f.children - 1), "places of a run")
-        run = Run(f, b.take(skip * f.record), node)
+        check(1 <= skip <= (f.children ** min(height, levels) - 1) // (f.children - 1), "slots of a run")
+        run = RunRecords(f, b.take(skip * f.record), node)
         zone = self._zone(b) if zoned(f, levels, height) else None
         check(not alone or b.at == len(b.data), "a record ends too late")
         return Record(at, node, value, run, below, pointers, zone)
@@ -135,7 +135,7 @@ class LayerOfCommit(Tree):
                 counts = [(b.take(f.width), b.leb()) for _ in range(classes)]
         return records, Statistics(cells, least, most, sums, squares, present), counts
 
-    def first(self) -> Run:
+    def first(self) -> RunRecords:
         return self.record(self.root, Code(0, (0,) * self.form.axes)).run
 
     def next(self, record: Record, node: Code) -> Record | None:
@@ -147,7 +147,7 @@ class LayerOfCommit(Tree):
             number = number * self.form.children + child
         return self.record(record.pointers[number], to) if number in record.pointers else None
 
-    def deeper(self, run: Run, node: Code) -> Run:
+    def deeper(self, run: RunRecords, node: Code) -> RunRecords:
         record = self.of_run[id(run)]
         below = self.next(record, node) if record.pointers else None
         check(below, "something INNER where there is no pointer")
@@ -163,16 +163,16 @@ class LayerOfCommit(Tree):
             if below is None:
                 break
             record = below
-        state, value = record.run.look(node.path[record.node.level :])
+        state, value = record.run.find_node(node.path[record.node.level :])
         return None if state == VOID else value
 
     def verify(self) -> Pyramid:
         """Checks all records, values and zones, and what follows from the cells; raises
-        `Damaged`."""
+        `CorruptFile`."""
         pyramid = verify_tree(self)
         root = pyramid.levels[0]
         check((self.cells, self.inner) == (int(root.cells.flat[0]), int(root.nodes.flat[0])), "cells or nodes of the layer")
-        check(self.meta["counts"] == [], "counts of nodes that nobody keeps")
+        check(self.meta["counts"] == [], "counts of nodes that no node has")
         todo = [self.record(self.root, Code(0, (0,) * self.form.axes))] if self.root_state == INNER else []
         while todo:
             record = todo.pop()
@@ -209,16 +209,16 @@ class Packed:
         check(size <= 1 << 20 and 1 <= count <= 480, "numbers of a packed extent")
         if codec > 1:
             raise Unknown("the codec of a packed extent")
-        self.form = form = Form(b.take(48), file.header)
+        self.form = form = TreeHeader(b.take(48), file.header)
         # Plain records do not store heights.
         self.heights: list[int | None] = [None] * count
         if codec:
             check(size <= 65536 + 4096 * (len(data) - 56), "bytes of records")
-            runs, beside = unpack_runs(form, file.levels, count, data[56:], 2 * size)
-            around = Bytes(beside)
+            runs, side_bytes = unpack_runs(form, file.levels, count, data[56:], 2 * size)
+            around = Bytes(side_bytes)
             self.heights = [height for height, _, _ in runs]
-            self.records = [value + b"".join(self._beside(i, height, around, run)) for i, (height, value, run) in enumerate(runs)]
-            check(around.at == len(beside), "something is left beside runs")
+            self.records = [value + b"".join(self._side_bytes(i, height, around, run)) for i, (height, value, run) in enumerate(runs)]
+            check(around.at == len(side_bytes), "bytes are left over after the last run")
             check(sum(map(len, self.records)) == size, "bytes of records")
         else:
             starts = [*(b.get("I") for _ in range(count)), len(data) - 56]
@@ -226,7 +226,7 @@ class Packed:
             check(all(a < e for a, e in zip(starts, starts[1:])), "where records start")
             self.records = [data[56 + a : 56 + e] for a, e in zip(starts, starts[1:])]
 
-    def _beside(self, number: int, height: int, b: Bytes, run: bytes) -> list[bytes]:
+    def _side_bytes(self, number: int, height: int, b: Bytes, run: bytes) -> list[bytes]:
         """Returns what follows the representative of a record."""
         f, below, at = self.form, pointed(self.form, self.levels, height), self.first + number
         found = []
@@ -245,7 +245,7 @@ class Packed:
             found.append(b.take(b.leb(5)))
         return found
 
-    def record(self, number: int, form: Form, height: int) -> bytes:
+    def record(self, number: int, form: TreeHeader, height: int) -> bytes:
         """Returns the bytes of a node's record."""
         check(number in range(len(self.records)), "a record outside any extent")
         check(form.raw == self.form.raw and self.heights[number] in (None, height), "a record of another node")
@@ -288,10 +288,10 @@ class Autumn:
         self.unpacked: dict[int, Packed] = {}
         self.sequence, self.newest, self.end = max(slots)
         check(self.end <= len(data), "the file ends before its newest commit")
-        beside = data[4096 * (1 + self.sequence % 2) :][:40]
-        self.slots_are_whole = len(slots) == 2 or self.sequence == 1 and not any(beside)
+        side_bytes = data[4096 * (1 + self.sequence % 2) :][:40]
+        self.slots_are_whole = len(slots) == 2 or self.sequence == 1 and not any(side_bytes)
         if not self.slots_are_whole:
-            self._look_behind()
+            self._find_newest()
         self.commits: list[Commit] = []
         at = self.newest
         while at:
@@ -306,7 +306,7 @@ class Autumn:
         whole = magic == b"AutuMeta" and crc == crc32c(b.data[:36]) and sequence and sequence % 2 == 1 - which
         return (sequence, commit, end) if whole and FIRST <= commit < end else None
 
-    def _look_behind(self) -> None:
+    def _find_newest(self) -> None:
         """Finds the newest commit if its slot is corrupt: it follows the known one."""
         known = self.newest, self.sequence, self.end
         at, self.end = -(-self.end // 4096) * 4096, len(self.data)
@@ -343,7 +343,7 @@ class Autumn:
             self.cache[at] = kind, data
         return self.cache[at]
 
-    def around(self, at: int, form: Form, height: int) -> tuple[Bytes, bool]:
+    def around(self, at: int, form: TreeHeader, height: int) -> tuple[Bytes, bool]:
         """Returns the bytes that begin with a node's record, and whether they are only this
         record."""
         start = at // 512 * 512
@@ -370,7 +370,7 @@ class Autumn:
         sequence, layers = b.unsigned(), b.many(lambda: LayerOfCommit(self, at, b))
         previous, older = b.unsigned(), (b.unsigned(), b.unsigned())
         found = Commit(at, number, time, author, message, cells, inner, written, sequence, layers, previous, older)
-        check(found.previous < at and found.older[1] < at, "a commit before stands behind")
+        check(found.previous < at and found.older[1] < at, "an earlier commit is at a later offset")
         check(layers, "a commit without layers")
         check_names([layer.name for layer in layers])
         return found
@@ -388,8 +388,8 @@ class Autumn:
             check(commit.older == (older[i + 1], self.commits[older[i + 1] - 1].at if older[i + 1] else 0), "the older commit")
 
     def verify(self) -> None:
-        """Raises `Damaged` unless the whole file is valid."""
-        check(self.slots_are_whole, "a slot is damaged")
+        """Raises `CorruptFile` unless the whole file is valid."""
+        check(self.slots_are_whole, "a meta slot is corrupt")
         for commit in self.commits:
             for layer in commit.layers:
                 layer.verify()

@@ -12,7 +12,7 @@ GOBLIN = b"\x93Goblin\n"
 Point = tuple[int, ...]
 
 
-class Damaged(Exception):
+class CorruptFile(Exception):
     """The file violates the specification."""
 
 
@@ -23,7 +23,7 @@ class Unknown(Exception):
 def check(holds: object, what: str) -> None:
     """Raises unless a condition holds."""
     if not holds:
-        raise Damaged(what)
+        raise CorruptFile(what)
 
 
 def _table() -> list[int]:
@@ -68,7 +68,7 @@ class Bytes:
             number |= (byte & 127) << 7 * place
             if byte < 128:
                 return number
-        raise Damaged("a number is too long")
+        raise CorruptFile("a number is too long")
 
     # Bincode (section 9).
 
@@ -99,7 +99,7 @@ class Bytes:
         try:
             return self.blob().decode()
         except UnicodeDecodeError:
-            raise Damaged("a text is not UTF-8") from None
+            raise CorruptFile("a text is not UTF-8") from None
 
     def number(self) -> int | float:
         kind = self.unsigned()
@@ -224,7 +224,7 @@ def spans(data: bytes, header: Header) -> dict[bytes, tuple[int, int, int]]:
     """Returns the position, length and checksum of each section in the trailer."""
     check(len(data) >= 40 and data[-8:] == GOBLIN[::-1], "no end")
     size, crc = struct.unpack("<II", data[-16:-8])
-    check(36 <= size <= 4096 and size + 40 <= len(data), "the trailer has no room")
+    check(36 <= size <= 4096 and size + 40 <= len(data), "the trailer does not fit")
     raw = data[-16 - size : -16]
     check(crc32c(raw) == crc, "checksum of the trailer")
     b = Bytes(raw)

@@ -10,7 +10,7 @@ from typing import Hashable
 
 import numpy as np
 from basics import Bytes, check
-from trees import Form, Values
+from trees import TreeHeader, Values
 
 NAMES, SOLID, NUMBERS = 0, 2, 4
 
@@ -30,7 +30,7 @@ def starts(lengths: list[int]) -> list[int]:
 # fmt: off
 # Lengths of residual symbols, in the size contexts 0 to 13, then in larger even ones and larger odd
 # ones.
-ERRORS = [
+RESIDUALS = [
     [15472, 4646, 3873, 1555, 1555, 782, 782, 628, 628, 473, 473, 396, 396, 318, 318, 473],
     [32064, 293, 211, 33, 44, 21, 18, 11, 10, 9, 9, 9, 9, 9, 9, 9],
     [31831, 386, 313, 49, 55, 25, 22, 12, 11, 10, 9, 9, 9, 9, 9, 9],
@@ -49,7 +49,7 @@ ERRORS = [
     [5829, 5121, 4217, 3297, 4681, 2887, 3156, 1501, 1179, 391, 288, 102, 68, 24, 16, 11],
 ]
 # fmt: on
-ERROR_STARTS = [starts(row) for row in ERRORS]
+RESIDUAL_STARTS = [starts(row) for row in RESIDUALS]
 
 
 def turned(n: int) -> int:
@@ -168,10 +168,10 @@ class Coder:
     def signed(self) -> int:
         return turned(self.number())
 
-    def error(self, context: Hashable, c: int) -> int:
+    def residual(self, context: Hashable, c: int) -> int:
         """Returns a residual in the size context `c`."""
         k = max(c - 14 >> 1, 0)
-        symbol = self.symbol((context, c), ERROR_STARTS[c if c < 14 else 14 + c % 2])
+        symbol = self.symbol((context, c), RESIDUAL_STARTS[c if c < 14 else 14 + c % 2])
         if symbol < 4:
             return turned(symbol << k | self.raw(k))
         if symbol == 15:
@@ -189,14 +189,14 @@ class Numbers:
     """Samples as integers: their bits, the channel order, and the channels predicted from channel
     1."""
 
-    def __init__(self, form: Form) -> None:
+    def __init__(self, form: TreeHeader) -> None:
         self.sample, small = form.type, form.type.itemsize <= 2
         self.bits = 32 if small else 64
         self.type = np.dtype(f"i{self.bits // 8}")
         # Bits of the lanes used to compute dense blocks.
         self.lanes = 8 * max(form.type.itemsize, 2)
-        self.told = (0, 2) if small and form.channels > 2 else ()
-        self.order = [1, 0, 2, 3][: form.channels] if self.told else list(range(form.channels))
+        self.relative_channels = (0, 2) if small and form.channels > 2 else ()
+        self.order = [1, 0, 2, 3][: form.channels] if self.relative_channels else list(range(form.channels))
 
     def samples(self, numbers: Values, power: int | None = None) -> Values:
         """Returns the samples of integers, or of their multiples."""

@@ -13,7 +13,7 @@ from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any, Iterator, NamedTuple, Sequence
 
-from basics import Bytes, Code, Damaged, Header, Unknown, check, crc32c, metadata, spans, trailer
+from basics import Bytes, Code, CorruptFile, Header, Unknown, check, crc32c, metadata, spans, trailer
 from tokens import folded, signed, unfolded
 
 DEEPEST = 29
@@ -48,7 +48,7 @@ class Feature:
     values: list[Any]
 
 
-class Piece(NamedTuple):
+class Segment(NamedTuple):
     """A line segment: feature number, number of its first vertex, both vertices, and first
     level."""
 
@@ -81,7 +81,7 @@ class Node:
     """An entry of `LNOD`, and the node's own blocks."""
 
     at: Code
-    pieces: int
+    segments: int
     features: int
     length: float
     box: Box
@@ -107,7 +107,7 @@ class Lines:
     def _read_lines(self, b: Bytes) -> None:
         if b.unsigned() != 1:
             raise Unknown("lines of another version")
-        self.features, self.pieces, self.leaf_size = (b.unsigned() for _ in range(3))
+        self.features, self.segments, self.leaf_size = (b.unsigned() for _ in range(3))
         self.scale, self.offset = b.get("d"), b.get("2d")
         self.corner = tuple(b.signed() for _ in range(2))
         self.bits = b.get("B")
@@ -124,15 +124,15 @@ class Lines:
         self.nodes: dict[Code, Node] = {}
         last = -1
         while b.at < len(b.data):
-            code, pieces, features, length, *box = b.get("QQQd4i")
+            code, segments, features, length, *box = b.get("QQQd4i")
             at = Code.of(code, 2)
             check(code > last and at.level <= self.header.depth, "nodes")
             check(not at.level or at.up(1) in self.nodes, "a node without the one above it")
-            check(1 <= features <= pieces and features <= self.features and 0 <= length < math.inf, "counts of a node")
-            self.nodes[at] = Node(at, pieces, features, length, box_of(box))
+            check(1 <= features <= segments and features <= self.features and 0 <= length < math.inf, "counts of a node")
+            self.nodes[at] = Node(at, segments, features, length, box_of(box))
             last = code
         root = self.nodes.get(Code(0, (0, 0)))
-        check((root.pieces if root else 0) == self.pieces, "pieces of the root")
+        check((root.segments if root else 0) == self.segments, "segments of the root")
 
     def _read_blocks(self, end: int) -> None:
         blocks = self._blocks(self.sections[b"LBLK"], end, 1 << 16)
@@ -144,9 +144,9 @@ class Lines:
         check(all(a <= e for (a, _), (e, _) in pairwise(blocks)), "the order of blocks")
         below = {node.at: sum(block.count for block in node.blocks) for node in self.nodes.values()}
         for node in reversed(self.nodes.values()):
-            check(below[node.at] == node.pieces, "pieces of a node and those below")
+            check(below[node.at] == node.segments, "segments of a node and those below")
             if node.at.level:
-                below[node.at.up(1)] += node.pieces
+                below[node.at.up(1)] += node.segments
         of_features = self._blocks(self.sections[b"LFEA"], end, MAX_FEATURES)
         self.of_features = [block for _, block in of_features]
         firsts = [0, *accumulate(block.count for block in self.of_features)]
@@ -158,7 +158,7 @@ class Lines:
         check(len(data) % 44 == 0, "bytes of blocks")
         found = []
         for key, at, size, crc, count, *box in struct.iter_unpack("<QQIII4i", data):
-            check(24 <= at and at + size <= end, "a block lies elsewhere")
+            check(24 <= at and at + size <= end, "a block is out of bounds")
             check(1 <= count <= most, "how much a block has")
             # Entries of features have zeros, which readers ignore.
             found.append((key, Block(key, at, size, crc, count, box_of(box) if most > MAX_FEATURES else None)))
@@ -179,34 +179,34 @@ class Lines:
     def world(self, vertex: Vertex) -> tuple[float, float]:
         """Returns the world position of a vertex."""
         n = self.divisor
-        places = [(x + offset * n) / n if n else x * self.scale + offset for x, offset in zip(vertex, self.offset)]
-        return places[0], places[1]
+        coordinates = [(x + offset * n) / n if n else x * self.scale + offset for x, offset in zip(vertex, self.offset)]
+        return coordinates[0], coordinates[1]
 
-    def pieces_of(self, block: Block) -> list[Piece]:
+    def segments_of(self, block: Block) -> list[Segment]:
         """Returns the line segments of a block."""
         b = self.block(block)
         count = block.count
         features = list(accumulate(read_column(b, [0] * count)))
         same = [a == e for a, e in pairwise([0, *features])]
         more = read_column(b, [0] * count)
-        places: list[int] = []
+        positions: list[int] = []
         for i in range(count):
-            places.append(more[i] + (places[-1] if i and same[i] else 0))
+            positions.append(more[i] + (positions[-1] if i and same[i] else 0))
         contexts = [int(same[i] and more[i] == 1) for i in range(count)]
         starts = [read_column(b, contexts) for _ in range(2)]
         ends = [read_column(b, [0] * count) for _ in range(2)]
         firsts = read_column(b, [0] * count)
         check(b.at == len(b.data), "something is left of a block")
-        found: list[Piece] = []
+        found: list[Segment] = []
         x = y = 0
         for i in range(count):
             start = x + starts[0][i], y + starts[1][i]
             x, y = start[0] + ends[0][i], start[1] + ends[1][i]
-            found.append(Piece(features[i], places[i], start, (x, y), firsts[i]))
-        check(all(self.inside(p) for piece in found for p in (piece.start, piece.end)), "a vertex is not inside")
-        check(all(0 <= f < self.features for f in features) and min(places) >= 0, "features of pieces")
-        check(found == sorted(found, key=lambda piece: piece[:2]), "the order of pieces")
-        check(around(piece.box for piece in found) == block.box, "extremes of a block")
+            found.append(Segment(features[i], positions[i], start, (x, y), firsts[i]))
+        check(all(self.inside(p) for segment in found for p in (segment.start, segment.end)), "a vertex is not inside")
+        check(all(0 <= f < self.features for f in features) and min(positions) >= 0, "features of segments")
+        check(found == sorted(found, key=lambda segment: segment[:2]), "the order of segments")
+        check(around(segment.box for segment in found) == block.box, "extremes of a block")
         return found
 
     def inside(self, vertex: Vertex) -> bool:
@@ -234,23 +234,23 @@ class Lines:
         check(set(marks) <= KINDS[attribute.kind] | {NONE}, "marks of values")
         wholes = iter(read_column(b, [0] * marks.count(WHOLE)))
         numbers = iter(read_column(b, [0] * marks.count(NUMBER)))
-        of_texts = marks.count(TEXT) + marks.count(JSON)
-        texts: Iterator[str] = iter(())
-        if of_texts:
+        of_strings = marks.count(TEXT) + marks.count(JSON)
+        strings: Iterator[str] = iter(())
+        if of_strings:
             (different,) = read_column(b, [0])
-            check(1 <= different <= of_texts, "different texts")
-            which = read_column(b, [0] * of_texts)
-            check(all(0 <= i < different for i in which), "numbers of texts")
+            check(1 <= different <= of_strings, "different strings")
+            which = read_column(b, [0] * of_strings)
+            check(all(0 <= i < different for i in which), "numbers of strings")
             sizes = read_column(b, [0] * different)
-            check(min(sizes) >= 0 and sum(sizes) <= 1 << 24, "bytes of texts")
+            check(min(sizes) >= 0 and sum(sizes) <= 1 << 24, "bytes of strings")
             letters = read_column(b, [0] * sum(sizes))
-            check(all(0 <= letter < 256 for letter in letters), "bytes of texts")
+            check(all(0 <= letter < 256 for letter in letters), "bytes of strings")
             ends = list(accumulate(sizes))
             try:
-                different_texts = [bytes(letters[end - size : end]).decode() for size, end in zip(sizes, ends)]
+                distinct_strings = [bytes(letters[end - size : end]).decode() for size, end in zip(sizes, ends)]
             except UnicodeDecodeError:
-                raise Damaged("a text is not UTF-8") from None
-            texts = iter([different_texts[i] for i in which])
+                raise CorruptFile("a text is not UTF-8") from None
+            strings = iter([distinct_strings[i] for i in which])
         found: list[Any] = []
         for mark in marks:
             if mark == WHOLE:
@@ -258,16 +258,16 @@ class Lines:
             elif mark == NUMBER:
                 found.append(struct.unpack("<d", struct.pack("<q", next(numbers)))[0])
             elif mark in (TEXT, JSON):
-                text = next(texts)
+                text = next(strings)
                 found.append(text if mark == TEXT else Json(text))
             else:
                 found.append({NONE: None, FALSE: False, TRUE: True}[mark])
         return found
 
-    def walk(self) -> Iterator[tuple[Node, list[Piece]]]:
+    def walk(self) -> Iterator[tuple[Node, list[Segment]]]:
         """Yields all nodes by code, with the line segments of each."""
         for node in self.nodes.values():
-            yield node, [piece for block in node.blocks for piece in self.pieces_of(block)]
+            yield node, [segment for block in node.blocks for segment in self.segments_of(block)]
 
     def each_feature(self) -> Iterator[Feature]:
         """Yields all features in their order."""
@@ -276,9 +276,9 @@ class Lines:
 
     # Verification.
 
-    def code(self, piece: Piece) -> Code:
+    def code(self, segment: Segment) -> Code:
         """Returns the node of a line segment, before nodes are merged."""
-        (x, y), (u, v) = [(p[0] - self.corner[0], p[1] - self.corner[1]) for p in (piece.start, piece.end)]
+        (x, y), (u, v) = [(p[0] - self.corner[0], p[1] - self.corner[1]) for p in (segment.start, segment.end)]
         size = max(abs(x - u), abs(y - v))
         level = next(l for l in range(self.header.depth, -1, -1) if 1 << self.bits - l >= size)
         return Code(level, ((x + u) // 2 >> self.bits - level, (y + v) // 2 >> self.bits - level))
@@ -286,33 +286,33 @@ class Lines:
     def verify(self) -> None:
         """Checks that line segments match the features, that nodes and blocks are as specified, and
         that the nodes' summaries are right."""
-        of_nodes = {node.at: [self.pieces_of(block) for block in node.blocks] for node in self.nodes.values()}
-        made = [piece for i, feature in enumerate(self.each_feature()) for piece in self._pieces(i, feature)]
-        found = [piece for blocks in of_nodes.values() for pieces in blocks for piece in pieces]
-        check(sorted(found) == sorted(made), "pieces are not those of features")
+        of_nodes = {node.at: [self.segments_of(block) for block in node.blocks] for node in self.nodes.values()}
+        made = [segment for i, feature in enumerate(self.each_feature()) for segment in self._segments(i, feature)]
+        found = [segment for blocks in of_nodes.values() for segments in blocks for segment in segments]
+        check(sorted(found) == sorted(made), "segments are not those of features")
         below: dict[Code, int] = {}
-        for piece in made:
-            own = self.code(piece)
+        for segment in made:
+            own = self.code(segment)
             for level in range(own.level + 1):
                 node = own.up(own.level - level)
                 below[node] = below.get(node, 0) + 1
         taken = set()
         for at, blocks in of_nodes.items():
-            for own in {self.code(piece) for pieces in blocks for piece in pieces}:
+            for own in {self.code(segment) for segments in blocks for segment in segments}:
                 above = (own.up(own.level - level) for level in range(own.level + 1))
-                check(next((up for up in above if below[up] <= self.leaf_size), own) == at, "a piece is in another node")
+                check(next((up for up in above if below[up] <= self.leaf_size), own) == at, "a segment is in another node")
             taken.add(at)
             self._verify_blocks(blocks)
-        check(set(self.nodes) == taken and all(self.nodes[at].pieces == below[at] for at in taken), "nodes")
+        check(set(self.nodes) == taken and all(self.nodes[at].segments == below[at] for at in taken), "nodes")
         self._verify_nodes(of_nodes)
 
-    def _pieces(self, number: int, feature: Feature) -> list[Piece]:
+    def _segments(self, number: int, feature: Feature) -> list[Segment]:
         """Returns the line segments of a feature, with their first levels."""
         found, place = [], 0
         for line in feature.lines:
-            found += [Piece(number, place + i, a, e, 0) for i, (a, e) in enumerate(pairwise(line))]
+            found += [Segment(number, place + i, a, e, 0) for i, (a, e) in enumerate(pairwise(line))]
             place += len(line)
-        found.sort(key=lambda piece: (self.code(piece).code, piece.place))
+        found.sort(key=lambda segment: (self.code(segment).code, segment.place))
         for i in range(len(found) - 1, 0, -1):
             own, before = self.code(found[i]), self.code(found[i - 1])
             least = min(own.level, before.level)
@@ -320,34 +320,34 @@ class Lines:
             found[i] = found[i]._replace(first=common + 1)
         return found
 
-    def _verify_blocks(self, blocks: list[list[Piece]]) -> None:
+    def _verify_blocks(self, blocks: list[list[Segment]]) -> None:
         """Checks that a node's line segments are split into blocks in the order of codes, features
         and vertex numbers."""
-        check(all(len(pieces) == self.leaf_size for pieces in blocks[:-1]), "pieces of blocks")
-        check(all(len(pieces) <= self.leaf_size for pieces in blocks[-1:]), "pieces of the last block")
-        keys = [sorted((self.code(piece).code, *piece[:2]) for piece in pieces) for pieces in blocks]
+        check(all(len(segments) == self.leaf_size for segments in blocks[:-1]), "segments of blocks")
+        check(all(len(segments) <= self.leaf_size for segments in blocks[-1:]), "segments of the last block")
+        keys = [sorted((self.code(segment).code, *segment[:2]) for segment in segments) for segments in blocks]
         check(all(a[-1] < e[0] for a, e in pairwise(keys)), "the order of blocks")
 
-    def _verify_nodes(self, of_nodes: dict[Code, list[list[Piece]]]) -> None:
+    def _verify_nodes(self, of_nodes: dict[Code, list[list[Segment]]]) -> None:
         """Checks that lengths, extremes and feature numbers match the line segments of nodes and
         their descendants."""
         below: dict[Code, list[Node]] = {}
-        pieces_below: dict[Code, list[Piece]] = {}
+        segments_below: dict[Code, list[Segment]] = {}
         for at, blocks in reversed(of_nodes.items()):
             node, kids = self.nodes[at], below.get(at, [])[::-1]
-            pieces = pieces_below.setdefault(at, []) + [piece for of in blocks for piece in of]
-            check(node.features == len({piece.feature for piece in pieces}), "features of a node")
-            check(node.features == sum(piece.first <= at.level for piece in pieces), "first levels")
-            check(around(piece.box for piece in pieces) == node.box, "extremes of a node")
-            own = added([added([self.length(piece) for piece in of]) for of in blocks])
+            segments = segments_below.setdefault(at, []) + [segment for of in blocks for segment in of]
+            check(node.features == len({segment.feature for segment in segments}), "features of a node")
+            check(node.features == sum(segment.first <= at.level for segment in segments), "first levels")
+            check(around(segment.box for segment in segments) == node.box, "extremes of a node")
+            own = added([added([self.length(segment) for segment in of]) for of in blocks])
             check(node.length == own + added([kid.length for kid in kids]), "the length of a node")
             if at.level:
                 below.setdefault(at.up(1), []).append(node)
-                pieces_below.setdefault(at.up(1), []).extend(pieces)
+                segments_below.setdefault(at.up(1), []).extend(segments)
 
-    def length(self, piece: Piece) -> float:
+    def length(self, segment: Segment) -> float:
         """Returns the length of a line segment in world units."""
-        x, y = float(piece.start[0] - piece.end[0]), float(piece.start[1] - piece.end[1])
+        x, y = float(segment.start[0] - segment.end[0]), float(segment.start[1] - segment.end[1])
         steps = math.sqrt(x * x + y * y)
         n = self.divisor
         return steps / n if n else steps * self.scale

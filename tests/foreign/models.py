@@ -9,7 +9,7 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, Iterable, Iterator
 
-from basics import Bytes, Code, Damaged, Header, Unknown, check, crc32c, metadata, trailer
+from basics import Bytes, Code, CorruptFile, Header, Unknown, check, crc32c, metadata, trailer
 from packed_models import unpack
 
 Vector = tuple[int, int, int]
@@ -72,8 +72,8 @@ def block_of_faces(data: bytes, first: int, bits: int) -> list[Face]:
     rings = rings_of(b, n, r, c, bool(flags & 4))
     parts = [b.get("I") for _ in range(n)] if flags & 8 else [b.get("I")] * n
     sources = [b.get("Q") if flags & 16 else first + i for i in range(n)]
-    stand = int.from_bytes(b.take((n + 7) // 8), "little") if flags & 32 else 0
-    check(stand < 1 << n, "bits behind the last face")
+    proxies = int.from_bytes(b.take((n + 7) // 8), "little") if flags & 32 else 0
+    check(proxies < 1 << n, "bits after the last face")
     colours = [b.get("3B") for _ in range(v)] if flags & 1 else None
     corners = [b.get("I" if flags & 2 else "H") for _ in range(c)]
     check(b.at == len(data) and all(i < v for i in corners), "bytes or corners of a block")
@@ -84,7 +84,7 @@ def block_of_faces(data: bytes, first: int, bits: int) -> list[Face]:
         terms = [cross(sub(q, p), sub(s, p)) for q, s in zip(of[0], of[0][1:])]
         normal: Any = tuple(sum(t) for t in zip(*terms))
         of_colours = [[colours[k] for k in corners[a:e]] for a, e in rings[i]] if colours else None
-        faces.append(Face(of, normal, parts[i], sources[i], bool(stand >> i & 1), of_colours, dot(normal, p)))
+        faces.append(Face(of, normal, parts[i], sources[i], bool(proxies >> i & 1), of_colours, dot(normal, p)))
     return faces
 
 
@@ -118,8 +118,8 @@ def block_of_exact_faces(data: bytes, bits: int) -> list[Face]:
         normal, d = planes[of_faces[i]]
         for a, e in rings[i]:
             for (k, edge), (following, _) in zip(corners[a:e], corners[a + 1 : e] + corners[a : a + 1]):
-                check(edge != of_faces[i] and dot(normal, vertices[k]) == d, "a corner beside its face's plane")
-                check(all(dot(planes[edge][0], vertices[q]) == planes[edge][1] for q in (k, following)), "an edge beside its plane")
+                check(edge != of_faces[i] and dot(normal, vertices[k]) == d, "a vertex is not on its face's plane")
+                check(all(dot(planes[edge][0], vertices[q]) == planes[edge][1] for q in (k, following)), "an edge is not on its plane")
         of = [[vertices[k] for k, _ in corners[a:e]] for a, e in rings[i]]
         of_colours = [colours[a:e] for a, e in rings[i]] if colours else None
         faces.append(Face(of, normal, parts[i], sources[i], False, of_colours, d))
@@ -169,7 +169,7 @@ class Segment:
         self.next = 1
         self.leaves.at = 0
         yield from self._walk(0, node, depth, counts)
-        check(self.next == len(self.words) and self.leaves.at == len(self.leaves.data), "words or leaves that nobody has")
+        check(self.next == len(self.words) and self.leaves.at == len(self.leaves.data), "unused words or leaves")
 
     def _walk(self, word: int, node: Code, depth: int, counts: Counter[int]) -> Iterator[Node]:
         state, where = self.words[word] & 7, self.words[word] >> 3
@@ -182,7 +182,7 @@ class Segment:
                 at = tuple(2 * v + (i >> a & 1) for a, v in enumerate(node.at))
                 yield from self._walk(where + i, Code(node.level + 1, at), depth, counts)
         elif state < LEAF:
-            check(where == 0, "a word that tells a place where there is none")
+            check(where == 0, "an offset in a word that has none")
             counts[state] += state != CUT
             yield Node(node, state, [], [])
         else:
@@ -214,12 +214,12 @@ class Model:
             raise Unknown("a codec of exact models")
         self.origin = tuple(origin)
         self.step, self.divisor = b.get("2d")
-        self.count, *self.nodes, self.exact_count, self.stand_ins, self.parts_count = b.get("11Q")
+        self.count, *self.nodes, self.exact_count, self.proxy_count, self.parts_count = b.get("11Q")
         check(1 <= self.bits <= 26 and self.far < 2 and header.depth == min(self.bits, 19), "bits or depth")
         check(all(abs(v) <= 1 << 53 for v in origin) and max(self.nodes) <= 1 << 58, "origin or nodes")
         check(all(2.0**-1022 <= v < float("inf") for v in (self.step, self.divisor, self.step / self.divisor)), "step or divisor")
         check(max(self.count, self.exact_count, self.parts_count) < 1 << 32 and self.parts_count, "counts")
-        check(self.stand_ins <= self.count, "faces that stand in")
+        check(self.proxy_count <= self.count, "the number of proxies")
         self.depth = header.depth
         check(len(sections[b"META"]) <= 1 << 24, "metadata are too large")
         self.meta = metadata(sections[b"META"])
@@ -233,7 +233,7 @@ class Model:
         self.faces = self._faces(b"FACE", self.count)
         self.exact = self._faces(b"EXAC", self.exact_count)
         check(all(f.part < self.parts_count for f in self.faces + self.exact), "parts of faces")
-        check(sum(f.is_proxy for f in self.faces) == self.stand_ins, "faces that stand in")
+        check(sum(f.is_proxy for f in self.faces) == self.proxy_count, "the number of proxies")
         self.segments = {key: Segment(block, self.count, self.exact_count) for key, block in self.lists[b"DIRE"]}
         check(all(Code.of(key, 3).level <= self.depth for key in self.segments), "codes of segments")
         self.formula = formula(sections[b"FORM"]) if b"FORM" in sections else None
@@ -291,13 +291,13 @@ class Model:
             for key, data in self.lists[tag]:
                 column, b = table.setdefault(key >> 32, {}), Bytes(data)
                 n, flags = b.get("II")
-                check(n and flags < 4 and n <= len(data), "the head of a piece")
+                check(n and flags < 4 and n <= len(data), "the head of a chunk")
                 rows = [b.get("I") for _ in range(n)] if flags & 1 else [(key & 0xFFFFFFFF) + i for i in range(n)]
                 ends = [b.get("I" if flags & 2 else "H") for _ in range(n)]
-                check(rows[0] == key & 0xFFFFFFFF and all(r < s for r, s in zip(rows, rows[1:])), "rows of a piece")
-                check(rows[0] > max(column, default=-1) and all(e <= f for e, f in zip(ends, ends[1:])), "rows or ends of pieces")
+                check(rows[0] == key & 0xFFFFFFFF and all(r < s for r, s in zip(rows, rows[1:])), "rows of a chunk")
+                check(rows[0] > max(column, default=-1) and all(e <= f for e, f in zip(ends, ends[1:])), "rows or ends of chunks")
                 column.update((row, b.take(end - start)) for row, start, end in zip(rows, [0, *ends], ends))
-                check(b.at == len(data), "bytes of a piece")
+                check(b.at == len(data), "bytes of a chunk")
         return found
 
     @cached_property
@@ -390,7 +390,7 @@ class Model:
         check(not any(ends.values()), "the exact surface is not closed")
 
     def verify(self) -> None:
-        """Raises `Damaged` unless faces are planar and closed, and all octree nodes are right."""
+        """Raises `CorruptFile` unless faces are planar and closed, and octree nodes are right."""
         edges: Counter[Any] = Counter()
         for face in self.faces:
             check(all(dot(face.normal, p) == face.product for r in face.rings for p in r), "a face that is not planar")
@@ -556,6 +556,6 @@ def formula(data: bytes) -> Any:
     try:
         found, end = operand(0)
     except ValueError:
-        raise Damaged("a formula that is none") from None
-    check(end == len(text), "something behind a formula")
+        raise CorruptFile("a formula that is none") from None
+    check(end == len(text), "bytes after a formula")
     return found

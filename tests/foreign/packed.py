@@ -10,7 +10,7 @@ import numpy as np
 from basics import check, crc32c
 from coder import NUMBERS, SOLID, Coder, Numbers, context_of, wrap
 from planes import KINDS, Block, part, read_numbers
-from trees import CUT, INNER, LEAF, VOID, Form, Values
+from trees import CUT, INNER, LEAF, VOID, TreeHeader, Values
 
 # The symbol of VOID, and the index of missing children.
 NONE = -1
@@ -79,10 +79,10 @@ class Packing:
     """The state of one coder, for a segment or an extent's runs: contexts, values and their table
     continue from run to run."""
 
-    def __init__(self, form: Form, data: bytes) -> None:
+    def __init__(self, form: TreeHeader, data: bytes) -> None:
         self.form, self.coder = form, Coder(data)
         self.ways, self.numbers = WAYS[form.axes], Numbers(form)
-        self.amounts, self.solid = self.coder.model == NUMBERS, self.coder.model == SOLID
+        self.continuous, self.solid = self.coder.model == NUMBERS, self.coder.model == SOLID
         check(not self.solid or form.channels == 1 and form.type == np.uint8, "a solid of other values")
         self.table: list[tuple[int, ...]] = []
         # Values of symbols, and symbols of decoded values. VOID has zeros.
@@ -98,13 +98,13 @@ class Packing:
         for _ in range(count):
             last = [wrap(v + self.coder.signed(), self.numbers.bits) for v in last]
             self.table.append(tuple(last))
-        self.values += [] if self.amounts else self.table
+        self.values += [] if self.continuous else self.table
 
     # Section 38.
 
     def new(self, tried: list[int], inner: bool) -> int:
         """Returns the symbol of a value that no candidate has."""
-        if self.amounts:
+        if self.continuous:
             return self._new_number(tried, inner)
         symbol = self.coder.tree("new", len(self.table).bit_length())
         check(symbol <= len(self.table), "a value is not in the table")
@@ -120,9 +120,9 @@ class Packing:
             numbers = [row[channel] for row in rows]
             mean = sum(numbers) // len(numbers) if numbers else 0
             size = max(numbers) - min(numbers) if numbers else 0
-            told = moved if channel in self.numbers.told else 0
-            error = self.coder.error(("new", channel), context_of(size))
-            found[channel] = wrap(mean + told + error, self.numbers.bits)
+            shift = moved if channel in self.numbers.relative_channels else 0
+            residual = self.coder.residual(("new", channel), context_of(size))
+            found[channel] = wrap(mean + shift + residual, self.numbers.bits)
             if channel == 1:
                 moved = found[1] - mean
         symbol = self.known.setdefault(tuple(found), len(self.values))
@@ -144,7 +144,7 @@ class Below:
 
     def __init__(self, packing: Packing, height: int, reach: int, size: int, own: int = NONE) -> None:
         self.packing, self.form, self.coder, self.ways = packing, packing.form, packing.coder, packing.ways
-        self.height, self.reach, self.size, self.room = height, reach, size, size
+        self.height, self.reach, self.size, self.capacity = height, reach, size, size
         self.nodes = Nodes(symbols=[NONE, own])
         # Occupancy of a solid's INNER and CUT nodes.
         self.fullness: dict[int, int] = {}
@@ -156,7 +156,7 @@ class Below:
             self.samples[node] = value
         # The segment's own node has no value, as VOID.
         value_of = lambda node: packing.values[max(self.nodes.symbols[node], 0)]  # noqa: E731
-        dense = self.nodes.dense.items() if packing.amounts else ()
+        dense = self.nodes.dense.items() if packing.continuous else ()
         self.blocks = {node: Block(self.form, self.coder, value_of(node), mark, deep) for node, (mark, deep) in dense}
 
     def records(self) -> bytes:
@@ -179,7 +179,7 @@ class Below:
                 deep = inside.pop(node, 0)
                 if not deep:
                     deep = self._block(node, self.height - level)
-                    if deep and self.packing.amounts:
+                    if deep and self.packing.continuous:
                         continue
                 first = nodes.kids[node] = len(nodes.symbols)
                 check((first - 2 + self.form.children) * self.form.width <= self.size, "more nodes than bytes")
@@ -207,8 +207,8 @@ class Below:
         mark, deep = both & 7, (both >> 3) + 1
         least, most = (3, 8) if self.form.axes == 2 else (2, 4)
         check(1 <= mark <= 5 and least <= deep <= most and deep <= height + 1, "a dense block that is none")
-        self.room -= self.form.width * sum(self.form.children**j for j in range(1, deep + 1))
-        check(self.room >= 0, "dense blocks are larger than the segment")
+        self.capacity -= self.form.width * sum(self.form.children**j for j in range(1, deep + 1))
+        check(self.capacity >= 0, "dense blocks are larger than the segment")
         self.nodes.dense[node] = mark, deep
         return deep
 
@@ -292,7 +292,7 @@ class Below:
     def _dense(self, node: int, mark: int, deep: int) -> bytes:
         """Returns a dense block: one of numbers, or one whose nodes were decoded like all
         others."""
-        if self.packing.amounts:
+        if self.packing.continuous:
             block = self.blocks[node]
             states, values, bits = block.states(), block.values, block.bits
         else:
@@ -300,8 +300,8 @@ class Below:
         rows = b"".join(level.tobytes() for level in values[1:])
         if mark > 2:
             rows += np.packbits(bits.ravel(), bitorder="little").tobytes()
-        places = 1 - -len(rows) // self.form.record
-        return self._record(states, values[0], places, mark) + rows.ljust((places - 1) * self.form.record, b"\0")
+        slots = 1 - -len(rows) // self.form.record
+        return self._record(states, values[0], slots, mark) + rows.ljust((slots - 1) * self.form.record, b"\0")
 
     def _rows(self, root: int, mark: int, deep: int) -> tuple[list[int], list[Values], Values]:
         """Returns the states of the children of a dense block's root, values of its levels and its
@@ -328,7 +328,7 @@ class Below:
             cells = [self.coder.number() for _ in table]
         else:
             nodes = self.nodes
-            check(not self.packing.amounts and CUT not in nodes.states, "cells that nodes do not tell")
+            check(not self.packing.continuous and CUT not in nodes.states, "cells that do not follow from the nodes")
             cells = [0] * len(table)
             for symbol, state, level in zip(nodes.symbols[2:], nodes.states[2:], nodes.levels[2:]):
                 if state == LEAF:
@@ -337,7 +337,7 @@ class Below:
         return b"".join(value.tobytes() + n.to_bytes(8, "little") for value, n in zip(values, cells) if n)
 
 
-def unpack(form: Form, height: int, data: bytes, size: int) -> bytes:
+def unpack(form: TreeHeader, height: int, data: bytes, size: int) -> bytes:
     """Unpacks a segment to a plain one of `size` bytes. `height` is the number of levels from its
     node to the cells."""
     check(len(data) < size <= min(1 << 26, 65536 + 4096 * len(data)), "bytes of a packed segment")
@@ -363,22 +363,22 @@ class Unpacked(NamedTuple):
     run: bytes
 
 
-def unpack_runs(form: Form, reach: int, count: int, data: bytes, most: int) -> tuple[list[Unpacked], bytes]:
+def unpack_runs(form: TreeHeader, reach: int, count: int, data: bytes, most: int) -> tuple[list[Unpacked], bytes]:
     """Returns `count` records of an extent, and the bytes other than their runs. `most` limits the
     size of both."""
     packing = Packing(form, data)
     coder, last = packing.coder, NONE
-    room = coder.number()
-    check(room <= most, "records are larger than their extent")
+    capacity = coder.number()
+    check(capacity <= most, "records are larger than their extent")
     size = coder.number()
-    check(size <= room, "bytes beside runs are larger than records")
-    beside = bytearray()
+    check(size <= capacity, "the bytes between runs are larger than the records")
+    side_bytes = bytearray()
     for _ in range(size):
-        high = coder.symbol("beside high")
-        beside.append(high << 4 | coder.symbol(("beside low", high)))
-    if not packing.amounts:
-        packing.read_table(room)
-    room -= size
+        high = coder.symbol("side byte, high")
+        side_bytes.append(high << 4 | coder.symbol(("side byte, low", high)))
+    if not packing.continuous:
+        packing.read_table(capacity)
+    capacity -= size
     heads: list[tuple[int, bytes, Below]] = []
     for _ in range(count):
         height = coder.tree("height", 5)
@@ -388,11 +388,11 @@ def unpack_runs(form: Form, reach: int, count: int, data: bytes, most: int) -> t
         else:
             last = packing.new([] if last == NONE else [last], True)
             value = packing.samples([last]).tobytes()
-        heads.append((height, value, Below(packing, height, reach, room, last)))
+        heads.append((height, value, Below(packing, height, reach, capacity, last)))
     coder.finish()
     read_numbers(form, coder, [block for _, _, below in heads for block in below.blocks.values()])
     found = [Unpacked(height, value, below.records()) for height, value, below in heads]
-    check(sum(len(run.run) for run in found) == room, "runs are of another size than their extent says")
+    check(sum(len(run.run) for run in found) == capacity, "runs are of another size than their extent says")
     checked = b"".join(bytes([height]) + value + run for height, value, run in found)
-    check(crc32c(checked + beside) == coder.checksum, "checksum of what is unpacked")
-    return found, bytes(beside)
+    check(crc32c(checked + side_bytes) == coder.checksum, "checksum of what is unpacked")
+    return found, bytes(side_bytes)

@@ -28,7 +28,7 @@ class Columns(Coder):
 
     def near(self, *context: object) -> int:
         size = self.sizes.get(context, 0)
-        found = self.error(context, context_of(size))
+        found = self.residual(context, context_of(size))
         self.sizes[context] = size - size // 8 + 4 * min(abs(found), 1 << 40)
         return found
 
@@ -52,12 +52,12 @@ class Columns(Coder):
 
 def unpack(tag: bytes, packed: bytes) -> bytes:
     """Unpacks a block or segment of a list to a plain one, given its bytes in the file."""
-    check(packed and packed[0] < 2, "the first byte of a piece")
+    check(packed and packed[0] < 2, "the first byte of a chunk")
     if not packed[0]:
         return packed[1:]
-    check(len(packed) >= 25, "a packed piece is too short")
+    check(len(packed) >= 25, "a packed chunk is too short")
     crc, size = struct.unpack("<II", packed[1:9])
-    check(size <= min(1 << 26, 65536 + 4096 * len(packed)), "a piece that becomes too long")
+    check(size <= min(1 << 26, 65536 + 4096 * len(packed)), "an unpacked chunk is too long")
     columns = Columns(packed)
     if tag == b"FACE":
         plain = Faces(columns, size).plain
@@ -73,13 +73,13 @@ def unpack(tag: bytes, packed: bytes) -> bytes:
 
 def of_bytes(c: Columns, size: int) -> bytes:
     found, at, alike = bytearray(), 0, 0
-    places: dict[int, int] = {}
+    last: dict[int, int] = {}
     for i in range(size):
         if i >= 4:
             key = int.from_bytes(found[i - 4 : i], "little") * 0x9E3779B1 % U32 >> 16
             if not at:
-                at = places.get(key, 0)
-            places[key] = i
+                at = last.get(key, 0)
+            last[key] = i
         if at:
             if c.bit(("expected", alike)):
                 found.append(found[at])
@@ -159,14 +159,14 @@ class Faces:
         ring_ends = list(range(3, 3 * n + 1, 3)) if triangles else c.ends("ring", 3, r)
         parts = c.sums("part", 32, n if flags & 8 else 1)
         sources = c.sums("source", 64, n if flags & 16 else 0)
-        stand, before = 0, 0
+        proxies, before = 0, 0
         for i in range(8 * sizes[4]):
-            before = c.bit(("stand-in", before))
-            stand |= before << i
+            before = c.bit(("proxy", before))
+            proxies |= before << i
         steps = [(c.number(), c.number()) for _ in range(3)]
         check(all(max(step) < U32 for step in steps), "steps of a packed block")
         self.steps = [(max(s, 1), f) for s, f in steps]
-        self.places: list[list[int]] = []
+        self.vertices: list[list[int]] = []
         self.colours: list[list[int]] = []
         self.has_colours = flags & 1
         self.corners = Corners(c, v)
@@ -175,27 +175,27 @@ class Faces:
             check(start <= end <= corners, "ends of rings")
             ring = self.corners.ring(end - start)
             for i in range(len(ring)):
-                if ring[i] == len(self.places):
+                if ring[i] == len(self.vertices):
                     self._place(ring, i)
             self.corners.join(ring)
             all_corners += ring
         # Vertices without a ring are 0.
-        self.places += [[0, 0, 0]] * (v - len(self.places))
+        self.vertices += [[0, 0, 0]] * (v - len(self.vertices))
         self.colours += [[0, 0, 0]] * (v - len(self.colours) if flags & 1 else 0)
         all_corners += [0] * (corners - len(all_corners))
-        words = [x % U32 for place in self.places for x in place] + face_ends + ([] if triangles else ring_ends) + parts
+        words = [x % U32 for place in self.vertices for x in place] + face_ends + ([] if triangles else ring_ends) + parts
         self.plain = b"".join(
             [
                 struct.pack(f"<5I{len(words)}I", *head, *words),
                 struct.pack(f"<{len(sources)}Q", *sources),
-                stand.to_bytes(sizes[4], "little"),
+                proxies.to_bytes(sizes[4], "little"),
                 bytes(x for colour in self.colours for x in colour),
                 struct.pack(f"<{corners}{'I' if flags & 2 else 'H'}", *all_corners),
             ]
         )
 
     def _place(self, ring: list[int], i: int) -> None:
-        new, n = len(self.places), len(ring)
+        new, n = len(self.vertices), len(ring)
         p, q, opposite = ring[i - 1], ring[(i + 1) % n], ring[(i + 2) % n]
         known = [k for k in (p, q) if k < new]
         way, o = 2, None
@@ -205,12 +205,12 @@ class Faces:
         elif len(known) == 2 and n == 4 and opposite < new:
             way, o = 1, opposite
         if o is not None:
-            expected = [a + b - d for a, b, d in zip(*(self.places[k] for k in (p, q, o)))]
+            expected = [a + b - d for a, b, d in zip(*(self.vertices[k] for k in (p, q, o)))]
         elif len(known) == 2:
-            expected = [a + b >> 1 for a, b in zip(self.places[p], self.places[q])]
+            expected = [a + b >> 1 for a, b in zip(self.vertices[p], self.vertices[q])]
         else:
             way = 3 if known else 4
-            expected = self.places[known[0]] if known else self.places[new - 1] if new else [0, 0, 0]
+            expected = self.vertices[known[0]] if known else self.vertices[new - 1] if new else [0, 0, 0]
         place: list[int] = []
         same: tuple[int, ...] = ()
         for axis, (s, f) in enumerate(self.steps):
@@ -219,7 +219,7 @@ class Faces:
             same += (is_same,)
             x += 0 if is_same else self.c.near("place", way, axis)
             place.append(signed(x * s + f, 32))
-        self.places.append(place)
+        self.vertices.append(place)
         if self.has_colours:
             near = self.colours[known[0]] if known else self.colours[new - 1] if new else [0, 0, 0]
             self.colours.append([(near[k] + self.c.near("colour", k)) % 256 for k in range(3)])
@@ -240,7 +240,7 @@ class Exact:
         check(32 + sum(sizes) + (3 * corners if flags & 1 else 0) == size, "lists of a packed block")
         face_ends, ring_ends = c.ends("rings", 1, n), c.ends("ring", 3, r)
         parts, sources = c.sums("part", 32, n if flags & 4 else 1), c.sums("source", 64, n)
-        self.planes_count, self.next_plane, self.told = p, 0, [0, 0]
+        self.planes_count, self.next_plane, self.previous_plane = p, 0, [0, 0]
         self.counts, self.next, self.was_on_grid = (g, v), [0, 0], 1
         self.corners = Corners(c, g + v)
         self.order: list[int] = []
@@ -307,9 +307,9 @@ class Exact:
             self.next_plane += 1
             check(self.next_plane <= self.planes_count, "planes of a packed block")
             return self.next_plane - 1
-        self.told[kind] = (self.told[kind] + self.c.near("plane", kind)) % U32
-        check(self.told[kind] < self.next_plane, "a plane that has not been there")
-        return self.told[kind]
+        self.previous_plane[kind] = (self.previous_plane[kind] + self.c.near("plane", kind)) % U32
+        check(self.previous_plane[kind] < self.next_plane, "a plane that has not been there")
+        return self.previous_plane[kind]
 
     def _ring(self, plane: int, count: int) -> list[tuple[int, int]]:
         ring = self.corners.ring(count)
@@ -372,15 +372,15 @@ class Segment:
 
     def __init__(self, c: Columns, size: int) -> None:
         self.c = c
-        self.f, self.e, self.k, self.room = head = [c.number() for _ in range(4)]
-        check(self.k and 16 + 4 * (self.f + self.e + self.k) + self.room == size, "lists of a packed segment")
+        self.f, self.e, self.k, self.capacity = head = [c.number() for _ in range(4)]
+        check(self.k and 16 + 4 * (self.f + self.e + self.k) + self.capacity == size, "lists of a packed segment")
         self.words, self.leaves, self.next, self.inside = [0] * self.k, bytearray(), 1, 0
         # For both kinds of faces: model numbers, and recent ones with their cells, the newest
         # first.
         self.numbers: list[list[int]] = [[], []]
         self.recent: list[list[tuple[int, list[tuple[int, ...]]]]] = [[], []]
         self._node(0, (0, 0, 0, 1 << LEVELS), [5, 5, 5])
-        check(self.next == self.k and len(self.leaves) == self.room, "words or leaves of a packed segment")
+        check(self.next == self.k and len(self.leaves) == self.capacity, "words or leaves of a packed segment")
         check([len(n) for n in self.numbers] == [self.f, self.e], "faces of a packed segment")
         words = self.numbers[0] + self.numbers[1] + self.words
         self.plain = struct.pack(f"<4I{len(words)}I", *head, *words) + bytes(self.leaves)
@@ -439,7 +439,7 @@ class Segment:
         for face in sorted(found):
             self.leaves += leb(face - before - 1)
             before = face
-        check(len(self.leaves) <= self.room, "leaves of a packed segment")
+        check(len(self.leaves) <= self.capacity, "leaves of a packed segment")
         now = [(face, [cell, *found[face][:1]]) for face in sorted(found, reverse=True)]
         self.recent[kind] = (now + [item for item in newest if item[0] not in found])[:RECENT]
         return len(found)

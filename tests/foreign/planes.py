@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from basics import check
 from coder import Coder, Numbers, multiple, turned, wrap
-from trees import CUT, LEAF, VOID, Form, Values, kids, states_above
+from trees import CUT, LEAF, VOID, TreeHeader, Values, kids, states_above
 
-ViewStep = tuple[int, ...]
+Offset = tuple[int, ...]
 
 
 class Plane(NamedTuple):
@@ -20,7 +20,7 @@ class Plane(NamedTuple):
     child: int
     siblings: list[tuple[int, int]]
     bits: int
-    near: list[tuple[list[tuple[int, ViewStep]], int]]
+    near: list[tuple[list[tuple[int, Offset]], int]]
 
     def defaults(self, axes: int) -> list[int]:
         """Returns the default weights of features."""
@@ -132,14 +132,14 @@ FLATS = [
 # fmt: on
 
 
-def shifted(values: Values, step: ViewStep) -> Values:
+def shifted(values: Values, step: Offset) -> Values:
     """Returns the values at an offset (x first) from each position; values are repeated beyond the
     border."""
     return values[_at(values.shape, step)] if any(step) else values
 
 
 @cache
-def _at(shape: tuple[int, ...], step: ViewStep) -> tuple[Values, ...]:
+def _at(shape: tuple[int, ...], step: Offset) -> tuple[Values, ...]:
     return np.ix_(*[np.clip(np.arange(n) + v, 0, n - 1) for n, v in zip(shape, step[::-1])])
 
 
@@ -157,7 +157,7 @@ def part(child: int, axes: int) -> tuple[slice, ...]:
 class Block:
     """A dense block of numbers: values level by level, and bits."""
 
-    def __init__(self, form: Form, coder: Coder, root: tuple[int, ...], mark: int, deep: int) -> None:
+    def __init__(self, form: TreeHeader, coder: Coder, root: tuple[int, ...], mark: int, deep: int) -> None:
         self.form, self.coder, self.axes, self.root = form, coder, form.axes, root
         clear, bit = KINDS[mark]
         self.may_be_void = mark > 2 and clear == VOID
@@ -217,7 +217,7 @@ class Bits:
         check(self.size - self.at < 8 and not self.bits >> self.at, "bits of dense blocks are left")
 
 
-def read_numbers(form: Form, coder: Coder, blocks: list[Block]) -> None:
+def read_numbers(form: TreeHeader, coder: Coder, blocks: list[Block]) -> None:
     """Reads the numbers of all dense blocks of a coder."""
     if not blocks:
         check(not coder.header and not coder.streams, "numbers of no dense blocks")
@@ -237,14 +237,14 @@ def read_numbers(form: Form, coder: Coder, blocks: list[Block]) -> None:
             start = block.root[channel]
             if power is not None:
                 start = multiple(order.samples(np.array(start)), power)
-            starts.append(start - block.root[1] if channel in order.told else start)
+            starts.append(start - block.root[1] if channel in order.relative_channels else start)
         reader = Channel(form, header, streams, (lanes, mantissa), [blocks[group[0]] for group in groups])
         numbers[channel], samples[channel] = [[] for _ in blocks], [[] for _ in blocks]
         for group in groups:
             together = reader.group([starts[number] for number in group], [blocks[number] for number in group])
             for at, number in enumerate(group):
                 found = [level[..., at] for level in together]
-                if channel in order.told:
+                if channel in order.relative_channels:
                     found = [a + b for a, b in zip(found, numbers[1][number])]
                 numbers[channel][number] = found
                 samples[channel][number] = [order.samples(level, power) for level in found]
@@ -304,7 +304,7 @@ class Channel:
     """A channel of all blocks. `firsts` are the first blocks of all groups; the last axis of values
     is the block of a group."""
 
-    def __init__(self, form: Form, header: Bits, streams: Streams, numbers: tuple[int, int | None], firsts: list[Block]) -> None:
+    def __init__(self, form: TreeHeader, header: Bits, streams: Streams, numbers: tuple[int, int | None], firsts: list[Block]) -> None:
         self.axes, self.mean, self.streams = form.axes, form.rule == "mean", streams
         lanes, self.mantissa = numbers
         self.lanes = lanes
@@ -370,11 +370,11 @@ class Channel:
         if axes == 2:
             corners = [shifted(parents, corner) for corner in ((1, 1), (-1, 1), (1, -1), (-1, -1))]
             even_parts.append(corners[0] - corners[1] - corners[2] + corners[3] >> 6 - fraction)
-        residuals: dict[int, Values] = {}
+        deviations: dict[int, Values] = {}
         planes = PLANES[axes]
         for number, plane in enumerate(planes):
-            near = [(pair, [shifted(residuals[child], s) for child, s in pair]) for pair, _ in plane.near]
-            own = [residuals[child] for child, _ in plane.siblings]
+            near = [(pair, [shifted(deviations[child], s) for child, s in pair]) for pair, _ in plane.near]
+            own = [deviations[child] for child, _ in plane.siblings]
             features = [[f] for f in even_parts + curved + own] + [rows for _, rows in near]
             prediction, terms, wide = np.zeros_like(parents), 0, "i8" if self.lanes == 16 else self.type
             for rows, weight in zip(features, self.weights[number]):
@@ -400,7 +400,7 @@ class Channel:
             signs = plane.signs(axes)
             for sign, row in zip([*signs, signs[0] * signs[1]], even_parts):
                 even = even + sign * row
-            residuals[plane.child], others = (differences << fraction) - even, others + differences
+            deviations[plane.child], others = (differences << fraction) - even, others + differences
             level[here] = parents + differences
             unlike |= level[here] ^ parents
         return level
@@ -408,7 +408,7 @@ class Channel:
     def _expect(
         self, number: int, step: int, parents: Values, others: Values, prediction: Values, terms: int, bits: Values, summed: Values
     ) -> tuple[Values, Values]:
-        """Returns the residuals of a plane's children to their parents, and contexts."""
+        """Returns the expected differences of children from their parents, and contexts."""
         first, s = self.sizes * min(number, 1), self.fraction - 2
         expected = prediction + self.type.type(((1 << s) >> 1) + terms // 2) >> s
         sums = (others << s) + prediction + self.type.type((1 << max(s - 1, 0) >> 1) + terms // 2) << 1 >> s
@@ -434,13 +434,13 @@ class Channel:
             symbols[at] = streams.symbol(tables[contexts[at]], 0)
         found = []
         for symbol, context in zip(symbols, contexts):
-            is_error = context < 2 * self.sizes
-            noise = max(context % self.sizes - 8, 0) if is_error else 0
+            is_residual = context < 2 * self.sizes
+            noise = max(context % self.sizes - 8, 0) if is_residual else 0
             if symbol < 0:
                 upper, raw = 0, 0
             elif symbol == 15:
                 upper, raw = 0, self.lanes
-            elif symbol < 4 or not is_error:
+            elif symbol < 4 or not is_residual:
                 upper, raw = symbol, noise
             else:
                 upper, raw = 2 | symbol & 1, symbol // 2 - 1 + noise

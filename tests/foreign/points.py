@@ -14,7 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Iterable, Iterator, Sequence
 
-from basics import Bytes, Code, Damaged, Header, Unknown, check, crc32c, metadata, spans, trailer
+from basics import Bytes, Code, CorruptFile, Header, Unknown, check, crc32c, metadata, spans, trailer
 from tokens import numbers, signed
 
 # Sample types by number, in `struct` notation.
@@ -52,7 +52,7 @@ def value_of(number: int, sample: str) -> Number:
         bits = number ^ (1 << 8 * size - 1) - 1 if number < 0 else number
         return float(struct.unpack("<" + sample, bits.to_bytes(size, "little", signed=True))[0])
     except (struct.error, OverflowError):
-        raise Damaged("a number is not of its column's type") from None
+        raise CorruptFile("a number is not of its column's type") from None
 
 
 @dataclass
@@ -165,12 +165,12 @@ class Points:
         check(len(b.data) % 52 == 0, "bytes of blocks")
         last, whole = -1, 0
         while b.at < len(b.data):
-            code, at, size, crc, points, *places = b.get("QQIII6i")
+            code, at, size, crc, points, *box = b.get("QQIII6i")
             node = Code.of(code, self.axes)
             check(code >= last and node in self.nodes, "a block of no node")
-            check(24 <= at and at + size <= end, "a block lies elsewhere")
+            check(24 <= at and at + size <= end, "a block is out of bounds")
             check(1 <= points <= 1 << 20, "points of a block")
-            least, most = tuple(places[:3]), tuple(places[3:])
+            least, most = tuple(box[:3]), tuple(box[3:])
             check(all(a <= e for a, e in zip(least, most)), "extremes of a block")
             self.nodes[node].blocks.append(Block(node, at, size, crc, points, least, most))
             last, whole = code, whole + size
@@ -191,9 +191,9 @@ class Points:
 
     def code(self, point: Sequence[Number]) -> int:
         """Returns the code of a point."""
-        places = [int(x) - corner for x, corner in zip(point[: self.axes], self.corner)]
-        check(all(0 <= x < 1 << self.bits for x in places), "a point is not inside")
-        return Code(self.deepest, tuple(x >> self.bits - self.deepest for x in places)).code
+        coordinates = [int(x) - corner for x, corner in zip(point[: self.axes], self.corner)]
+        check(all(0 <= x < 1 << self.bits for x in coordinates), "a point is not inside")
+        return Code(self.deepest, tuple(x >> self.bits - self.deepest for x in coordinates)).code
 
     @cached_property
     def order(self) -> list[int]:
@@ -250,8 +250,8 @@ class Points:
         are right."""
         of_nodes = {node.at: [self.points_of(block) for block in node.blocks] for node in self.nodes.values()}
         rows = sorted((self.code(point), node.code) for node, blocks in of_nodes.items() for points in blocks for point in points)
-        places = {point[:3] for blocks in of_nodes.values() for points in blocks for point in points}
-        check(len(rows) - len(places) == self.repeated, "points at the place of another one")
+        positions = {point[:3] for blocks in of_nodes.values() for points in blocks for point in points}
+        check(len(rows) - len(positions) == self.repeated, "points at the place of another one")
         self._verify_levels(rows)
         for blocks in of_nodes.values():
             self._verify_blocks(blocks)
@@ -299,12 +299,12 @@ class Points:
                 # The child nodes' summaries have been checked.
                 more = [node.columns[i] for node in reversed(below.get(at, []))]
                 keys = [ordered(value, column.sample) for of in values for value in of]
-                keys += [key for told in more for key in (told.least, told.most) if told.count]
-                told = self.nodes[at].columns[i]
-                check(told.count == sum(map(len, values)) + sum(of.count for of in more), "numbers of a column")
-                check((told.least, told.most) == ((min(keys), max(keys)) if keys else NOTHING), "extremes of a column")
+                keys += [key for summary in more for key in (summary.least, summary.most) if summary.count]
+                summary = self.nodes[at].columns[i]
+                check(summary.count == sum(map(len, values)) + sum(of.count for of in more), "numbers of a column")
+                check((summary.least, summary.most) == ((min(keys), max(keys)) if keys else NOTHING), "extremes of a column")
                 total = added(sum_of(of, column.sample) for of in values) + added(of.sum for of in more)
-                check(told.sum == total or math.isnan(told.sum) and math.isnan(total), "the sum of a column")
+                check(summary.sum == total or math.isnan(summary.sum) and math.isnan(total), "the sum of a column")
             if at.level:
                 below.setdefault(at.up(1), []).append(self.nodes[at])
 

@@ -3,8 +3,8 @@
 It shows that the page is complete, and is a start for readers in other languages. It reads a whole
 file into memory and is not optimized. Common parts of files are in basics.py, trees in trees.py,
 Autumnal files in autumnal.py, exact models in models.py, the rules of section 13 in rules.py,
-packed segments and extents in packed.py, trees of points in points.py, of lines in lines.py, and
-the verification of whole files in verify.py.
+packed segments and extents in packed.py, trees of points in points.py, of lines in lines.py,
+manifests in manifest.py, and the verification of whole files in verify.py.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from functools import cached_property
 from typing import Iterator
 
 import numpy as np
-from basics import Bytes, Code, Damaged, Header, Unknown, check, check_names, crc32c, metadata, trailer
+from basics import Bytes, Code, CorruptFile, Header, Unknown, check, check_names, crc32c, metadata, trailer
 from packed import unpack
-from trees import CUT, INNER, VOID, Form, Run, Statistics, Tree, sum_of
+from trees import CUT, INNER, VOID, RunRecords, Statistics, Tree, TreeHeader, sum_of
 
 NO_COUNTS = 0xFFFF
 
 # The index entry of a page: code, offset in the run, length, checksum.
-Place = tuple[int, int, int, int]
+PageLocation = tuple[int, int, int, int]
 
 
 @dataclass
@@ -33,7 +33,7 @@ class Entry:
     node: Code
     start: int
     size: int
-    places: int
+    slots: int
     classes: int
     codec: int
     crc: int
@@ -45,20 +45,20 @@ class Layer(Tree):
 
     def __init__(self, file: bytes, header: Header, raw: bytes) -> None:
         self.file = file
-        self.form = form = Form(raw[:48], header)
+        self.form = form = TreeHeader(raw[:48], header)
         self.root_state = raw[48]
         b = Bytes(raw, 54)
         self.name_size = b.get("H")
         self.root_value = raw[56 : 56 + form.width]
         b.at = 72
-        self.segments, self.places, run_at, run_size, self.crown, self.directory = b.get("6Q")
+        self.segments, self.slots, run_at, run_size, self.top_levels, self.directory = b.get("6Q")
         top_at, top_size, top_crc, meta_at, meta_size, meta_crc = b.get("QIIQII")
         check(self.root_state < CUT and (self.root_state != VOID or not any(raw[56:72])), "the root")
-        check(not any(raw[56 + form.width : 72]), "something behind the root's value")
+        check(not any(raw[56 + form.width : 72]), "bytes after the root's value")
         check((self.segments > 0) == (self.root_state == INNER) and (form.depth or not self.segments), "segments of the root")
         self.entry_size = 44 + (16 + form.square + 2 * form.type.itemsize + (8 if form.masked else 0)) * form.channels
-        check(self.crown <= self.directory <= run_size, "crown and directory")
-        check(self.segments * self.entry_size <= run_size - self.directory, "room for the directory")
+        check(self.top_levels <= self.directory <= run_size, "offsets of the top levels and the segment index")
+        check(self.segments * self.entry_size <= run_size - self.directory, "the segment index does not fit")
         self.run = self.part(run_at, run_size, None)
         check(meta_size <= 1 << 24, "metadata are too large")
         self.meta = metadata(self.part(meta_at, meta_size, meta_crc))
@@ -69,7 +69,7 @@ class Layer(Tree):
         self.top = self.part(top_at, top_size, top_crc)
         check(len(self.top) == 24 * self.levels[-1], "the top of the index has another size")
         self.pages: dict[int, tuple[list[tuple[int, Entry]], list[Entry]]] = {}
-        self.runs: dict[int, Run] = {}
+        self.runs: dict[int, RunRecords] = {}
         self.unpacked: dict[int, bytes] = {}
 
     def part(self, at: int, size: int, crc: int | None) -> bytes:
@@ -78,17 +78,17 @@ class Layer(Tree):
         check(crc is None or crc32c(data) == crc, "a checksum")
         return data
 
-    def paged(self, place: Place) -> bytes:
+    def paged(self, place: PageLocation) -> bytes:
         """Returns the page of an index entry."""
         _, at, size, crc = place
-        check(self.directory <= at and at + size <= len(self.run), "a page lies elsewhere")
+        check(self.directory <= at and at + size <= len(self.run), "a page is out of bounds")
         data = self.run[at : at + size]
         check(crc32c(data) == crc, "checksum of a page")
         return data
 
     def entry(self, raw: bytes) -> Entry:
         f, b = self.form, Bytes(raw)
-        code, start, size, places, classes, codec, _, crc, cells = b.get("QQQIHBBIQ")
+        code, start, size, slots, classes, codec, _, crc, cells = b.get("QQQIHBBIQ")
         least, most, sums, squares = [], [], [], []
         for _ in range(f.channels):
             least.append(b.take(f.type.itemsize))
@@ -99,9 +99,9 @@ class Layer(Tree):
         check(all(n <= cells for n in present), "more samples than cells")
         extremes = (np.frombuffer(b"".join(e), f.type) for e in (least, most))
         statistics = Statistics(cells, next(extremes), next(extremes), sums, squares, present)
-        return Entry(raw, Code.of(code, f.axes), start, size, places, classes, codec, crc, statistics)
+        return Entry(raw, Code.of(code, f.axes), start, size, slots, classes, codec, crc, statistics)
 
-    def page(self, number: int, place: Place) -> tuple[list[tuple[int, Entry]], list[Entry]]:
+    def page(self, number: int, place: PageLocation) -> tuple[list[tuple[int, Entry]], list[Entry]]:
         """Returns a page of the segment index: copies with their numbers, and its own entries."""
         if number not in self.pages:
             b = Bytes(self.paged(place))
@@ -115,18 +115,18 @@ class Layer(Tree):
             self.pages[number] = list(zip(numbers, entries)), entries[copies:]
         return self.pages[number]
 
-    def index(self) -> Iterator[tuple[int, Place]]:
+    def index(self) -> Iterator[tuple[int, PageLocation]]:
         """Yields all pages of the segment index, by the index over them."""
-        places: list[Place] = list(struct.iter_unpack("<QQII", self.top))
+        locations: list[PageLocation] = list(struct.iter_unpack("<QQII", self.top))
         for count in reversed(self.levels[:-1]):
-            below: list[Place] = []
-            for place in places:
-                rows = list(struct.iter_unpack("<QQII", self.paged(place)))
-                check(rows[0][0] == place[0], "the index has another code")
+            below: list[PageLocation] = []
+            for location in locations:
+                rows = list(struct.iter_unpack("<QQII", self.paged(location)))
+                check(rows[0][0] == location[0], "the index has another code")
                 below += rows
             check(len(below) == count, "the index has another number of pages")
-            places = below
-        yield from enumerate(places)
+            locations = below
+        yield from enumerate(locations)
 
     @cached_property
     def entries(self) -> list[Entry]:
@@ -140,14 +140,14 @@ class Layer(Tree):
             last = sum(row[0] <= code for row in rows) - 1
             check(last >= 0, "no page has the code")
             number = number * 256 + last
-            place: Place = rows[last]
+            place: PageLocation = rows[last]
             if level:
                 rows = list(struct.iter_unpack("<QQII", self.paged(place)))
         copies, own = self.page(number, place)
         for entry in reversed([entry for _, entry in copies] + own):
             if entry.node.level <= node.level and node.up(node.level - entry.node.level) == entry.node:
                 return entry
-        raise Damaged("no segment contains a node")
+        raise CorruptFile("no segment contains a node")
 
     def segment(self, entry: Entry) -> bytes:
         """Returns the bytes of a segment, checked and unpacked."""
@@ -155,9 +155,9 @@ class Layer(Tree):
             raise Unknown("the codec of a segment")
         check(entry.codec <= self.form.codec, "a packed segment among plain ones")
         f, counts = self.form, 0 if entry.classes == NO_COUNTS else entry.classes
-        size = entry.places * f.record + counts * (f.width + 8)
-        check(entry.places and (entry.codec or entry.size == size), "bytes of a segment")
-        check(entry.start + entry.size <= self.directory, "a segment lies elsewhere")
+        size = entry.slots * f.record + counts * (f.width + 8)
+        check(entry.slots and (entry.codec or entry.size == size), "bytes of a segment")
+        check(entry.start + entry.size <= self.directory, "a segment is out of bounds")
         data = self.run[entry.start : entry.start + entry.size]
         check(crc32c(data) == entry.crc, "checksum of a segment")
         if not entry.codec:
@@ -166,23 +166,23 @@ class Layer(Tree):
             self.unpacked[entry.start] = unpack(f, f.depth - entry.node.level, data, size)
         return self.unpacked[entry.start]
 
-    def records(self, entry: Entry) -> Run:
+    def records(self, entry: Entry) -> RunRecords:
         code = entry.node.code
         if code not in self.runs:
-            self.runs[code] = Run(self.form, self.segment(entry)[: entry.places * self.form.record], entry.node)
+            self.runs[code] = RunRecords(self.form, self.segment(entry)[: entry.slots * self.form.record], entry.node)
         return self.runs[code]
 
     def counts(self, entry: Entry) -> list[tuple[bytes, int]] | None:
         """Returns the class counts of a segment: value and cells; None if there are too many."""
         if entry.classes == NO_COUNTS or not self.form.classes:
             return None
-        b = Bytes(self.segment(entry), entry.places * self.form.record)
+        b = Bytes(self.segment(entry), entry.slots * self.form.record)
         return [(b.take(self.form.width), b.get("Q")) for _ in range(entry.classes)]
 
-    def first(self) -> Run:
+    def first(self) -> RunRecords:
         return self.records(self.find(Code(0, (0,) * self.form.axes)))
 
-    def deeper(self, run: Run, node: Code) -> Run:
+    def deeper(self, run: RunRecords, node: Code) -> RunRecords:
         entry = self.find(node)
         check(entry.node.level > run.node.level, "no deeper segment at a CUT")
         return self.records(entry)
@@ -191,7 +191,7 @@ class Layer(Tree):
         if self.root_state != INNER or node.level == 0:
             return self.root_value if self.root_state else None
         run = self.records(self.find(node.up(1)))
-        state, value = run.look(node.path[run.node.level :])
+        state, value = run.find_node(node.path[run.node.level :])
         return value if state else None
 
 
@@ -211,6 +211,6 @@ class Goblin:
             try:
                 layer.name = names.take(layer.name_size).decode()
             except UnicodeDecodeError:
-                raise Damaged("a name is not UTF-8") from None
-        check(names.at == len(table), "something behind the names")
+                raise CorruptFile("a name is not UTF-8") from None
+        check(names.at == len(table), "bytes after the names")
         check_names([layer.name for layer in self.layers])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from basics import Code
 from numpy.typing import NDArray
-from trees import INNER, LEAF, VOID, Form, Statistics, Values, kids, raw_bits, states_above
+from trees import INNER, LEAF, VOID, Statistics, TreeHeader, Values, kids, raw_bits, states_above
 
 Array = NDArray[Any]
 Pair = tuple[Array, Array]
@@ -94,11 +94,11 @@ def fold(parts: list[Any], plus: Any) -> Any:
     return parts[0]
 
 
-def best(below: list[tuple[Values, Array]], greatest: bool) -> tuple[Values, Array]:
+def best(below: list[tuple[Values, Array]], maximum: bool) -> tuple[Values, Array]:
     """Returns the smallest or largest samples of children, and whether there are any."""
     found, there = below[0]
     for values, has in below[1:]:
-        better = keys(values) > keys(found) if greatest else keys(values) < keys(found)
+        better = keys(values) > keys(found) if maximum else keys(values) < keys(found)
         found = np.where(has & (better | ~there), values, found)
         there = there | has
     return found, there
@@ -122,7 +122,7 @@ class Level:
 class Pyramid:
     """All levels of a tree, computed from its cells."""
 
-    def __init__(self, form: Form, cells: Values, states: Array) -> None:
+    def __init__(self, form: TreeHeader, cells: Values, states: Array) -> None:
         self.form = form
         wide = form.type.kind != "f" and 16 * form.type.itemsize + form.axes * form.depth > 62
         self.whole: Any = object if wide else np.int64

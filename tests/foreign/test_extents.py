@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import pytest
 from autumnal import Autumn, Packed
-from basics import Code, Damaged, Unknown, crc32c
+from basics import Code, CorruptFile, Unknown, crc32c
 from coder import NAMES, NUMBERS, SOLID
 from trees import LEAF, VOID, Values, raw_bits
 
@@ -168,7 +168,7 @@ def opened(name: str) -> Autumn:
     return file
 
 
-def picture(file: Autumn, number: int) -> tuple[Values, Values]:
+def decoded(file: Autumn, number: int) -> tuple[Values, Values]:
     """Returns values and states of the cells at a commit."""
     return file.commits[number].layers[0].window(file.header.depth)
 
@@ -178,12 +178,12 @@ def test_commits_are_what_was_edited(name: str) -> None:
     file = opened(name)
     edits = HISTORIES[name].edits
     assert file.packs and len(file.commits) == len(edits) + 1
-    values, states = (a.copy() for a in picture(file, 0))
+    values, states = (a.copy() for a in decoded(file, 0))
     for number, (window, value) in enumerate(edits, 1):
         axes = file.header.axes
         place = tuple(slice(a, a + n) for a, n in zip(window[:axes], window[axes:]))[::-1]
         values[place], states[place] = value or 0, VOID if value is None else LEAF
-        found = picture(file, number)
+        found = decoded(file, number)
         assert (raw_bits(found[0]) == raw_bits(values)).all() and (found[1] == states).all()
     assert {data[60] if data[6] else None for _, data in (file.extent(at) for at in file.unpacked)} == MODELS[name]
 
@@ -199,25 +199,25 @@ def test_flipped_bits_are_noticed(name: str) -> None:
     noticed = tried = 0
     for start in file.unpacked:
         _, data = file.extent(start)
-        places = range(start, start + 32 + len(data))
-        for at in rng.sample(places, 2):
-            damaged = bytearray(FILES[name])
-            damaged[at] ^= 1 << rng.randrange(8)
+        offsets = range(start, start + 32 + len(data))
+        for at in rng.sample(offsets, 2):
+            changed = bytearray(FILES[name])
+            changed[at] ^= 1 << rng.randrange(8)
             # A checksum covers the head's bytes that readers ignore.
-            with pytest.raises(Damaged):
-                Autumn(bytes(damaged)).verify()
+            with pytest.raises(CorruptFile):
+                Autumn(bytes(changed)).verify()
         if not data[6]:
             continue
         # Corruption that the checksum of the extent does not show.
         for at in rng.sample(range(56, len(data)), 40):
-            damaged = bytearray(data)
-            damaged[at] ^= 1 << rng.randrange(8)
+            changed = bytearray(data)
+            changed[at] ^= 1 << rng.randrange(8)
             tried += 1
             try:
                 # A number may be coded in more bits than necessary, and a table may have unused
                 # values.
-                assert Packed(file, start, bytes(damaged)).records == file.unpacked[start].records
-            except Damaged:
+                assert Packed(file, start, bytes(changed)).records == file.unpacked[start].records
+            except CorruptFile:
                 noticed += 1
     assert noticed > 0.9 * tried > 0
 
@@ -239,14 +239,14 @@ def test_heads_that_cannot_be(name: str) -> None:
             (13, bytes([file.header.depth + 1])),
         ]
         for at, content in others:
-            with pytest.raises(Damaged):
+            with pytest.raises(CorruptFile):
                 Packed(file, start, data[:at] + content + data[at + len(content) :])
         with pytest.raises(Unknown):
             Packed(file, start, data[:6] + b"\2" + data[7:])
         for other in (data[:-1], data + bytes(4), data[:40]):
-            with pytest.raises(Damaged):
+            with pytest.raises(CorruptFile):
                 Packed(file, start, other)
-        with pytest.raises(Damaged):
+        with pytest.raises(CorruptFile):
             whole.record(count, whole.form, file.header.depth)
 
 
@@ -257,20 +257,20 @@ def test_records_of_other_nodes() -> None:
     root = layer.record(layer.root, Code(0, (0, 0)))
     packed = file.unpacked[layer.root // 512 * 512]
     assert layer.root == packed.first + len(packed.records) - 1 and root.pointers
-    with pytest.raises(Damaged):
+    with pytest.raises(CorruptFile):
         layer.record(layer.root - 1, Code(0, (0, 0)))
-    with pytest.raises(Damaged):
+    with pytest.raises(CorruptFile):
         layer.record(layer.root + 1, Code(0, (0, 0)))
-    with pytest.raises(Damaged):
+    with pytest.raises(CorruptFile):
         packed.record(0, opened("names").commits[0].layers[0].form, 2)
 
 
-def test_files_that_tell_of_no_packed_records() -> None:
+def test_files_without_the_flag_of_packed_records() -> None:
     data = bytearray(FILES["plain"])
     for packs in (0, 2):
         data[66] = packs
         data[68:72] = struct.pack("<I", crc32c(bytes(data[64:68])))
-        with pytest.raises(Damaged):
+        with pytest.raises(CorruptFile):
             Autumn(bytes(data)).verify()
 
 

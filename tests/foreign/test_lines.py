@@ -14,9 +14,9 @@ import zlib
 from typing import Any
 
 import pytest
-from basics import Bytes, Code, Damaged, Header, Unknown, spans
+from basics import Bytes, Code, CorruptFile, Header, Unknown, spans
 from lines import Json, Lines, read_column
-from sealing import sealed
+from sealing import resealed
 
 # Features, and their number of nodes of 25 line segments.
 FEATURES, NODES = 40, 23
@@ -63,9 +63,9 @@ def feature(i: int) -> tuple[list[list[tuple[float, float]]], list[Any]]:
     lines = [[(x, y), (x + k % 5, y + 0.125), (x + k % 5, y + 9)]]
     if i % 3 == 0:
         lines.append([(x + j * j / 4, y - j * (k % 3) / 8) for j in range(k % 11 + 2)])
-    texts = ["", "Strasse", "Stra\u00dfe", "\u9053", None]
-    mixed = [i, i / 2 + 0.25, texts[k % 5], i % 2 == 0, Json('{"a": [1, null]}'), None]
-    return lines, [k - 500, i - 2**40 if i % 2 else k / 7, texts[i % 5], None if i % 4 == 1 else k % 2 == 0, Json(f"[{i % 3}]"), mixed[i % 6]]
+    strings = ["", "Strasse", "Stra\u00dfe", "\u9053", None]
+    mixed = [i, i / 2 + 0.25, strings[k % 5], i % 2 == 0, Json('{"a": [1, null]}'), None]
+    return lines, [k - 500, i - 2**40 if i % 2 else k / 7, strings[i % 5], None if i % 4 == 1 else k % 2 == 0, Json(f"[{i % 3}]"), mixed[i % 6]]
 
 
 def test_features_come_out() -> None:
@@ -79,18 +79,18 @@ def test_features_come_out() -> None:
     tree.verify()
 
 
-def test_nodes_tell_what_is_below() -> None:
+def test_nodes_summarize_what_is_below() -> None:
     tree = Lines(FILE)
     root = tree.nodes[Code(0, (0, 0))]
-    assert (root.pieces, root.features) == (tree.pieces, FEATURES)
-    assert sum(len(pieces) for _, pieces in tree.walk()) == tree.pieces
-    assert sum(len(line) - 1 for of in tree.each_feature() for line in of.lines) == tree.pieces
+    assert (root.segments, root.features) == (tree.segments, FEATURES)
+    assert sum(len(segments) for _, segments in tree.walk()) == tree.segments
+    assert sum(len(line) - 1 for of in tree.each_feature() for line in of.lines) == tree.segments
 
 
 def read(data: bytes) -> Lines:
     """Returns a tree after reading all of it."""
     tree = Lines(data)
-    assert sum(len(pieces) for _, pieces in tree.walk()) == tree.pieces
+    assert sum(len(segments) for _, segments in tree.walk()) == tree.segments
     assert len(list(tree.each_feature())) == tree.features
     return tree
 
@@ -98,34 +98,34 @@ def read(data: bytes) -> Lines:
 def test_each_flipped_byte_is_noticed() -> None:
     # A checksum covers each byte of a file.
     for at in range(0, len(FILE), len(FILE) // 500):
-        damaged = bytearray(FILE)
-        damaged[at] ^= 1 << at % 8
-        with pytest.raises((Damaged, Unknown)):
-            read(bytes(damaged))
+        changed = bytearray(FILE)
+        changed[at] ^= 1 << at % 8
+        with pytest.raises((CorruptFile, Unknown)):
+            read(bytes(changed))
 
 
-def test_what_checksums_do_not_tell() -> None:
+def test_corruption_with_valid_checksums() -> None:
     """Corrupt bytes, one in each file, with valid checksums: an error, or the right number of
     features and line segments."""
-    assert sealed(bytearray(FILE), FILE) == FILE
-    errors, places = 0, range(0, len(FILE) - 16 - 36 - 24 * 5, len(FILE) // 250)
-    for at in places:
-        damaged = bytearray(FILE)
-        damaged[at] ^= 1 << at % 7
+    assert resealed(bytearray(FILE), FILE) == FILE
+    errors, offsets = 0, range(0, len(FILE) - 16 - 36 - 24 * 5, len(FILE) // 250)
+    for at in offsets:
+        changed = bytearray(FILE)
+        changed[at] ^= 1 << at % 7
         try:
-            read(sealed(damaged, FILE)).verify()
-        except (Damaged, Unknown):
+            read(resealed(changed, FILE)).verify()
+        except (CorruptFile, Unknown):
             errors += 1
-    assert errors > 0.75 * len(places)
+    assert errors > 0.75 * len(offsets)
 
 
 def test_other_contents_and_numbers_are_refused() -> None:
     at, size, _ = spans(FILE, Header.read(FILE))[b"LINS"]
-    for place, value, error in [(13, 3, Unknown), (12, 3, Damaged), (14, 2, Damaged), (16, 1, Damaged), (at, 2, Unknown), (at + size - 1, 6, Unknown)]:
-        damaged = bytearray(FILE)
-        damaged[place] = value
+    for place, value, error in [(13, 3, Unknown), (12, 3, CorruptFile), (14, 2, CorruptFile), (16, 1, CorruptFile), (at, 2, Unknown), (at + size - 1, 6, Unknown)]:
+        changed = bytearray(FILE)
+        changed[place] = value
         with pytest.raises(error):
-            Lines(sealed(damaged, FILE))
+            Lines(resealed(changed, FILE))
 
 
 def test_columns() -> None:
@@ -134,9 +134,9 @@ def test_columns() -> None:
     assert read_column(Bytes(b"\3\x02\x03\x80\x01"), [0] * 3) == [1, -1, 63]
     most = b"\xfe" + b"\xff" * 8 + b"\1"
     assert read_column(Bytes(b"\1" + most), [0]) == [2**63 - 1] and read_column(Bytes(b"\3" + most + b"\2"), [0, 0]) == [2**63 - 1, -(2**63)]
-    for damaged in (b"\4\0", b"\1", b"\1" + b"\xff" * 10, b"\1" + b"\xff" * 9 + b"\2"):
-        with pytest.raises(Damaged):
-            read_column(Bytes(damaged), [0])
+    for changed in (b"\4\0", b"\1", b"\1" + b"\xff" * 10, b"\1" + b"\xff" * 9 + b"\2"):
+        with pytest.raises(CorruptFile):
+            read_column(Bytes(changed), [0])
 
 
 if __name__ == "__main__":

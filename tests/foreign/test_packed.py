@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Hashable, NamedTuple
 
 import pytest
-from basics import GOBLIN, Code, Damaged, Header, Unknown, crc32c
+from basics import GOBLIN, Code, CorruptFile, Header, Unknown, crc32c
 from coder import Coder
 from packed import unpack
 from reader import Goblin
-from trees import Form, Run
+from trees import RunRecords, TreeHeader
 from verify import verify_segments, verify_tree
 
 
@@ -36,10 +36,10 @@ class Sample(NamedTuple):
     packed: str
 
     @property
-    def form(self) -> Form:
+    def form(self) -> TreeHeader:
         raw = bytes.fromhex(self.header)
         start = GOBLIN + struct.pack("<HHBBBxI", 1, 0, self.axes, 0, raw[5], 1)
-        return Form(raw + struct.pack("<3Q", *self.extent), Header.read(start + struct.pack("<I", crc32c(start))))
+        return TreeHeader(raw + struct.pack("<3Q", *self.extent), Header.read(start + struct.pack("<I", crc32c(start))))
 
     def plain(self, packed: bytes) -> bytes:
         form = self.form
@@ -171,7 +171,7 @@ def test_plain_segments_come_out(name: str) -> None:
     assert len(plain) == sample.size and crc32c(plain) == sample.crc
     if sample.form.classes:
         plain = plain[: -4 * 9]
-    assert Run(sample.form, plain, Code(0, (0,) * sample.axes)).block(0).k >= 1
+    assert RunRecords(sample.form, plain, Code(0, (0,) * sample.axes)).block(0).k >= 1
 
 
 @pytest.mark.parametrize("name", SAMPLES)
@@ -180,25 +180,25 @@ def test_flipped_bits_are_noticed(name: str) -> None:
     packed = bytes.fromhex(sample.packed)
     noticed = 0
     for at in range(len(packed)):
-        damaged = bytearray(packed)
-        damaged[at] ^= 1 << rng.randrange(8)
+        changed = bytearray(packed)
+        changed[at] ^= 1 << rng.randrange(8)
         try:
             # A number may be coded in more bits than necessary, and a table may have unused values.
-            assert crc32c(sample.plain(bytes(damaged))) == sample.crc
-        except Damaged:
+            assert crc32c(sample.plain(bytes(changed))) == sample.crc
+        except CorruptFile:
             noticed += 1
     assert noticed > 0.9 * len(packed)
 
 
 @pytest.mark.parametrize("name", SAMPLES)
-def test_other_lengths_are_damage(name: str) -> None:
+def test_other_lengths_are_corrupt(name: str) -> None:
     sample = SAMPLES[name]
     packed = bytes.fromhex(sample.packed)
     for other in [b"", packed[:20], packed[:-1], packed[:-4], packed + bytes(4), packed + bytes(sample.size)]:
-        with pytest.raises(Damaged):
+        with pytest.raises(CorruptFile):
             sample.plain(other)
     for size in (0, sample.size - 1, sample.size + 1, 1 << 27):
-        with pytest.raises(Damaged):
+        with pytest.raises(CorruptFile):
             unpack(sample.form, sample.form.depth, packed, size)
 
 
@@ -223,14 +223,14 @@ def test_decisions_are_those_of_the_page(monkeypatch: pytest.MonkeyPatch) -> Non
     decisions: list[list[str]] = []
     bit = Coder.bit
 
-    def told(coder: Coder, context: Hashable) -> int:
+    def recorded(coder: Coder, context: Hashable) -> int:
         state, p = coder.state, coder.bits.get(context, [1 << 15, 0])[0]
         found = bit(coder, context)
         row = [f"`{state:x}`", str(state & 0xFFFF), str(p), str(found), f"`{coder.other:x}`", str(coder.bits[context][0])]
         decisions.append([str(len(decisions) + 1), *row])
         return found
 
-    monkeypatch.setattr(Coder, "bit", told)
+    monkeypatch.setattr(Coder, "bit", recorded)
     file = (Path(__file__).parents[2] / "fixtures" / "v1" / "classic.goblin").read_bytes()
     unpack(Goblin(file).layers[0].form, 3, dumped(), 107)
     # After the two lines of the table's head.
@@ -246,7 +246,7 @@ def test_readers_unpack_segments() -> None:
     (entry,) = layer.entries
     layer.run = packed + layer.run[len(packed) :]
     entry.codec, entry.size, entry.crc = 1, len(packed), crc32c(packed)
-    with pytest.raises(Damaged):
+    with pytest.raises(CorruptFile):
         # The tree's header does not announce packed segments.
         layer.segment(entry)
     layer.form.codec = 1

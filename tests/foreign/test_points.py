@@ -16,9 +16,9 @@ from collections import Counter
 from typing import Callable, NamedTuple
 
 import pytest
-from basics import Bytes, Code, Damaged, Header, Unknown, spans
+from basics import Bytes, Code, CorruptFile, Header, Unknown, spans
 from points import Number, Point, Points, ordered, predicted, rounded, value_of
-from sealing import sealed
+from sealing import resealed
 from tokens import numbers
 
 NONE = float("nan")
@@ -168,7 +168,7 @@ def refused(data: bytes) -> bool:
     try:
         for _ in Points(data).walk():
             pass
-    except (Damaged, Unknown):
+    except (CorruptFile, Unknown):
         return True
     return False
 
@@ -178,38 +178,38 @@ def test_each_flipped_byte_is_noticed(name: str) -> None:
     # A checksum covers each byte of a file.
     data = SAMPLES[name].file
     for at in range(0, len(data), len(data) // 500):
-        damaged = bytearray(data)
-        damaged[at] ^= 1 << at % 8
-        assert refused(bytes(damaged)), at
+        changed = bytearray(data)
+        changed[at] ^= 1 << at % 8
+        assert refused(bytes(changed)), at
 
 
 @pytest.mark.parametrize("name", SAMPLES)
-def test_what_checksums_do_not_tell(name: str) -> None:
+def test_corruption_with_valid_checksums(name: str) -> None:
     """Corrupt bytes, one in each file, with valid checksums: an error, or the right number of
     points."""
     data = SAMPLES[name].file
-    assert sealed(bytearray(data), data) == data
-    errors, places = 0, range(0, len(data) - 16 - 36 - 24 * 4, len(data) // 250)
-    for at in places:
-        damaged = bytearray(data)
-        damaged[at] ^= 1 << at % 7
+    assert resealed(bytearray(data), data) == data
+    errors, offsets = 0, range(0, len(data) - 16 - 36 - 24 * 4, len(data) // 250)
+    for at in offsets:
+        changed = bytearray(data)
+        changed[at] ^= 1 << at % 7
         try:
-            tree = Points(sealed(damaged, data))
+            tree = Points(resealed(changed, data))
             assert sum(len(points) for _, points in tree.walk()) == SAMPLES[name].size
             tree.verify()
-        except (Damaged, Unknown):
+        except (CorruptFile, Unknown):
             errors += 1
-    assert errors > 0.9 * len(places)
+    assert errors > 0.9 * len(offsets)
 
 
 def test_other_contents_and_numbers_are_refused() -> None:
     data = SAMPLES["plane"].file
     at, size, _ = spans(data, Header.read(data))[b"PNTS"]
-    for place, value, error in [(13, 5, Unknown), (13, 0, Unknown), (14, 9, Damaged), (16, 1, Damaged), (at, 2, Unknown), (at + size - 4, 10, Unknown)]:
-        damaged = bytearray(data)
-        damaged[place] = value
+    for place, value, error in [(13, 5, Unknown), (13, 0, Unknown), (14, 9, CorruptFile), (16, 1, CorruptFile), (at, 2, Unknown), (at + size - 4, 10, Unknown)]:
+        changed = bytearray(data)
+        changed[place] = value
         with pytest.raises(error):
-            Points(sealed(damaged, data))
+            Points(resealed(changed, data))
 
 
 def test_ordered_numbers() -> None:
@@ -224,7 +224,7 @@ def test_ordered_numbers() -> None:
         keys = [ordered(value, sample) for value in row]
         assert keys == sorted(set(keys)) and list(map(str, row)) == [str(value_of(key, sample)) for key in keys]
     for sample, number in [("B", 256), ("b", 128), ("I", -1), ("f", 1 << 31)]:
-        with pytest.raises(Damaged):
+        with pytest.raises(CorruptFile):
             value_of(number, sample)
 
 
@@ -243,10 +243,10 @@ def test_numbers_by_tokens() -> None:
     table = 0 | 3 << 1 | 3 << 11 | 13 << 21
     data = struct.pack("<HII", 5, 0, 0) + table.to_bytes(5, "little") + struct.pack("<2I", 1 << 16, 1 << 16)
     assert numbers(Bytes(data), [0, 0, 0]) == [-2] * 3
-    for damaged in (data[:-1], data[:2] + b"\1" + data[3:], data[:-1] + b"\1", data[:14] + b"\xff" + data[15:]):
-        with pytest.raises(Damaged):
-            numbers(Bytes(damaged), [0, 0, 0])
-    with pytest.raises(Damaged):
+    for changed in (data[:-1], data[:2] + b"\1" + data[3:], data[:-1] + b"\1", data[:14] + b"\xff" + data[15:]):
+        with pytest.raises(CorruptFile):
+            numbers(Bytes(changed), [0, 0, 0])
+    with pytest.raises(CorruptFile):
         numbers(Bytes(data), [0, 1, 0])
 
 
@@ -254,7 +254,7 @@ def test_codes_of_points() -> None:
     tree = Points(SAMPLES["plane"].file)
     corner = tree.corner
     assert tree.code(corner) == Code(tree.deepest, (0, 0)).code
-    with pytest.raises(Damaged):
+    with pytest.raises(CorruptFile):
         tree.code((corner[0] - 1, corner[1], 0))
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from autumnal import FIRST, Autumn
-from basics import Code, Damaged, Unknown, crc32c
+from basics import Code, CorruptFile, Unknown, crc32c
 from models import Model
 from reader import Goblin
 from trees import INNER, VOID, Tree, raw_bits
@@ -26,7 +26,7 @@ FIXTURES = ROOT / "fixtures" / "v1"
 MODELS = ["chapel.goblin", "crossing.goblin", "chapel_packed.goblin", "crossing_packed.goblin"]
 CELLS = sorted(path.name for path in FIXTURES.glob("*.goblin") if path.name not in MODELS)
 HISTORIES = sorted(path.name for path in FIXTURES.glob("*.autumn"))
-PICTURE = np.array(
+CLASSIC = np.array(
     [[int(v) for v in row.split()] for row in re.findall(r"^    ((?:\d ){7}\d)$", (ROOT / "docs/format/goblin.md").read_text(), re.M)[:8]], np.uint8
 )
 # Maximum number of nodes of a level that are looked up individually; of more, a random sample of
@@ -45,8 +45,8 @@ def compare_ways(tree: Tree) -> None:
     for level in range(f.depth + 1):
         values, states = tree.window(level)
         assert values.shape == (1 << level,) * f.axes + (f.channels,)
-        places = range(states.size) if states.size <= NODES else rng.sample(range(states.size), NODES)
-        for place in places:
+        offsets = range(states.size) if states.size <= NODES else rng.sample(range(states.size), NODES)
+        for place in offsets:
             at = np.unravel_index(place, states.shape)
             expected = values[at].tobytes() if states[at] != VOID else None
             assert tree.value(Code(level, tuple(int(v) for v in at[::-1]))) == expected, (level, at)
@@ -60,17 +60,17 @@ def compare_ways(tree: Tree) -> None:
 
 def notices(data: bytes, at: int, bit: int = 0) -> bool:
     """Whether a file with one flipped bit is rejected."""
-    damaged = bytearray(data)
-    damaged[at] ^= 1 << bit
+    changed = bytearray(data)
+    changed[at] ^= 1 << bit
     try:
         if data[:8] == b"\x93Autumn\n":
-            Autumn(bytes(damaged)).verify()
+            Autumn(bytes(changed)).verify()
         elif data[13] == 2:
-            model = Model(bytes(damaged))
+            model = Model(bytes(changed))
             assert model.leaves and model.parts and model.tables
         else:
-            verify(Goblin(bytes(damaged)))
-    except (Damaged, Unknown):
+            verify(Goblin(bytes(changed)))
+    except (CorruptFile, Unknown):
         return True
     return False
 
@@ -80,7 +80,7 @@ def test_words_of_the_page() -> None:
     assert Code(1, (1, 1)).code == 0x6000000000000001 and Code(1, (1, 1, 1)).code == 0x7000000000000001
     assert Code(4, (9, 3)).code == 0x2580000000000004 and Code(4, (9, 3, 0)).code == 0x1098000000000004
     assert Code.of(0x1098000000000004, 3) == Code(4, (9, 3, 0)) and Code(4, (9, 3)).path == [1, 0, 2, 3]
-    with pytest.raises(Damaged):
+    with pytest.raises(CorruptFile):
         Code.of(0x6000000000000000, 2)
 
 
@@ -110,10 +110,10 @@ def test_the_index_leads_to_the_deepest_segment(name: str) -> None:
             assert layer.find(node).node == max(above, key=lambda e: e.node.level).node
 
 
-def test_classic_is_the_picture_of_the_page() -> None:
+def test_classic_is_the_raster_of_the_page() -> None:
     (layer,) = Goblin(fixture("classic.goblin")).layers
-    assert PICTURE.shape == (8, 8)
-    assert (layer.window(3)[0][..., 0] == PICTURE).all()
+    assert CLASSIC.shape == (8, 8)
+    assert (layer.window(3)[0][..., 0] == CLASSIC).all()
     assert layer.meta["counts"] == [(0, 0, 1), (0, 1, 3), (0, 6, 6), (0, 24, 0)]
     (entry,) = layer.entries
     assert layer.counts(entry) == [(b"\1", 40), (b"\2", 15), (b"\3", 9)]
@@ -137,26 +137,26 @@ def test_each_flipped_byte_of_classic_is_noticed() -> None:
     assert [at for at in range(len(data)) if not notices(data, at, at % 8)] == []
 
 
-def test_what_checksums_do_not_tell_is_noticed() -> None:
+def test_corruption_with_valid_checksums_is_detected() -> None:
     """Corrupts each byte of the run of classic.goblin in turn, with valid checksums."""
     data = fixture("classic.goblin")
 
-    def put(damaged: bytearray, at: int, start: int, end: int) -> None:
-        damaged[at : at + 4] = struct.pack("<I", crc32c(bytes(damaged[start:end])))
+    def put(changed: bytearray, at: int, start: int, end: int) -> None:
+        changed[at : at + 4] = struct.pack("<I", crc32c(bytes(changed[start:end])))
 
     for at in range(0x18, 0xD9):
-        damaged = bytearray(data)
-        damaged[at] ^= 4
+        changed = bytearray(data)
+        changed[at] ^= 4
         if not 0xAB <= at < 0xAF:
-            put(damaged, 0xAB, 0x18, 0x83)
+            put(changed, 0xAB, 0x18, 0x83)
         # The page's checksum is in the top level, the top level's in the layer table.
-        put(damaged, 0x16A, 0x83, 0xD9)
-        put(damaged, 0x1F2, 0x156, 0x16E)
-        put(damaged, 0x22E, 0x16E, 0x206)
-        put(damaged, 0x246, 0x206, 0x242)
+        put(changed, 0x16A, 0x83, 0xD9)
+        put(changed, 0x1F2, 0x156, 0x16E)
+        put(changed, 0x22E, 0x16E, 0x206)
+        put(changed, 0x246, 0x206, 0x242)
         try:
-            verify(Goblin(bytes(damaged)))
-        except (Damaged, Unknown) as error:
+            verify(Goblin(bytes(changed)))
+        except (CorruptFile, Unknown) as error:
             # Only the checksum of a segment, when it is corrupted itself, may report an error.
             assert "checksum" not in str(error) or 0xAB <= at < 0xAF, (hex(at), error)
         else:
@@ -175,15 +175,15 @@ def test_histories(name: str) -> None:
 
 def test_commits_of_the_history() -> None:
     commits = Autumn(fixture("history.autumn")).commits
-    pictures = [commit.layers[0].window(3)[0][..., 0] for commit in commits]
+    rasters = [commit.layers[0].window(3)[0][..., 0] for commit in commits]
     assert [c.message for c in commits] == ["", "Fill a box", "Set two cells", "Back to the beginning"]
     assert [(c.sequence, c.time, c.cells, c.layers[0].inner) for c in commits] == [(1, None, 64, 10), (2, 1, 64, 11), (3, 2, 63, 12), (4, 3, 64, 10)]
-    filled = PICTURE.copy()
+    filled = CLASSIC.copy()
     filled[2:5, 2:6] = 3
     cells = filled.copy()
     cells[0, 0], cells[7, 7] = 0, 2
-    for picture, expected in zip(pictures, [PICTURE, filled, cells, PICTURE]):
-        assert (picture == expected).all()
+    for raster, expected in zip(rasters, [CLASSIC, filled, cells, CLASSIC]):
+        assert (raster == expected).all()
     assert commits[2].layers[0].window(3)[1][0, 0] == VOID and commits[3].layers[0].root == commits[0].layers[0].root
 
 
@@ -203,18 +203,18 @@ def test_each_flipped_byte_of_the_history_is_noticed() -> None:
     assert not any(notices(data, at) for at in random.Random(9).sample(others, 50))
 
 
-def test_a_slot_that_is_damaged() -> None:
+def test_a_corrupt_slot() -> None:
     data = bytearray(fixture("history.autumn"))
     newest, older = 8192, 4096
     for slot in (newest, older):
-        damaged = data.copy()
-        damaged[slot + 9] ^= 1
-        file = Autumn(bytes(damaged))
+        changed = data.copy()
+        changed[slot + 9] ^= 1
+        file = Autumn(bytes(changed))
         # The newest commit is found after the known one.
         assert [c.sequence for c in file.commits] == [1, 2, 3, 4] and not file.slots_are_whole
-    damaged[newest + 9] ^= 1
-    with pytest.raises(Damaged):
-        Autumn(bytes(damaged))
+    changed[newest + 9] ^= 1
+    with pytest.raises(CorruptFile):
+        Autumn(bytes(changed))
     # Data after the newest commit's end is not a commit, and may be anything.
     assert len(Autumn(bytes(data + bytes(5000))).commits) == 4 and file.commits[0].at >= FIRST
 
@@ -227,9 +227,9 @@ def test_models(name: str) -> None:
     inside = 0
     for _ in range(300):
         p = rng.randrange(-8, most), rng.randrange(-8, most), rng.randrange(-8, most)
-        answer = model.inside(p)
-        assert answer is None or answer == (model.winding(p) == 1), p
-        inside += answer is True
+        is_inside = model.inside(p)
+        assert is_inside is None or is_inside == (model.winding(p) == 1), p
+        inside += is_inside is True
     assert inside
     for face in model.faces:
         assert model.inside(tuple(2 * v for v in face.rings[0][0])) is None or not any(face.normal)
@@ -255,8 +255,8 @@ def test_what_models_say() -> None:
 @pytest.mark.parametrize("name", MODELS)
 def test_flipped_bytes_of_models_are_noticed(name: str) -> None:
     data, rng = fixture(name), random.Random(11)
-    places = [*range(24), *range(len(data) - 16, len(data)), *rng.sample(range(len(data)), 60)]
-    assert [at for at in places if not notices(data, at, at % 8)] == []
+    offsets = [*range(24), *range(len(data) - 16, len(data)), *rng.sample(range(len(data)), 60)]
+    assert [at for at in offsets if not notices(data, at, at % 8)] == []
 
 
 @pytest.mark.skipif("stack.goblin" not in CELLS or "stack.autumn" not in HISTORIES, reason="no files of several layers")

@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 from basics import GOBLIN, Code, Header
 from rules import Pyramid, same
-from trees import INNER, LEAF, RULES, SAMPLES, VOID, Form, Statistics, raw_bits
+from trees import INNER, LEAF, RULES, SAMPLES, VOID, Statistics, TreeHeader, raw_bits
 
 LACK = 3
 
 
-def form(axes: int, sample: int, channels: int, rule: int, depth: int, mask: int) -> Form:
+def form(axes: int, sample: int, channels: int, rule: int, depth: int, mask: int) -> TreeHeader:
     lack = np.array([LACK], SAMPLES[sample]).tobytes() if mask == 1 else b""
     raw = struct.pack("<8BIB3x8s3Q", sample, channels, rule, 0, 0, depth, 6, 2, 100, mask, lack, *[1 << depth] * 2, 1 << depth * (axes - 2))
-    return Form(raw, Header(GOBLIN, axes, 0, depth, 1))
+    return TreeHeader(raw, Header(GOBLIN, axes, 0, depth, 1))
 
 
 def pair(h: float, l: float) -> tuple[float, float]:
@@ -77,7 +77,7 @@ class Node:
     squares: list[Any]
     value: tuple[Any, ...] | None
 
-    def __init__(self, f: Form, below: "list[Node]", cell: tuple[Any, ...] | None) -> None:
+    def __init__(self, f: TreeHeader, below: "list[Node]", cell: tuple[Any, ...] | None) -> None:
         self.f = f
         self.cells = sum(n.cells for n in below) if below else int(cell is not None)
         self.samples: list[list[Any]] = [[v for n in below for v in n.samples[c]] for c in range(f.channels)]
@@ -151,7 +151,7 @@ class Node:
         return np.array([lack if x is None else x for x in samples], self.f.type).tobytes()
 
 
-def counts(f: Form, cell: tuple[Any, ...]) -> bool:
+def counts(f: TreeHeader, cell: tuple[Any, ...]) -> bool:
     """Whether a cell's samples count, i.e. it is not transparent."""
     return not f.alpha or bool(cell[-1])
 

@@ -82,8 +82,8 @@ def folded(data: Bytes, contexts: Sequence[int]) -> list[int]:
     tables_size, words, rests_size = data.get("HII")
     bits = Bits(data.take(tables_size))
     fine = 9 if bits.take(1) else 4
-    greatest = (1 << fine) + 4 * (63 - fine) + 3
-    tables = [Table.read(bits, greatest) for _ in range(max(contexts, default=-1) + 1)]
+    maximum = (1 << fine) + 4 * (63 - fine) + 3
+    tables = [Table.read(bits, maximum) for _ in range(max(contexts, default=-1) + 1)]
     bits.finish()
     states = list(data.get("2I"))
     check(min(states) >= LEAST, "states of numbers")
@@ -105,6 +105,6 @@ def folded(data: Bytes, contexts: Sequence[int]) -> list[int]:
             more = fine + step // 4 - 2
             token = (4 | step % 4) << more | rests.take(more)
         found.append(token)
-    check(states == [LEAST, LEAST] and left.at == len(left.data), "numbers end elsewhere")
+    check(states == [LEAST, LEAST] and left.at == len(left.data), "numbers end at another offset")
     rests.finish()
     return found

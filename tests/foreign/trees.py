@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from basics import Code, Damaged, Header, Point, Unknown, check
+from basics import Code, CorruptFile, Header, Point, Unknown, check
 from numpy.typing import NDArray
 
 VOID, LEAF, INNER, CUT = range(4)
@@ -19,7 +19,7 @@ RULES = ["mean", "majority", "dominant", "min", "max", "nearest", "occupancy"]
 Values = NDArray[Any]
 
 
-class Form:
+class TreeHeader:
     """A tree's header (section 5), and the derived sizes."""
 
     def __init__(self, raw: bytes, file: Header) -> None:
@@ -53,14 +53,14 @@ class Form:
         check(at + count * self.width <= len(data), "values end too early")
         return np.frombuffer(data, self.type, count * self.channels, at).reshape(count, self.channels)
 
-    def dense_levels(self, kind: int, places: int) -> int:
-        """Returns `k` of a dense block of `places` records (section 6)."""
+    def dense_levels(self, kind: int, slots: int) -> int:
+        """Returns `k` of a dense block of `slots` records (section 6)."""
         for k in range(*((3, 9) if self.axes == 2 else (2, 5))):
             n = sum(self.children**j for j in range(2, k + 1))
             bits = self.children**k // 8 if kind > 2 else 0
-            if places == 1 - -(n * self.width + bits) // self.record:
+            if slots == 1 - -(n * self.width + bits) // self.record:
                 return k
-        raise Damaged("a dense block has no such number of places")
+        raise CorruptFile("a dense block has no such number of slots")
 
 
 def raw_bits(values: Values) -> Values:
@@ -89,16 +89,16 @@ class Block:
     k: int
     values: list[Values]
     states: list[Values]
-    places: dict[Point, int]
+    slots: dict[Point, int]
 
 
-class Run:
+class RunRecords:
     """Records and dense blocks below one node: those of a segment, or of a record with pointers."""
 
-    def __init__(self, form: Form, data: bytes, node: Code) -> None:
+    def __init__(self, form: TreeHeader, data: bytes, node: Code) -> None:
         self.form, self.data, self.node = form, data, node
         self.blocks: dict[int, Block] = {}
-        check(len(data) % form.record == 0 and self.head(0)[1] * form.record == len(data), "the first skip is not all places")
+        check(len(data) % form.record == 0 and self.head(0)[1] * form.record == len(data), "the first skip does not cover all slots")
 
     def head(self, place: int) -> tuple[int, int, int]:
         """Returns states, skip and mark of a record."""
@@ -124,13 +124,13 @@ class Run:
         record = f.values(self.data, place * f.record, f.children).reshape(*cube, f.channels)
         own = np.array([states >> 2 * i & 3 for i in range(f.children)], np.uint8).reshape(cube)
         if mark == 0:
-            follows, places = place + 1, {}
+            follows, slots = place + 1, {}
             for i in range(f.children):
                 if states >> 2 * i & 3 == INNER:
-                    places[tuple(i >> a & 1 for a in range(f.axes))] = follows
+                    slots[tuple(i >> a & 1 for a in range(f.axes))] = follows
                     follows += self.head(follows)[1]
             check(follows == place + skip, "skips do not add up")
-            return Block(1, [np.empty(0), record], [np.empty(0), own], places)
+            return Block(1, [np.empty(0), record], [np.empty(0), own], slots)
         check(mark < 6, "a mark that is none")
         k = f.dense_levels(mark, skip)
         at, values = (place + 1) * f.record, [np.empty(0), record]
@@ -150,7 +150,7 @@ class Run:
         check((found[0] == own).all(), "states of a dense block contradict its record")
         return Block(k, values, [np.empty(0), *found], {})
 
-    def look(self, path: list[int]) -> tuple[int, bytes]:
+    def find_node(self, path: list[int]) -> tuple[int, bytes]:
         """Returns state and value at the end of a path (section 12), byte by byte. In dense blocks
         INNER is any state except VOID."""
         f, place = self.form, 0
@@ -162,14 +162,14 @@ class Run:
                 return state, self.data[at : at + f.width]
             check(state == INNER, "CUT on the way")
             if mark:
-                return self._look_dense(place, skip, mark, path[step:])
+                return self._find_in_dense_block(place, skip, mark, path[step:])
             place += 1
             for i in range(child):
                 if states >> 2 * i & 3 == INNER:
                     place += self.head(place)[1]
         raise AssertionError("an empty path")
 
-    def _look_dense(self, place: int, skip: int, mark: int, path: list[int]) -> tuple[int, bytes]:
+    def _find_in_dense_block(self, place: int, skip: int, mark: int, path: list[int]) -> tuple[int, bytes]:
         f, j, k = self.form, len(path), self.form.dense_levels(mark, skip)
         check(j <= k, "a node is below the bottom of a dense block")
         at = [sum((child >> a & 1) << j - 1 - i for i, child in enumerate(path)) for a in range(f.axes)]
@@ -190,7 +190,7 @@ class Run:
 class Spot(NamedTuple):
     """An INNER node, `j` levels below the node of a block, at `at` there."""
 
-    run: Run
+    run: RunRecords
     block: Block
     j: int
     at: Point
@@ -201,17 +201,17 @@ class Tree:
     """A layer: common code of Goblin and Autumnal files. Subclasses continue at CUT nodes, and
     return a node's value."""
 
-    form: Form
+    form: TreeHeader
     name: str
     root_state: int
     root_value: bytes
     meta: dict[str, Any]
 
-    def first(self) -> Run:
+    def first(self) -> RunRecords:
         """Returns the run of the root."""
         raise NotImplementedError
 
-    def deeper(self, run: Run, node: Code) -> Run:
+    def deeper(self, run: RunRecords, node: Code) -> RunRecords:
         """Returns the run that continues below a node that is CUT in another one."""
         raise NotImplementedError
 
@@ -219,7 +219,7 @@ class Tree:
         """Returns the value of one node, found only along its path; None for VOID."""
         raise NotImplementedError
 
-    def start(self, run: Run) -> Spot:
+    def start(self, run: RunRecords) -> Spot:
         return Spot(run, run.block(0), 0, (0,) * self.form.axes, run.node)
 
     def step(self, spot: Spot, to: Code) -> Spot:
@@ -232,8 +232,8 @@ class Tree:
         if below.j < spot.block.k:
             return below
         if state == INNER:
-            check(at in spot.block.places, "an INNER node at the bottom of a dense block")
-            return Spot(spot.run, spot.run.block(spot.block.places[at]), 0, (0,) * self.form.axes, child)
+            check(at in spot.block.slots, "an INNER node at the bottom of a dense block")
+            return Spot(spot.run, spot.run.block(spot.block.slots[at]), 0, (0,) * self.form.axes, child)
         return self.down(self.start(self.deeper(spot.run, child)), child)
 
     def window(self, level: int, low: Point | None = None, high: Point | None = None) -> tuple[Values, Values]:

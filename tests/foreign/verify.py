@@ -9,11 +9,11 @@ import numpy as np
 from basics import Code, check
 from reader import NO_COUNTS, Goblin, Layer
 from rules import Pyramid, same
-from trees import CUT, INNER, LEAF, VOID, Form, Tree, raw_bits
+from trees import CUT, INNER, LEAF, VOID, TreeHeader, Tree, raw_bits
 
 
 def verify(file: Goblin) -> None:
-    """Raises `Damaged` unless the whole file is valid."""
+    """Raises `CorruptFile` unless the whole file is valid."""
     for layer in file.layers:
         pyramid = verify_tree(layer)
         check(layer.meta["counts"] == pyramid.counts(), "counts of nodes per level")
@@ -52,31 +52,31 @@ def verify_directory(layer: Layer) -> None:
         before = enumerate(entries[: 128 * number])
         above = [(i, e.raw) for i, e in before if e.node.level < node.level and node.up(node.level - e.node.level) == e.node]
         check([(i, e.raw) for i, e in copies] == above, "copies in a page")
-        check(place[1] == end, "pages do not stand one behind the other")
+        check(place[1] == end, "pages are not consecutive")
         end += place[2]
-    check(len(layer.levels) > 1 or end == len(layer.run), "something behind the directory")
+    check(len(layer.levels) > 1 or end == len(layer.run), "bytes after the segment index")
 
 
 def verify_order(layer: Layer) -> None:
     """Checks that segments are stored as section 7 specifies, without gaps: in postorder, the top
     levels last."""
     f = layer.form
-    crown = max(f.depth - f.reach - 6, min(f.depth - f.reach, 3)) if f.depth > f.reach else 0
+    top_levels = max(f.depth - f.reach - 6, min(f.depth - f.reach, 3)) if f.depth > f.reach else 0
 
     def place(node: Code) -> tuple[bool, list[int]]:
         # In postorder a node follows its descendants: after every child number.
-        return node.level < crown, [*node.path, f.children]
+        return node.level < top_levels, [*node.path, f.children]
 
     end = start = 0
     for entry in sorted(layer.entries, key=lambda e: place(e.node)):
-        check(entry.start == end, "segments stand in another order, or with gaps")
+        check(entry.start == end, "segments are in another order, or have gaps")
         end += entry.size
-        start = end if entry.node.level >= crown else start
-    check(end == layer.directory, "something between segments and directory")
-    check(layer.crown == (start if crown else end), "the crown is elsewhere")
+        start = end if entry.node.level >= top_levels else start
+    check(end == layer.directory, "bytes between the segments and the segment index")
+    check(layer.top_levels == (start if top_levels else end), "the top levels are at another offset")
 
 
-def owners(f: Form, pyramid: Pyramid) -> list[Code]:
+def owners(f: TreeHeader, pyramid: Pyramid) -> list[Code]:
     """Returns the nodes that own segments, by section 11."""
     root = [Code(0, (0,) * f.axes)] if pyramid.levels[0].states.flat[0] == INNER else []
     for level in range(f.depth - f.reach, 0, -f.stride):
@@ -89,7 +89,7 @@ def verify_segments(layer: Layer, pyramid: Pyramid) -> None:
     """Checks that the segments are those of section 11, byte by byte, with class counts and
     statistics."""
     check([e.node for e in layer.entries] == owners(layer.form, pyramid), "segments are those of other nodes")
-    places = 0
+    slots = 0
     for entry in layer.entries:
         check(same(entry.statistics, pyramid.statistics(entry.node)), "statistics of a segment")
         counts = pyramid.classes_of(entry.node) if layer.form.classes else []
@@ -97,17 +97,17 @@ def verify_segments(layer: Layer, pyramid: Pyramid) -> None:
             check(entry.classes == NO_COUNTS, "class counts that there cannot be")
         else:
             check((layer.counts(entry) or []) == counts, "class counts of a segment")
-        places += entry.places
+        slots += entry.slots
         data = layer.records(entry).data
         check(data == Writer(layer.form, pyramid).segment(entry.node), "a segment is written in another way")
-    check(places == layer.places, "places of all segments")
+    check(slots == layer.slots, "slots of all segments")
 
 
 class Writer:
     """The canonical form of a segment, or of an Autumnal run (section 11), computed only from the
     nodes."""
 
-    def __init__(self, form: Form, pyramid: Pyramid) -> None:
+    def __init__(self, form: TreeHeader, pyramid: Pyramid) -> None:
         self.form, self.pyramid = form, pyramid
 
     def segment(self, node: Code) -> bytes:

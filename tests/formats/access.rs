@@ -107,7 +107,7 @@ fn open(path: &Path, access: &FileAccess) -> Result<Dataset> {
 
 /// All cells.
 fn cells(tree: &Dataset) -> Result<Vec<u8>> {
-    let bounds = tree.header().picture();
+    let bounds = tree.header().extent_bounds();
     let mut values = vec![0; bounds.volume() as usize * tree.header().form.width()];
     tree.window(tree.depth(), &bounds, 0.0, &mut values, None).map(|_| values)
 }
@@ -232,7 +232,7 @@ fn outputs_and_jobs_go_where_their_access_leads() {
     let input = "https://host/a.tif";
     host.put(input, std::fs::read(fixture("island_classes.tif")).unwrap());
     let (spec, job) = (
-        JobSpec::Pictures { inputs: vec![input.into()], options: ImportOptions::new() },
+        JobSpec::Rasters { inputs: vec![input.into()], options: ImportOptions::new() },
         Path::new("https://host/job"),
     );
     plan_job(&spec, job, Some(2), &access, &()).unwrap();

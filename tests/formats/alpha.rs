@@ -91,12 +91,12 @@ fn level(tree: &Dataset, level: u8) -> (Vec<Value>, Vec<bool>, u64) {
 }
 
 #[test]
-fn transparent_cells_keep_their_colours_and_weigh_nothing() {
-    let folder = tempfile::tempdir().unwrap();
+fn transparent_cells_keep_their_colours_and_have_no_weight() {
+    let directory = tempfile::tempdir().unwrap();
     for (value_type, name) in TYPES.into_iter().zip(["a.goblin", "b.autumn", "c.goblin"]) {
         let cells = cells(value_type, 3);
         for rule in [Rule::Mean, Rule::Min, Rule::Max] {
-            let tree = write(&folder.path().join(format!("{rule}.{name}")), &cells, rule);
+            let tree = write(&directory.path().join(format!("{rule}.{name}")), &cells, rule);
             let (values, valid, _) = level(&tree, tree.depth());
             for (index, (value, valid)) in values.into_iter().zip(valid).enumerate() {
                 assert_eq!(valid.then_some(value), cells.cells[index], "{name} {rule} cell {index}");
@@ -132,10 +132,10 @@ fn transparent_cells_keep_their_colours_and_weigh_nothing() {
 
 #[test]
 fn statistics_leave_transparent_cells_out() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let cells = cells(TYPES[0], 4);
     for name in ["a.goblin", "b.autumn"] {
-        let tree = write(&folder.path().join(name), &cells, Rule::Mean);
+        let tree = write(&directory.path().join(name), &cells, Rule::Mean);
         for (min, max) in [([0, 0, 0], SIZE), ([13, 7, 0], [251, 190, 1]), ([5, 5, 0], [6, 6, 1])] {
             let bounds = Bounds { min, max };
             let found = tree.statistics(Some(bounds), &()).unwrap();
@@ -161,8 +161,8 @@ fn statistics_leave_transparent_cells_out() {
 
 #[test]
 fn set_operations_see_through_transparent_cells() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
     let models = [5, 6].map(|seed| cells(TYPES[0], seed));
     let trees = ["a.goblin", "b.autumn"].map(path);
     for (model, tree) in models.iter().zip(&trees) {
@@ -212,8 +212,8 @@ fn set_operations_see_through_transparent_cells() {
 
 #[test]
 fn views_without_transparent_cells() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
     let cells = cells(TYPES[2], 7);
     let tree = write(&path("a.goblin"), &cells, Rule::Mean);
     let view = tree.view(&["opaque".parse().unwrap()]).unwrap();

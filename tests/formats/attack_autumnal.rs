@@ -15,12 +15,12 @@ use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::{Cells, OCT, QUAD, byte, options, quad};
 use crate::targets::edits::edit_as;
 use crate::targets::seal::{self, HEAD, RECORDS, SLOTS};
-use crate::targets::trees::ask_autumnal;
+use crate::targets::trees::query_autumnal;
 
 /// A file with two commits.
 fn file(tree: &MemTree, size: [u64; 3], (rule, kind): (Rule, DataKind), share: bool) -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     let options = options(rule, kind, tree.depth()).share(share);
     build_tree(tree, size, &options, Output::create(&path).unwrap(), &()).unwrap();
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [3, 4, 1] });
@@ -57,7 +57,7 @@ fn attack(name: &str, file: &[u8], every: usize) {
             let case = Instant::now();
             println!("{what}");
             seal::autumnal(&mut file);
-            ask_autumnal(file.clone());
+            query_autumnal(file.clone());
             // Edits the newest commit, or reverts to an older one.
             edit_as(if cases.is_multiple_of(3) { b"\x83\0\0\x01" } else { b"\x02\x01\x02\x09" }, file);
             assert!(case.elapsed() < Duration::from_secs(10), "{what} took {:?}", case.elapsed());
@@ -95,8 +95,8 @@ fn fields_of_zones_and_shared_subtrees() {
 
 /// Returns the commits of a file, with the older one of two packed.
 fn with_packed_history(bytes: &[u8]) -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let [path, to] = ["t.autumn", "p.autumn"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [path, to] = ["t.autumn", "p.autumn"].map(|name| directory.path().join(name));
     std::fs::write(&path, bytes).unwrap();
     let options = CompactOptions::new(&Keep::Last(2), 1 << 20).pack(true);
     compact(&path, &options, Output::create(&to).unwrap(), &()).unwrap();

@@ -14,7 +14,7 @@ use crate::common::brep_file::section;
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::exact::{cuboid, model_on, push};
 use crate::common::sets::{Body, combined, grid, tetrahedron};
-use crate::targets::models::ask_model;
+use crate::targets::models::query_model;
 use crate::targets::seal::{self, SECTION, SECTIONS, TRAILER};
 
 /// Returns the union of two bodies that intersect in all kinds of planes, with or without colours.
@@ -31,7 +31,7 @@ fn crossing(is_coloured: bool) -> Vec<u8> {
 }
 
 /// Returns the ranges of the block list and of the only block.
-fn places(file: &[u8]) -> [(usize, usize); 2] {
+fn list_and_block(file: &[u8]) -> [(usize, usize); 2] {
     let trailer = seal::trailer(file).unwrap();
     let mut sections =
         (0..seal::short(file, trailer + SECTIONS) as usize).map(|i| trailer + TRAILER + SECTION * i);
@@ -44,7 +44,7 @@ fn places(file: &[u8]) -> [(usize, usize); 2] {
 /// Returns all fields of the list and the block, of the leaves and of the flags of proxy faces.
 /// Numbers wider than eight bytes are split.
 fn all_fields(file: &[u8]) -> Vec<Field> {
-    let [(list, _), (start, length)] = places(file);
+    let [(list, _), (start, length)] = list_and_block(file);
     let count = |word: usize| seal::short(file, start + 4 * word) as usize;
     let [faces, planes, grid_points, vertices, rings, corners] = [0, 1, 2, 3, 4, 5].map(count);
     let [part, product, coordinate, weight] = [28, 29, 30, 31].map(|at| usize::from(file[start + at]));
@@ -89,9 +89,9 @@ fn all_fields(file: &[u8]) -> Vec<Field> {
 }
 
 /// Runs all queries on a file, and combines it with another.
-fn ask(file: Vec<u8>, other: &ExactModel, target: &Path, what: &str) {
+fn query_all(file: Vec<u8>, other: &ExactModel, target: &Path, what: &str) {
     let case = Instant::now();
-    ask_model(file.clone());
+    query_model(file.clone());
     let opened = ExactModel::from_backend(Path::new("(changed)"), Box::new(file), &OpenOptions::new());
     if let Ok(model) = opened {
         let is_good = model.verify(64 << 20, &()).unwrap().is_empty();
@@ -121,8 +121,8 @@ fn attack(test: &str, is_coloured: bool, share: u64) {
     }
     let file = crossing(is_coloured);
     let other = Body::of(&cuboid([8; 3], [26, 12, 30]), 5).model;
-    let folder = tempfile::tempdir().unwrap();
-    let target = folder.path().join("x.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let target = directory.path().join("x.goblin");
     let mut random = Random(7);
     let (mut cases, start) = (0u64, Instant::now());
     for field in all_fields(&file) {
@@ -130,7 +130,7 @@ fn attack(test: &str, is_coloured: bool, share: u64) {
             // A random sample, to limit the run time.
             if random.below(share) == 0 {
                 seal::goblin(&mut file);
-                ask(file, &other, &target, &what);
+                query_all(file, &other, &target, &what);
                 cases += 1;
             }
         });
@@ -155,10 +155,10 @@ fn bytes_at_random() {
         return;
     }
     let good = crossing(true);
-    let [_, (start, length)] = places(&good);
+    let [_, (start, length)] = list_and_block(&good);
     let other = Body::of(&cuboid([8; 3], [26, 12, 30]), 5).model;
-    let folder = tempfile::tempdir().unwrap();
-    let target = folder.path().join("x.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let target = directory.path().join("x.goblin");
     let mut random = Random(8);
     for round in 0..200 {
         let mut file = good.clone();
@@ -177,7 +177,7 @@ fn bytes_at_random() {
             }
         }
         seal::goblin(&mut file);
-        ask(file, &other, &target, &format!("round {round}"));
+        query_all(file, &other, &target, &format!("round {round}"));
     }
     assert!(own_peak_memory() < 256 << 20, "{} bytes", own_peak_memory());
 }

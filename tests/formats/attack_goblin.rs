@@ -12,7 +12,7 @@ use crate::common::reference::{self, Cut};
 use crate::common::{Cells, OCT, QUAD, goblin, oct, quad, quad_size};
 use crate::common::{Random, oct_size};
 use crate::targets::seal::{self, END, TRAILER};
-use crate::targets::trees::ask_goblin;
+use crate::targets::trees::query_goblin;
 
 /// A number in a file.
 pub(super) struct Field {
@@ -82,7 +82,7 @@ fn all_fields(file: &[u8], form: TreeType, every: usize) -> Vec<Field> {
         all.extend(fields("a page", page.start, &[&[2, 2, 4][..], &vec![8; copies]].concat()));
         entries.extend(seal::entries(file, &page, size));
     }
-    let mut pieces = Vec::new();
+    let mut details = Vec::new();
     for entry in entries {
         all.extend(fields("an entry", entry, &[8, 8, 8, 4, 2, 1, 1, 4, 8]));
         all.extend(fields("statistics", entry + 44, &[sample, sample, 8, 8, 8, 8].repeat(channels)));
@@ -94,16 +94,16 @@ fn all_fields(file: &[u8], form: TreeType, every: usize) -> Vec<Field> {
         let rest: &[usize] = if form.children() == 4 { &[1, 3] } else { &[2, 2, 4] };
         let start = run + seal::long(file, entry + 8) as usize;
         for record in 0..records {
-            pieces.extend(fields("a record", start + record * layout, &[&values, rest].concat()));
+            details.extend(fields("a record", start + record * layout, &[&values, rest].concat()));
         }
         for class in 0..classes {
-            pieces.extend(fields("a class", start + records * layout + class * (width + 8), &[width, 8]));
+            details.extend(fields("a class", start + records * layout + class * (width + 8), &[width, 8]));
         }
     }
     let (metadata, length) =
         (seal::long(file, layer + 136) as usize, seal::short(file, layer + 144) as usize);
-    pieces.extend(fields("the metadata", metadata, &vec![1; length]));
-    all.extend(pieces.into_iter().step_by(every));
+    details.extend(fields("the metadata", metadata, &vec![1; length]));
+    all.extend(details.into_iter().step_by(every));
     all
 }
 
@@ -114,7 +114,7 @@ fn attack(file: &[u8], form: TreeType, every: usize) {
         changed(file, &field, &mut |mut file, what| {
             let case = Instant::now();
             seal::goblin(&mut file);
-            ask_goblin(file);
+            query_goblin(file);
             assert!(case.elapsed() < Duration::from_secs(10), "{what} took {:?}", case.elapsed());
             cases += 1;
         });
@@ -149,7 +149,7 @@ fn fields_of_octrees_and_floats() {
 }
 
 /// Checks that two files return the same results to all queries.
-fn same_answers(found: &Dataset, expected: &Dataset) {
+fn assert_same_results(found: &Dataset, expected: &Dataset) {
     let size = expected.header().extent;
     let width = expected.header().form.width();
     for level in 0..=expected.depth() {
@@ -196,7 +196,7 @@ fn files_cut_anywhere_say_the_same() {
             assert_eq!(file.verify(1 << 20, &()).unwrap(), [], "{form} {cut:?}");
             let expected = goblin(&cells, rule.0, rule.1);
             assert_eq!(file.metadata().counts, expected.metadata().counts);
-            same_answers(&Dataset::of(file.into()).unwrap(), &Dataset::of(expected.into()).unwrap());
+            assert_same_results(&Dataset::of(file.into()).unwrap(), &Dataset::of(expected.into()).unwrap());
         }
     }
 }

@@ -18,7 +18,7 @@ use super::attack_goblin::{Field, HEADER_FIELDS, LAYER_FIELDS, TREE_FIELDS, chan
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};
 use crate::common::{Cells, QUAD, Random, byte, made, options, write_cells};
-use crate::targets::layers::{ask_autumnal_layers, ask_goblin_layers};
+use crate::targets::layers::{query_autumnal_layers, query_goblin_layers};
 use crate::targets::seal::{self, END, HEAD, LAYER, RECORDS, SLOTS, TRAILER};
 
 const CONTINUOUS: (Rule, DataKind) = (Rule::Mean, DataKind::Continuous);
@@ -26,8 +26,8 @@ const CONTINUOUS: (Rule, DataKind) = (Rule::Mean, DataKind::Continuous);
 /// Returns a file of three layers: one with so many segments that its index has pages with copies,
 /// one of classes, and one of sample pairs of which some are missing.
 fn goblin(size: [u64; 3]) -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let [path, other] = ["cut.goblin", "other.goblin"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [path, other] = ["cut.goblin", "other.goblin"].map(|name| directory.path().join(name));
     let cells = Cells::noise(QUAD, 3, size, 9);
     let file = reference::goblin(&cells.tree(Rule::Mean), size, CONTINUOUS, Cut::EVERYWHERE);
     std::fs::write(&path, file).unwrap();
@@ -48,8 +48,8 @@ fn goblin(size: [u64; 3]) -> Vec<u8> {
 
 /// The same with a second commit.
 fn autumnal(goblin: &[u8]) -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let [from, path] = ["s.goblin", "s.autumn"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [from, path] = ["s.goblin", "s.autumn"].map(|name| directory.path().join(name));
     std::fs::write(&from, goblin).unwrap();
     convert(&from, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &()).unwrap();
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [3, 4, 1] });
@@ -128,8 +128,8 @@ fn mutate(file: &mut [u8], parts: &[Vec<Field>], random: &mut Random) {
                 let length = [16, 24, 48, 152][random.below(4) as usize];
                 let (a, b) = (at.min(other.at), at.max(other.at));
                 if b - a >= length && b + length <= file.len() {
-                    let (before, behind) = file.split_at_mut(b);
-                    before[a..a + length].swap_with_slice(&mut behind[..length]);
+                    let (before, after) = file.split_at_mut(b);
+                    before[a..a + length].swap_with_slice(&mut after[..length]);
                 }
                 continue;
             }
@@ -147,9 +147,9 @@ fn cases(usual: u64) -> std::ops::Range<u64> {
 }
 
 /// Applies random changes to a file and runs all queries.
-fn attack(name: &str, file: &[u8], parts: &[Vec<Field>], usual: u64, ask: &dyn Fn(Vec<u8>)) {
+fn attack(name: &str, file: &[u8], parts: &[Vec<Field>], usual: u64, query: &dyn Fn(Vec<u8>)) {
     let start = Instant::now();
-    ask(file.to_vec());
+    query(file.to_vec());
     for case in cases(usual) {
         let mut file = file.to_vec();
         let mut random = Random(case);
@@ -157,7 +157,7 @@ fn attack(name: &str, file: &[u8], parts: &[Vec<Field>], usual: u64, ask: &dyn F
         mutate(&mut file, parts, &mut random);
         let differs = file.iter().zip(&from).position(|(a, b)| a != b);
         println!("{name}, case {case}, from byte {differs:?}");
-        ask(file);
+        query(file);
         assert!(start.elapsed() < Duration::from_secs(10), "case {case} took {:?}", start.elapsed());
     }
     println!("{name}: {:?} in {:?}", cases(usual), start.elapsed());
@@ -175,7 +175,7 @@ fn goblin_files_changed_at_random() {
     let parts = parts(&file, &mut Random(1));
     attack("goblin", &file, &parts, 150, &|mut file| {
         seal::goblin(&mut file);
-        ask_goblin_layers(&file);
+        query_goblin_layers(&file);
     });
 }
 
@@ -200,7 +200,7 @@ fn autumnal_files_changed_at_random() {
     }
     attack("autumnal", &file, &parts, 150, &|mut file| {
         seal::autumnal(&mut file);
-        ask_autumnal_layers(&file);
+        query_autumnal_layers(&file);
     });
 }
 
@@ -222,7 +222,7 @@ fn commits_of_several_layers() {
                 println!("{what}");
                 let case = Instant::now();
                 seal::autumnal(&mut file);
-                ask_autumnal_layers(&file);
+                query_autumnal_layers(&file);
                 assert!(case.elapsed() < Duration::from_secs(10), "{what} took {:?}", case.elapsed());
             }
         });
@@ -238,7 +238,7 @@ fn is_noticed(file: Vec<u8>) -> bool {
 }
 
 #[test]
-fn what_the_format_forbids_is_found() {
+fn violations_of_the_format_are_detected() {
     let file = goblin([60, 52, 1]);
     assert!(!is_noticed(file.clone()));
     let layers = seal::layers(&file);
@@ -246,7 +246,7 @@ fn what_the_format_forbids_is_found() {
         let mut file = file.clone();
         change(&mut file);
         seal::goblin(&mut file);
-        assert!(is_noticed(file), "nobody noticed {what}");
+        assert!(is_noticed(file), "{what} was not detected");
     };
     // All layer fields in the table, except types, rules, extents (independent per layer) and
     // fields that readers ignore.
@@ -292,7 +292,7 @@ fn what_the_format_forbids_is_found() {
                 file.copy_within(a + part.start..a + part.end, b + part.start);
             });
         }
-        notice("runs that changed places", &|file| {
+        notice("swapped runs", &|file| {
             let run: Vec<u8> = file[a + 88..a + 104].to_vec();
             file.copy_within(b + 88..b + 104, a + 88);
             file[b + 88..b + 104].copy_from_slice(&run);
@@ -312,11 +312,11 @@ fn what_the_format_forbids_is_found() {
 
 /// An extent that is smaller than its cells.
 #[test]
-fn cells_outside_of_the_picture_are_found() {
+fn cells_outside_of_the_extent_are_detected() {
     let good = goblin([60, 52, 1]);
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let findings = |name: &str, bytes: &[u8]| {
-        let path = folder.path().join(name);
+        let path = directory.path().join(name);
         std::fs::write(&path, bytes).unwrap();
         spinney::open(&path).and_then(|file| file.verify(1 << 20, &())).unwrap()
     };
@@ -371,8 +371,8 @@ fn indexes_of_several_levels() {
         .collect();
     let expected: Vec<_> = codes.iter().map(|code| good.value_at(*code).unwrap()).collect();
     let mut refused = 0;
-    let rounds = cases(60);
-    for case in rounds.clone() {
+    let range = cases(60);
+    for case in range.clone() {
         let mut random = Random(case);
         let mut file = DEEP.clone();
         let level = &levels[random.below(2) as usize];
@@ -401,7 +401,7 @@ fn indexes_of_several_levels() {
             assert_ne!(file.verify(1 << 24, &()).unwrap(), [], "case {case}");
         }
     }
-    assert!(refused > 0 || rounds.is_empty());
+    assert!(refused > 0 || range.is_empty());
     assert!(own_peak_memory() < 1 << 30, "{} bytes", own_peak_memory());
 }
 
@@ -409,8 +409,8 @@ fn indexes_of_several_levels() {
 #[test]
 fn stacks_of_the_fixtures() {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1");
-    ask_goblin_layers(&std::fs::read(fixtures.join("stack.goblin")).unwrap());
-    ask_autumnal_layers(&std::fs::read(fixtures.join("stack.autumn")).unwrap());
+    query_goblin_layers(&std::fs::read(fixtures.join("stack.goblin")).unwrap());
+    query_autumnal_layers(&std::fs::read(fixtures.join("stack.autumn")).unwrap());
     let small = goblin([21, 18, 1]);
     let packed = seal::packed(&autumnal(&small));
     assert!(seal::unpacked(&packed).is_some());

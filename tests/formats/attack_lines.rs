@@ -9,12 +9,12 @@ use spinney::{Metadata, Output};
 use super::attack_goblin::{Field, changed};
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::line_features;
-use crate::targets::lines::ask_lines;
+use crate::targets::lines::query_lines;
 use crate::targets::seal::{self, END};
 
 fn small() -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("lines.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("lines.goblin");
     let (attributes, features) = line_features::some(12);
     let options = LineBuildOptions { leaf_size: 4, ..LineBuildOptions::default() };
     let mut source = LinesInMemory::new(attributes, features);
@@ -30,25 +30,25 @@ fn bytes_that_do_harm() {
     let file = small();
     let mut resealed = file.clone();
     seal::goblin(&mut resealed);
-    assert!(resealed == file, "checksums are where they are looked for");
+    assert!(resealed == file, "checksums are at the expected offsets");
     let (_, lists, _) = seal::section(&file, b"LBLK").unwrap();
-    let ask = |mut bytes: Vec<u8>, what: String| {
+    let query = |mut bytes: Vec<u8>, what: String| {
         seal::goblin(&mut bytes);
         let start = Instant::now();
-        ask_lines(bytes);
+        query_lines(bytes);
         assert!(start.elapsed() < Duration::from_secs(5), "{what}: {:?}", start.elapsed());
     };
     for at in 0..file.len() - END {
         for wrong in [0, 0xff, file[at] ^ 1 << (at % 8)] {
             let mut bytes = file.clone();
             bytes[at] = wrong;
-            ask(bytes, format!("byte {at} is {wrong:#x}"));
+            query(bytes, format!("byte {at} is {wrong:#x}"));
         }
     }
     // After the blocks there are multi-byte numbers: lengths, counts, offsets.
     for at in (lists.next_multiple_of(4)..file.len() - END - 3).step_by(4) {
         let field = Field { name: "the file".into(), at, size: 4 };
-        changed(&file, &field, &mut |bytes, what| ask(bytes, what));
+        changed(&file, &field, &mut |bytes, what| query(bytes, what));
     }
     assert!(own_peak_memory() < 512 << 20, "{} bytes", own_peak_memory());
 }

@@ -13,7 +13,7 @@ use crate::common::Random;
 use crate::common::brep_file::BrepFile;
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::exact::{built, cuboid, prism, push, turned};
-use crate::targets::models::{ask_model, questions};
+use crate::targets::models::{fast_queries, query_model};
 use crate::targets::seal::{self, END, SECTION, TRAILER};
 
 /// Returns a grid of 2^bits steps of 1.
@@ -46,8 +46,8 @@ pub(crate) fn house(bits: u8) -> Vec<u8> {
     for [a, b, c] in [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] {
         push(&mut list, &[vec![corners[a], corners[b], corners[c]]], 1, Some([9; 3]));
     }
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("house.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("house.goblin");
     let output = Output::create(&path).unwrap();
     let mut builder = ModelBuilder::new(output, grid(bits), 1 << 20).unwrap().leaf_size(3);
     list.each(&mut |face| {
@@ -66,7 +66,7 @@ pub(crate) fn house(bits: u8) -> Vec<u8> {
 /// Returns all fields of the file itself, and all or one in `every` fields of its blocks, segments
 /// and entries, and bytes of its metadata.
 fn all_fields(file: &[u8], every: usize) -> Vec<Field> {
-    let mut pieces = Vec::new();
+    let mut details = Vec::new();
     let mut all = fields("the header", 0, &HEADER_FIELDS);
     let trailer = seal::trailer(file).unwrap();
     all.extend(fields("the trailer", trailer, &[&HEADER_FIELDS[..], &[4, 8, 4]].concat()));
@@ -80,11 +80,11 @@ fn all_fields(file: &[u8], every: usize) -> Vec<Field> {
         let (start, length) = (seal::long(file, at + 8) as usize, seal::long(file, at + 16) as usize);
         match &file[at..at + 4] {
             b"BREP" => all.extend(fields("the model", start, &[&[1, 1, 1, 5][..], &[8; 16]].concat())),
-            b"META" => pieces.extend(fields("the metadata", start, &vec![1; length])),
-            b"FORM" => pieces.extend(fields("the formula", start, &vec![1; length])),
+            b"META" => details.extend(fields("the metadata", start, &vec![1; length])),
+            b"FORM" => details.extend(fields("the formula", start, &vec![1; length])),
             _ => {
                 for entry in (start..start + length).step_by(24) {
-                    pieces.extend(fields("an entry", entry, &[8, 8, 4, 4]));
+                    details.extend(fields("an entry", entry, &[8, 8, 4, 4]));
                     let (from, bytes) =
                         (seal::long(file, entry + 8) as usize, seal::short(file, entry + 16) as usize);
                     if is_packed {
@@ -92,8 +92,8 @@ fn all_fields(file: &[u8], every: usize) -> Vec<Field> {
                         // words.
                         let most = (bytes - 1) / 4;
                         let sizes = [&[1, 4, 4][..], &[8, 8], &[4; 8]].concat();
-                        pieces.extend(fields(
-                            "a packed piece",
+                        details.extend(fields(
+                            "a packed chunk",
                             from,
                             &sizes[..sizes.len().min(1 + most / 2)],
                         ));
@@ -101,7 +101,7 @@ fn all_fields(file: &[u8], every: usize) -> Vec<Field> {
                     }
                     if [b"OBJE", b"FVAL"].contains(&file[at..at + 4].try_into().unwrap()) {
                         let sizes = [vec![4; 2], vec![1; bytes - 8]].concat();
-                        pieces.extend(fields("a piece of a table", from, &sizes));
+                        details.extend(fields("a chunk of a table", from, &sizes));
                         continue;
                     }
                     // Numbers of four bytes, then leaves or vertices.
@@ -111,12 +111,12 @@ fn all_fields(file: &[u8], every: usize) -> Vec<Field> {
                     };
                     let words = words as usize;
                     let sizes = [vec![4; words], vec![1; bytes - 4 * words]].concat();
-                    pieces.extend(fields("a block or segment", from, &sizes));
+                    details.extend(fields("a block or segment", from, &sizes));
                 }
             }
         }
     }
-    all.extend(pieces.into_iter().step_by(every));
+    all.extend(details.into_iter().step_by(every));
     all
 }
 
@@ -127,7 +127,7 @@ fn attack(file: &[u8], every: usize) {
         changed(file, &field, &mut |mut file, what| {
             let case = Instant::now();
             seal::goblin(&mut file);
-            ask_model(file);
+            query_model(file);
             assert!(case.elapsed() < Duration::from_secs(10), "{what} took {:?}", case.elapsed());
             cases += 1;
         });
@@ -224,8 +224,8 @@ pub(crate) const CROSSINGS: u8 = 3 | 2 << 2;
 /// Faces that no builder accepts: not planar, folded, self-intersecting or intersecting, on the
 /// finest grid.
 #[test]
-fn faces_that_are_none() {
-    if !is_alone("attack_model::faces_that_are_none") {
+fn invalid_faces_are_rejected() {
+    if !is_alone("attack_model::invalid_faces_are_rejected") {
         return;
     }
     let mut random = Random(11);
@@ -255,7 +255,7 @@ fn faces_that_are_none() {
         let file = one_leaf(bits, &faces, head).bytes();
         let model = ExactModel::from_bytes(file.clone()).unwrap();
         assert_ne!(model.verify(1 << 20, &()).unwrap(), []);
-        ask_model(file);
+        query_model(file);
     }
 }
 
@@ -273,7 +273,7 @@ fn rings_of_many_turns() {
         assert!(model.verify(1 << 20, &()).unwrap()[0].problem.contains("more than eight turns"));
         assert!(MassProperties::of(&model, &()).unwrap().area > 0.0);
         // A section of a non-solid may fail.
-        let _ = questions(&model);
+        let _ = fast_queries(&model);
     }
 }
 
@@ -298,7 +298,7 @@ fn grids_at_the_limits() {
                 }
                 file.model[32..40].copy_from_slice(&step.to_le_bytes());
                 file.model[40..48].copy_from_slice(&divisor.to_le_bytes());
-                ask_model(file.bytes());
+                query_model(file.bytes());
             }
         }
     }
@@ -306,7 +306,7 @@ fn grids_at_the_limits() {
 
 /// A few bytes of a file must not represent many faces and nodes.
 #[test]
-fn pieces_are_there_once() {
+fn each_block_may_be_listed_only_once() {
     let file = BrepFile::of(&tetrahedron(1));
     let faces = |file: &mut BrepFile, count: u64| file.model[48..56].copy_from_slice(&count.to_le_bytes());
     // Two copies in the file are valid.
@@ -342,7 +342,7 @@ fn faces_of_a_segment_are_there_once() {
     let ring = vec![[0, 0, 0], [1, 0, 0], [0, 1, 0]];
     let mut file = one_leaf(1, &[vec![ring.clone()], vec![ring]], CROSSINGS);
     let found = ExactModel::from_bytes(file.bytes()).unwrap().verify(1 << 20, &()).unwrap();
-    assert!(found[0].problem.contains("the other way"), "of the surface alone: {found:?}");
+    assert!(found[0].problem.contains("more often than its reverse"), "of the surface alone: {found:?}");
     file.segments[0].1[20..24].fill(0);
     let found = ExactModel::from_bytes(file.bytes()).unwrap().verify(1 << 20, &()).unwrap();
     assert_eq!(found.len(), 1);

@@ -45,8 +45,8 @@ fn nodes_with_records(tree: &MemTree, share: bool) -> u64 {
     let step = 2;
     let mut open = vec![(tree.root().unwrap(), depth)];
     let mut found = 0;
-    while let Some((place, height)) = open.pop() {
-        let Child::Inner { node, .. } = place else { continue };
+    while let Some((subtree, height)) = open.pop() {
+        let Child::Inner { node, .. } = subtree else { continue };
         found += u64::from(height == depth || height >= first && (height - first).is_multiple_of(step));
         open.extend(children(tree, &node).into_iter().map(|child| (child, height - 1)));
     }
@@ -54,8 +54,8 @@ fn nodes_with_records(tree: &MemTree, share: bool) -> u64 {
 }
 
 fn round_trip(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind) {
-    let folder = tempfile::tempdir().unwrap();
-    let file = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let file = |name: &str| directory.path().join(name);
     let cells = Cells::random(form, seed, size, 4 + seed % 60, !seed.is_multiple_of(3));
     let tree = cells.tree(rule);
     let published = goblin_bytes(&cells, rule, kind);
@@ -67,7 +67,7 @@ fn round_trip(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataK
             .unwrap();
         let autumnal = open(&path);
         same_trees(&autumnal, &tree);
-        assert_eq!(autumnal.commit().records, tree.inner_nodes() as u64);
+        assert_eq!(autumnal.commit().inner_nodes, tree.inner_nodes() as u64);
         assert_eq!(autumnal.commit().number, 1);
         assert_good(&path);
         let written = autumnal.commit().written;
@@ -79,8 +79,8 @@ fn round_trip(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataK
         assert!(std::fs::read(&back).unwrap() == published, "{form} {rule} {kind} {size:?}");
     }
     let positioned = OpenOptions::new().positioned(64 << 20);
-    answers_agree(&file("false.autumn"), &goblin_path, &OpenOptions::new(), seed);
-    answers_agree(&file("true.autumn"), &goblin_path, &positioned, seed);
+    assert_same_results(&file("false.autumn"), &goblin_path, &OpenOptions::new(), seed);
+    assert_same_results(&file("true.autumn"), &goblin_path, &positioned, seed);
 }
 
 fn assert_good(path: &Path) {
@@ -89,7 +89,7 @@ fn assert_good(path: &Path) {
 }
 
 /// Runs the same queries on both files and compares the results.
-fn answers_agree(a: &Path, b: &Path, options: &OpenOptions, seed: u64) {
+fn assert_same_results(a: &Path, b: &Path, options: &OpenOptions, seed: u64) {
     let mut random = Random(seed + 1);
     let (a, b) = (dataset::open(a, options).unwrap(), dataset::open(b, options).unwrap());
     let (a, b): (&Dataset, &Dataset) = (&a, &b);
@@ -154,7 +154,7 @@ fn answers_agree(a: &Path, b: &Path, options: &OpenOptions, seed: u64) {
 }
 
 #[test]
-fn quadtrees_of_every_type_and_rule_come_back() {
+fn quadtrees_of_every_type_and_rule_round_trip() {
     use DataKind::{Categorical, Continuous};
     use SampleType::*;
     for seed in 0..4 {
@@ -173,8 +173,8 @@ fn quadtrees_of_every_type_and_rule_come_back() {
 
 #[test]
 fn slabs_and_sources_make_the_same_tree() {
-    let folder = tempfile::tempdir().unwrap();
-    let (slabs, source) = (folder.path().join("slabs.autumn"), folder.path().join("source.autumn"));
+    let directory = tempfile::tempdir().unwrap();
+    let (slabs, source) = (directory.path().join("slabs.autumn"), directory.path().join("source.autumn"));
     for seed in 0..5 {
         let size = [1 + 137 * seed, 300 - 40 * seed, 1];
         let cells = Cells::random(QUAD, seed, size, 9, true);
@@ -192,7 +192,7 @@ fn slabs_and_sources_make_the_same_tree() {
 }
 
 #[test]
-fn octrees_come_back() {
+fn octrees_round_trip() {
     for seed in 0..3 {
         let size = [1 + 13 * seed, 70 - 9 * seed, 1 + 17 * seed];
         round_trip(OCT, seed, size, Rule::Occupancy, DataKind::Continuous);
@@ -203,7 +203,7 @@ fn octrees_come_back() {
 
 /// Each file selects its records, kernels and rules at run time: every combination must be covered.
 #[test]
-fn every_type_comes_back_in_both_dimensions() {
+fn every_type_round_trips_in_both_dimensions() {
     for (i, value) in value_types().into_iter().enumerate() {
         let (seed, rule) = (i as u64, Rule::ALL[i % Rule::ALL.len()]);
         let kind = if i % 2 == 0 { DataKind::Continuous } else { DataKind::Categorical };
@@ -214,11 +214,11 @@ fn every_type_comes_back_in_both_dimensions() {
 
 #[test]
 fn the_table_of_the_literature() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("picture.autumn");
-    let picture =
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("classic.autumn");
+    let raster =
         made(QUAD, [8, 8, 1], |[x, y, _]| Some(byte(CLASSIC[y as usize][x as usize]))).tree(Rule::Dominant);
-    write_tree(&path, &picture, [8, 8, 1], (Rule::Dominant, DataKind::Categorical), false);
+    write_tree(&path, &raster, [8, 8, 1], (Rule::Dominant, DataKind::Categorical), false);
     let file = dataset::open(&path, &OpenOptions::default()).unwrap();
     let table = file.classic_table(100).unwrap();
     let rows: Vec<Vec<i32>> = table
@@ -242,12 +242,12 @@ fn the_table_of_the_literature() {
     // The survey's count: a point query needs 2.125 records on average, at most 3.
     let reads = |cell: u32| {
         let code = Code::from_cell(Dimension::Quad, 3, [cell % 8, cell / 8, 0]).unwrap();
-        let mut place = picture.root().unwrap();
+        let mut subtree = raster.root().unwrap();
         let mut reads = 0;
         for step in code.digits() {
-            let Child::Inner { node, .. } = place else { break };
+            let Child::Inner { node, .. } = subtree else { break };
             reads += 1;
-            place = children(&picture, &node)[step];
+            subtree = children(&raster, &node)[step];
         }
         reads
     };
@@ -257,12 +257,12 @@ fn the_table_of_the_literature() {
 
 #[test]
 fn the_bytes_do_not_depend_on_threads() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let cells = Cells::random(QUAD, 3, [700, 600, 1], 5, true);
     let files: Vec<Vec<u8>> = [1, 2, 5]
         .into_iter()
         .map(|threads| {
-            let path = folder.path().join(format!("{threads}.autumn"));
+            let path = directory.path().join(format!("{threads}.autumn"));
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| write_cells(&path, &cells, (Rule::Majority, DataKind::Categorical), true));
             std::fs::read(&path).unwrap()
@@ -274,11 +274,11 @@ fn the_bytes_do_not_depend_on_threads() {
 /// The file has many more distinct subtrees than fit in the memory limit, each twice.
 #[test]
 fn which_subtrees_are_shared_does_not_depend_on_the_memory() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let part = Cells::random(QUAD, 1, [1024, 512, 1], 4, false);
     let twice = made(QUAD, [1024, 1024, 1], |[x, y, _]| part.get([x, y % 512, 0]));
     let files = [1 << 20, 1 << 28].map(|memory| {
-        let path = folder.path().join(format!("{memory}.autumn"));
+        let path = directory.path().join(format!("{memory}.autumn"));
         let options =
             options(Rule::Majority, DataKind::Categorical, twice.depth()).share(true).memory(memory);
         common::write_cells(&path, &twice, &options);
@@ -288,9 +288,9 @@ fn which_subtrees_are_shared_does_not_depend_on_the_memory() {
     });
     assert!(files[0] == files[1]);
     // Copies depend on the source file: they record its identity.
-    let source = folder.path().join(format!("{}.autumn", 1 << 20));
+    let source = directory.path().join(format!("{}.autumn", 1 << 20));
     let copies = [1 << 20, 1 << 28].map(|memory| {
-        let copy = folder.path().join(format!("copy-{memory}.autumn"));
+        let copy = directory.path().join(format!("copy-{memory}.autumn"));
         convert(&source, true, Output::create(&copy).unwrap(), WriteOptions::new(memory), &()).unwrap();
         std::fs::read(copy).unwrap()
     });
@@ -299,12 +299,12 @@ fn which_subtrees_are_shared_does_not_depend_on_the_memory() {
 
 #[test]
 fn equal_subtrees_are_stored_once() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     // An image of 64 equal tiles.
     let part = Cells::random(QUAD, 1, [64, 64, 1], 4, false);
     let tiled = made(QUAD, [512, 512, 1], |[x, y, _]| part.get([x % 64, y % 64, 0]));
     let records = [false, true].map(|share| {
-        let path = folder.path().join(format!("{share}.autumn"));
+        let path = directory.path().join(format!("{share}.autumn"));
         write_cells(&path, &tiled, (Rule::Majority, DataKind::Categorical), share);
         let file = open(&path);
         let written = file.commit().written;
@@ -325,7 +325,7 @@ fn equal_subtrees_are_stored_once() {
         if signs[(y / 4 * 128 + x / 4) as usize] { part.get([x % 4, y % 4, 0]) } else { Some(byte(1)) }
     });
     let [alone, shared] = [false, true].map(|share| {
-        let path = folder.path().join(format!("scattered-{share}.autumn"));
+        let path = directory.path().join(format!("scattered-{share}.autumn"));
         write_cells(&path, &scattered, (Rule::Majority, DataKind::Categorical), share);
         assert_good(&path);
         open(&path).commit().written.bytes

@@ -14,8 +14,8 @@ const SECTOR: usize = 512;
 
 /// Returns the bytes of a new file of cells.
 fn start(cells: &Cells) -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     let options = options(Rule::Mean, DataKind::Continuous, cells.depth());
     build_tree(&cells.tree(Rule::Mean), cells.size, &options, Output::create(&path).unwrap(), &()).unwrap();
     std::fs::read(&path).unwrap()
@@ -72,7 +72,7 @@ fn every_crash_leaves_the_last_commit_or_the_one_before() {
         }
         // Commits reported as durable, and commits begun.
         let done = 1 + ends.iter().filter(|end| **end <= i + 1).count();
-        for attempt in 0..40 {
+        for variant in 0..40 {
             let mut image = durable.clone();
             // Any subset of the pending sectors has arrived: none, all, or a random one.
             let mut sectors: Vec<(u64, &[u8])> = pending
@@ -85,10 +85,10 @@ fn every_crash_leaves_the_last_commit_or_the_one_before() {
                 sectors.swap(n, random.below(n as u64 + 1) as usize);
             }
             for (offset, bytes) in sectors {
-                let arrives = match attempt {
+                let arrives = match variant {
                     0 => false,
                     1 => true,
-                    _ => random.below(4) > attempt % 4,
+                    _ => random.below(4) > variant % 4,
                 };
                 if arrives {
                     put(&mut image, offset, bytes);
@@ -103,7 +103,7 @@ fn every_crash_leaves_the_last_commit_or_the_one_before() {
 }
 
 #[test]
-fn after_a_failure_nothing_more_is_written() {
+fn no_writes_follow_a_failure() {
     let mut random = Random(2);
     for good in 0..30 {
         let mut cells = Cells::random(QUAD, 1, SIZE, 5, true);

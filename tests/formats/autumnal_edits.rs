@@ -40,8 +40,8 @@ fn note(message: impl Into<String>) -> Note {
     Note { time: Some(1), author: "test".into(), message: message.into() }
 }
 
-/// Returns a random edit, after applying it to the cells. Files of other trees go to `folder`.
-pub(super) fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells) -> Edit {
+/// Returns a random edit, after applying it to the cells. Files of other trees go to `directory`.
+pub(super) fn random_edit(random: &mut Random, directory: &Path, cells: &mut Cells) -> Edit {
     let (form, extent) = (cells.form, cells.size);
     let value = |random: &mut Random| {
         let number = random.below(6);
@@ -58,7 +58,7 @@ pub(super) fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells)
     };
     let other = |random: &mut Random, size: [u64; 3]| {
         let cells = Cells::random(form, random.below(1000), size, 5, random.below(2) == 0);
-        let path = folder.join(format!("{}.goblin", random.below(u64::MAX)));
+        let path = directory.join(format!("{}.goblin", random.below(u64::MAX)));
         std::fs::write(&path, goblin_bytes(&cells, Rule::Nearest, DataKind::Continuous)).unwrap();
         (cells, path)
     };
@@ -141,8 +141,8 @@ fn is_in(ring: &[[f64; 2]], cell: [u64; 3]) -> bool {
 }
 
 fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind, share: bool) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     let mut random = Random(seed);
     let mut cells = Cells::random(form, seed, size, 4, true);
     write(&path, &cells, (rule, kind), share);
@@ -151,13 +151,13 @@ fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind,
     for _ in 0..12 {
         // Each commit is made by a new editor, with one or several edits.
         let edits: Vec<_> = (0..1 + random.below(3))
-            .map(|_| Ok(random_edit(&mut random, folder.path(), &mut cells)))
+            .map(|_| Ok(random_edit(&mut random, directory.path(), &mut cells)))
             .collect();
         let commit = edit(&path, edits, note("edited"), MEMORY, &()).unwrap();
         let tree = cells.tree(rule);
         let file = open(&path);
         same_trees(&file, &tree);
-        assert_eq!(file.commit().records, tree.inner_nodes() as u64);
+        assert_eq!(file.commit().inner_nodes, tree.inner_nodes() as u64);
         assert_good(&path);
         match commit {
             Some(commit) => {
@@ -171,9 +171,9 @@ fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind,
         }
         assert!(!reader.refresh().unwrap());
         // The same bytes as a tree built from the cells.
-        let published = folder.path().join("t.goblin");
+        let published = directory.path().join("t.goblin");
         convert(&path, false, Output::create(&published).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
-        let built = folder.path().join("b.goblin");
+        let built = directory.path().join("b.goblin");
         std::fs::write(&built, goblin_bytes(&cells, rule, kind)).unwrap();
         assert!(std::fs::read(&published).unwrap() == std::fs::read(&built).unwrap());
     }
@@ -186,7 +186,7 @@ fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind,
     // Compacting some commits into a new file makes it smaller.
     let last = before.len() as u64;
     let kept: Vec<u64> = (1..=last).filter(|_| random.below(2) == 0).chain([last]).collect();
-    let small = folder.path().join("small.autumn");
+    let small = directory.path().join("small.autumn");
     let keep = Keep::Numbers(kept.clone());
     let options = CompactOptions::new(&keep, MEMORY).share(share);
     compact(&path, &options, Output::create(&small).unwrap(), &()).unwrap();
@@ -253,9 +253,9 @@ fn scripts_of_edits_of_octrees() {
 }
 
 #[test]
-fn an_edit_writes_what_changes_and_the_path_to_it() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+fn an_edit_writes_changed_nodes_and_their_ancestors() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     let cells = Cells::random(QUAD, 1, [1024, 1024, 1], 5, true);
     write(&path, &cells, (Rule::Mean, DataKind::Continuous), false);
     let before = std::fs::metadata(&path).unwrap().len();
@@ -270,9 +270,9 @@ fn an_edit_writes_what_changes_and_the_path_to_it() {
 }
 
 #[test]
-fn there_is_one_editor_and_it_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+fn a_second_editor_is_rejected_and_the_first_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     write(&path, &Cells::random(QUAD, 1, [9, 9, 1], 5, true), (Rule::Mean, DataKind::Continuous), false);
     let editor = Editor::open(&path, MEMORY).unwrap();
     let refused = Editor::open(&path, MEMORY).err().unwrap();
@@ -291,9 +291,9 @@ fn set(editor: &mut Editor, cell: [u64; 3], value: u8) {
 }
 
 #[test]
-fn what_is_not_committed_never_was() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+fn uncommitted_edits_are_discarded() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     let before = Cells::random(QUAD, 1, [100, 90, 1], 5, true);
     write(&path, &before, (Rule::Mean, DataKind::Continuous), false);
     let mut editor = Editor::open(&path, MEMORY).unwrap();
@@ -313,8 +313,8 @@ fn what_is_not_committed_never_was() {
 
 #[test]
 fn commits_are_found_among_many() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     write(&path, &Cells::random(QUAD, 1, [9, 9, 1], 5, false), (Rule::Mean, DataKind::Continuous), false);
     let mut editor = Editor::open(&path, MEMORY).unwrap();
     // A reader opened before stays at its commit while thousands of commits are added.
@@ -345,12 +345,12 @@ fn commits_are_found_among_many() {
 }
 
 #[test]
-fn pieces_of_other_commits_are_kept_not_copied() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+fn subtrees_of_other_commits_are_reused_not_copied() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     let cells = Cells::random(QUAD, 1, [512, 512, 1], 5, true);
     write(&path, &cells, (Rule::Mean, DataKind::Continuous), false);
-    let all = || FillRegion::Box(Bounds::picture([512, 512, 1]));
+    let all = || FillRegion::Box(Bounds::of_extent([512, 512, 1]));
     edit(&path, [Ok(Edit::Fill(all(), None))], note("nothing left"), MEMORY, &()).unwrap().unwrap();
     // Pasting back an aligned quarter of the first commit writes at most three new records.
     let first = FileView {
@@ -363,7 +363,7 @@ fn pieces_of_other_commits_are_kept_not_copied() {
     let expected =
         made(QUAD, [512, 512, 1], |[x, y, _]| if x >= 256 && y < 256 { cells.get([x, y, 0]) } else { None });
     assert_same(&cells_of(&open(&path), [512, 512, 1]), &expected, "pasted");
-    let changes = folder.path().join("changes.goblin");
+    let changes = directory.path().join("changes.goblin");
     let files = [format!("{}@1", path.display()).into(), path.clone()];
     let output = Output::create(&changes).unwrap();
     spinney::combine(
@@ -382,9 +382,9 @@ fn pieces_of_other_commits_are_kept_not_copied() {
 }
 
 #[test]
-fn compaction_keeps_commits_that_are_alike() {
-    let folder = tempfile::tempdir().unwrap();
-    let [path, small] = ["t.autumn", "small.autumn"].map(|name| folder.path().join(name));
+fn compaction_keeps_equal_commits() {
+    let directory = tempfile::tempdir().unwrap();
+    let [path, small] = ["t.autumn", "small.autumn"].map(|name| directory.path().join(name));
     let cells = Cells::random(QUAD, 1, [9, 9, 1], 5, true);
     write(&path, &cells, (Rule::Mean, DataKind::Continuous), false);
     let region = FillRegion::Box(Bounds { min: [1, 2, 0], max: [5, 6, 1] });
@@ -395,31 +395,31 @@ fn compaction_keeps_commits_that_are_alike() {
         let keep = Keep::Numbers(vec![1, 3]);
         compact(&path, &CompactOptions::new(&keep, MEMORY), Output::create(&small).unwrap(), &()).unwrap()
     };
-    let told: Vec<_> = made.iter().map(|commit| (commit.number, commit.note.message.as_str())).collect();
-    assert_eq!(told, [(1, ""), (3, "back")]);
+    let messages: Vec<_> = made.iter().map(|commit| (commit.number, commit.note.message.as_str())).collect();
+    assert_eq!(messages, [(1, ""), (3, "back")]);
     assert_eq!(open(&small).commit().number, 3);
     assert_good(&small);
 }
 
 #[test]
 fn an_autumnal_file_is_not_replaced() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     let cells = Cells::random(QUAD, 1, [9, 9, 1], 5, false);
     write(&path, &cells, (Rule::Mean, DataKind::Continuous), false);
     let before = std::fs::read(&path).unwrap();
-    let goblin = folder.path().join("t.goblin");
+    let goblin = directory.path().join("t.goblin");
     convert(&path, false, Output::create(&goblin).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
     let refused =
         convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(MEMORY), &()).unwrap_err();
     assert!(matches!(refused, Error::Unsupported { .. }), "{refused}");
     assert_eq!(std::fs::read(&path).unwrap(), before);
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 2);
     // Only existing Autumnal files can be edited.
     assert!(Editor::open(&goblin, MEMORY).is_err());
     // Patches must have the file's value type and dimension.
     for (name, form) in [("pairs.goblin", quad(SampleType::U8, 2)), ("octree.goblin", OCT)] {
-        let other = folder.path().join(name);
+        let other = directory.path().join(name);
         let cells = Cells::random(form, 1, [9, 9, 1], 5, false);
         std::fs::write(&other, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
         let paste = Edit::Paste {

@@ -28,8 +28,8 @@ fn find(bytes: &[u8], wanted: &[u8]) -> usize {
 
 /// Returns a file with three commits, of which the second has a message.
 fn with_message(message: &str) -> (TempDir, PathBuf) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
     convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
     for (value, message) in [(3.0, message), (2.0, "")] {
@@ -37,47 +37,47 @@ fn with_message(message: &str) -> (TempDir, PathBuf) {
         let note = Note { message: message.into(), ..Note::default() };
         edit(&path, [Ok(Edit::Fill(region, Some(vec![value.into()])))], note, MEMORY, &()).unwrap().unwrap();
     }
-    (folder, path)
+    (directory, path)
 }
 
 #[test]
 fn messages_that_imitate_heads_are_messages() {
-    let (_folder, path) = with_message(&"x".repeat(5000));
+    let (_directory, path) = with_message(&"x".repeat(5000));
     let start = find(&std::fs::read(&path).unwrap(), &[b'x'; 5000]);
     let mut message = vec![b'x'; 5000];
     let mut kinds = (0..3).cycle();
-    for place in (start.next_multiple_of(512)..start + 5000 - HEAD).step_by(512) {
+    for position in (start.next_multiple_of(512)..start + 5000 - HEAD).step_by(512) {
         let kind = kinds.next().unwrap();
         // A message is UTF-8, which bytes below 128 always are.
-        let forged = (1..).map(|length| head(kind, place as u64, length, 7)).find(|head| head.is_ascii());
-        message[place - start..][..HEAD].copy_from_slice(&forged.unwrap());
+        let forged = (1..).map(|length| head(kind, position as u64, length, 7)).find(|head| head.is_ascii());
+        message[position - start..][..HEAD].copy_from_slice(&forged.unwrap());
     }
     let message = String::from_utf8(message).unwrap();
-    let (folder, path) = with_message(&message);
+    let (directory, path) = with_message(&message);
     let bytes = std::fs::read(&path).unwrap();
     assert_eq!(find(&bytes, message.as_bytes()), start, "the message imitates something");
     let is_whole = |path: &Path, numbers: &[u64]| {
         assert_eq!(open(path).verify(MEMORY, &()).unwrap(), []);
         let history = History::open(path, &OpenOptions::new()).unwrap();
-        let told: Vec<u64> = history.commits().map(|commit| commit.unwrap().number).collect();
-        assert_eq!(told, numbers);
+        let listed: Vec<u64> = history.commits().map(|commit| commit.unwrap().number).collect();
+        assert_eq!(listed, numbers);
         assert_eq!(history.commit(2).unwrap().note.message, message);
     };
     is_whole(&path, &[3, 2, 1]);
-    let small = folder.path().join("small.autumn");
+    let small = directory.path().join("small.autumn");
     compact(&path, &CompactOptions::new(&Keep::Last(2), MEMORY), Output::create(&small).unwrap(), &())
         .unwrap();
     is_whole(&small, &[3, 2]);
     // The newest slot is lost: the commit is found after the previous one, and the message is
     // skipped.
-    let mut damaged = bytes.clone();
-    damaged[SLOTS[0]] ^= 1;
-    let tree = Autumnal::from_bytes(damaged.clone()).unwrap();
+    let mut corrupt = bytes.clone();
+    corrupt[SLOTS[0]] ^= 1;
+    let tree = Autumnal::from_bytes(corrupt.clone()).unwrap();
     assert!(tree.commit().number == 3 && tree.remark().is_some());
     // Both slots are lost, and the commit with the message is corrupt as well.
-    damaged[SLOTS[1]] ^= 1;
-    damaged[start] ^= 1;
-    std::fs::write(&path, &damaged).unwrap();
+    corrupt[SLOTS[1]] ^= 1;
+    corrupt[start] ^= 1;
+    std::fs::write(&path, &corrupt).unwrap();
     assert!(recover(&path, 2, &Default::default(), &()).is_err());
     assert_eq!(recover(&path, 1, &Default::default(), &()).unwrap().number, 1);
     assert_eq!(open(&path).verify(MEMORY, &()).unwrap(), []);
@@ -88,8 +88,8 @@ const SIDE: u64 = 16;
 
 /// Returns a file whose second commit has these cells.
 fn with_cells(cells: &Cells) -> (TempDir, PathBuf) {
-    let folder = tempfile::tempdir().unwrap();
-    let (path, patch) = (folder.path().join("t.autumn"), folder.path().join("patch.goblin"));
+    let directory = tempfile::tempdir().unwrap();
+    let (path, patch) = (directory.path().join("t.autumn"), directory.path().join("patch.goblin"));
     let one = made(cells.form, cells.size, |cell| (cell == [0; 3]).then_some(Value::ZERO));
     write_cells(&path, &one, &options(Rule::Nearest, DataKind::Continuous, cells.depth()));
     std::fs::write(&patch, goblin_bytes(cells, Rule::Nearest, DataKind::Continuous)).unwrap();
@@ -100,7 +100,7 @@ fn with_cells(cells: &Cells) -> (TempDir, PathBuf) {
         options: Default::default(),
     };
     edit(&path, [Ok(paste)], Note::default(), MEMORY, &()).unwrap().unwrap();
-    (folder, path)
+    (directory, path)
 }
 
 /// Returns a commit with a number in which all cells have one value, as an extent for an offset.
@@ -115,8 +115,8 @@ fn forged_commit(number: u64, start: u64, metadata: u64, time: i64) -> Vec<u8> {
 
 /// Returns the bytes of a file of 64 x 64 cells.
 fn written(cells: &Cells, rule: Rule) -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     write_cells(&path, cells, &options(rule, DataKind::Continuous, 6));
     std::fs::read(&path).unwrap()
 }
@@ -221,7 +221,7 @@ fn values_that_imitate_commits_are_values() {
     let number = |[x, y, z]: [u64; 3], channel: u64| 0.5 + (((z * SIDE + y) * SIDE + x) * 4 + channel) as f32;
     let value = |cell| Value::from([0, 1, 2, 3].map(|channel| number(cell, channel)));
     let cells = made(form, [SIDE; 3], |cell| Some(value(cell)));
-    let (_folder, path) = with_cells(&cells);
+    let (_directory, path) = with_cells(&cells);
     let bytes = std::fs::read(&path).unwrap();
     let metadata = extents(&bytes).into_iter().find(|head| bytes[head + 4] == 2).unwrap() as u64;
     // All cells of a layer of a dense block, 8 x 8 cells, are contiguous. In some layers an extent
@@ -231,20 +231,20 @@ fn values_that_imitate_commits_are_values() {
     let layer = |[x, y, z]: [u64; 3]| -> Vec<[u64; 3]> {
         (0..64).map(|cell| [x + cell % 8, y + cell / 8, z]).collect()
     };
-    let places = layers.map(|first| {
+    let positions = layers.map(|first| {
         let run: Vec<u8> =
             layer(first).into_iter().flat_map(|cell| value(cell).to_bytes()[..16].to_vec()).collect();
         let start = find(&bytes, &run);
         (start.next_multiple_of(512), start, first, run)
     });
     // After the first imitation all bytes would move.
-    let (place, start, first, run) = places.min().unwrap();
-    assert!(place + 90 <= start + run.len());
+    let (position, start, first, run) = positions.min().unwrap();
+    assert!(position + 90 <= start + run.len());
     for number in [2, 3] {
         let forged = (0..).find_map(|time| {
-            let commit = forged_commit(number, place as u64, metadata, time);
+            let commit = forged_commit(number, position as u64, metadata, time);
             let mut run = run.clone();
-            run[place - start..][..commit.len()].copy_from_slice(&commit);
+            run[position - start..][..commit.len()].copy_from_slice(&commit);
             // NaN bytes would be VOID.
             run.chunks(4).all(|four| !f32::from_le_bytes(four.try_into().unwrap()).is_nan()).then_some(run)
         });
@@ -253,7 +253,7 @@ fn values_that_imitate_commits_are_values() {
         for (cell, bytes) in layer(first).into_iter().zip(forged.chunks(16)) {
             cells.cells[index(cell)] = Some(Value::from_bytes(bytes));
         }
-        let (_folder, path) = with_cells(&cells);
+        let (_directory, path) = with_cells(&cells);
         let mut bytes = std::fs::read(&path).unwrap();
         assert_eq!(find(&bytes, &forged), start, "the values imitate something");
         let tree = open(&path);
@@ -268,18 +268,18 @@ fn values_that_imitate_commits_are_values() {
         bytes[SLOTS[0]] ^= 1;
         // Also if the values are corrupt, so that a recovery might search among them.
         let records =
-            extents(&bytes).into_iter().rfind(|head| *head < place && bytes[head + 4] == 0).unwrap();
-        assert!(records + HEAD + (long(&bytes, records + 16) as usize) > place);
-        for is_damaged in [false, true] {
-            if is_damaged {
+            extents(&bytes).into_iter().rfind(|head| *head < position && bytes[head + 4] == 0).unwrap();
+        assert!(records + HEAD + (long(&bytes, records + 16) as usize) > position);
+        for is_corrupt in [false, true] {
+            if is_corrupt {
                 bytes[records + HEAD] ^= 1;
             }
             std::fs::write(&path, &bytes).unwrap();
             if number == 3 {
                 assert!(recover(&path, 3, &Default::default(), &()).is_err(), "there is no such commit");
             }
-            assert_eq!(recover(&path, 2, &Default::default(), &()).unwrap().records, 585);
-            if !is_damaged {
+            assert_eq!(recover(&path, 2, &Default::default(), &()).unwrap().inner_nodes, 585);
+            if !is_corrupt {
                 assert_same(&cells_of(&open(&path), cells.size), &cells, "recovered");
             }
         }

@@ -52,7 +52,7 @@ impl Model {
 /// Files, and readers that were opened earlier and see their commits.
 struct Machine {
     random: Random,
-    folder: TempDir,
+    directory: TempDir,
     /// A directory for trees used in edits.
     others: TempDir,
     files: Vec<Model>,
@@ -83,19 +83,19 @@ fn open(path: &Path) -> Autumnal {
 
 impl Machine {
     fn new(seed: u64, form: TreeType, size: [u64; 3], what: (Rule, DataKind)) -> Machine {
-        let [folder, others] = [(), ()].map(|()| tempfile::tempdir().unwrap());
+        let [directory, others] = [(), ()].map(|()| tempfile::tempdir().unwrap());
         let cells = Cells::random(form, seed, size, 4, true);
-        let path = folder.path().join("0.autumn");
+        let path = directory.path().join("0.autumn");
         write(&path, &cells, what, seed.is_multiple_of(2));
         let commits = BTreeMap::from([(1, Rc::new(cells))]);
         let files = vec![Model { path, commits, has_crashed: false }];
-        Machine { random: Random(seed), folder, others, files, readers: Vec::new(), names: 0 }
+        Machine { random: Random(seed), directory, others, files, readers: Vec::new(), names: 0 }
     }
 
     /// Returns an unused path.
     fn new_path(&mut self) -> PathBuf {
         self.names += 1;
-        self.folder.path().join(format!("{}.autumn", self.names))
+        self.directory.path().join(format!("{}.autumn", self.names))
     }
 
     fn any_file(&mut self) -> usize {
@@ -273,9 +273,9 @@ impl Machine {
         drop(appear);
         if target.exists() {
             let refused = refused.unwrap_err().to_string();
-            assert!(refused.contains("has appeared"), "{refused}");
+            assert!(refused.contains("another process has created"), "{refused}");
         } else {
-            panic!("nobody was told of progress");
+            panic!("no progress was reported");
         }
         self.files.push(Model { path: target, ..self.files[file].clone() });
         "find the target taken"
@@ -364,7 +364,7 @@ impl Machine {
             }
             self.check_readers();
             // No temporary file is left.
-            assert_eq!(std::fs::read_dir(self.folder.path()).unwrap().count(), self.files.len());
+            assert_eq!(std::fs::read_dir(self.directory.path()).unwrap().count(), self.files.len());
         }
     }
 }

@@ -25,11 +25,11 @@ const MOST: u64 = 1024;
 const FIRST: u32 = 1000;
 
 /// Returns an image of `classes` classes: patches of some cells, and single cells between them.
-fn picture(side: u64, classes: u64) -> Cells {
+fn class_raster(side: u64, classes: u64) -> Cells {
     let mix = |number: u64| number.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 20;
     made(FORM, [side, side, 1], |[x, y, _]| {
-        let place = if (x / 8 + y / 8) % 2 == 0 { x / 4 + side * (y / 4) } else { x + side * y };
-        Some(Value::from([FIRST + (mix(place + 1) % classes) as u32]))
+        let index = if (x / 8 + y / 8) % 2 == 0 { x / 4 + side * (y / 4) } else { x + side * y };
+        Some(Value::from([FIRST + (mix(index + 1) % classes) as u32]))
     })
 }
 
@@ -37,8 +37,8 @@ fn picture(side: u64, classes: u64) -> Cells {
 const SCALES: [(u64, u64); 3] = [(256, 1000), (256, 10_000), (512, 262_144)];
 
 fn file_bytes(cells: &Cells, name: &str, (rule, kind): (Rule, DataKind)) -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
     write_cells(&path, cells, &options(rule, kind, cells.depth()));
     std::fs::read(path).unwrap()
 }
@@ -65,10 +65,10 @@ fn autumnal(bytes: &[u8]) -> Dataset {
 }
 
 #[test]
-fn lists_of_classes_are_bounded_and_answers_exact() {
+fn class_lists_are_bounded_and_results_exact() {
     for (side, classes) in SCALES {
-        let cells = picture(side, classes);
-        let whole = Bounds::picture([side, side, 1]);
+        let cells = class_raster(side, classes);
+        let whole = Bounds::of_extent([side, side, 1]);
         let part = Bounds { min: [side / 4 + 3, 5, 0], max: [side - 7, side / 2 + 9, 1] };
         let kinds = [(Rule::Majority, DataKind::Categorical), (Rule::Nearest, DataKind::Categorical)];
         // One run suffices for the largest image.
@@ -92,8 +92,8 @@ fn lists_of_classes_are_bounded_and_answers_exact() {
                 assert_eq!(tree.verify(1 << 24, &()).unwrap(), [], "{classes}");
             }
             // Convert to the other format and back.
-            let folder = tempfile::tempdir().unwrap();
-            let file = |name: &str| folder.path().join(name);
+            let directory = tempfile::tempdir().unwrap();
+            let file = |name: &str| directory.path().join(name);
             std::fs::write(file("a.goblin"), &bytes).unwrap();
             let to = |from: &str, to: &str| {
                 let output = Output::create(&file(to)).unwrap();
@@ -111,7 +111,7 @@ fn lists_of_classes_are_bounded_and_answers_exact() {
 
 #[test]
 fn majorities_among_very_many_classes_are_exact() {
-    let cells = picture(256, 10_000);
+    let cells = class_raster(256, 10_000);
     let bytes = file_bytes(&cells, "t.goblin", (Rule::Majority, DataKind::Categorical));
     let tree = cells.tree(Rule::Majority);
     same_trees(&Goblin::from_bytes(bytes).unwrap(), &tree);
@@ -135,7 +135,7 @@ fn an_edit_among_very_many_classes_writes_little() {
             262_144 => {
                 made(FORM, [side, side, 1], |[x, y, _]| Some(Value::from([FIRST + (x + side * y) as u32])))
             }
-            _ => picture(side, classes),
+            _ => class_raster(side, classes),
         };
         let bytes = file_bytes(&cells, "t.autumn", (Rule::Majority, DataKind::Categorical));
         let mut file = CountedFile::new(bytes);
@@ -145,7 +145,7 @@ fn an_edit_among_very_many_classes_writes_little() {
             cells.cells[(at[0] + side * at[1]) as usize] = Some(Value::from([class]));
         }
         let tree = autumnal(&file.bytes());
-        let whole = Bounds::picture([side, side, 1]);
+        let whole = Bounds::of_extent([side, side, 1]);
         assert!(tree.statistics(None, &()).unwrap().classes == counted(&cells, &whole), "{classes}");
         assert_eq!(tree.verify(1 << 26, &()).unwrap(), [], "{classes}");
         // The result equals a new build.
@@ -158,7 +158,7 @@ fn an_edit_among_very_many_classes_writes_little() {
 
 #[test]
 fn the_work_of_a_commit_does_not_grow_with_their_number() {
-    let cells = picture(16, 50);
+    let cells = class_raster(16, 50);
     let mut file = CountedFile::new(file_bytes(&cells, "t.autumn", (Rule::Majority, DataKind::Categorical)));
     let mut most = [0; 2];
     for number in 2..=10_000u64 {
@@ -178,8 +178,8 @@ fn the_work_of_a_commit_does_not_grow_with_their_number() {
         }
     }
     let bytes = file.bytes();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     std::fs::write(&path, bytes).unwrap();
     assert_eq!(
         dataset::open(&named(&path, 7777), &OpenOptions::new()).unwrap().commit().unwrap().number,

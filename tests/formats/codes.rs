@@ -205,7 +205,7 @@ fn codes_of_planes_and_volumes_are_never_equal() {
 }
 
 #[test]
-fn text_that_is_no_code_is_refused() {
+fn invalid_codes_are_rejected() {
     for bad in ["", "1", "//", "/4", "/1a", " /1", "/-1"] {
         let error = Code::parse(Quad, bad).unwrap_err().to_string();
         assert!(error.contains("FD code"), "{error}");

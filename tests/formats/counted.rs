@@ -29,10 +29,10 @@ impl Work {
     }
 
     /// Returns a query's result and the number of its reads.
-    pub(super) fn of<T>(&self, ask: impl FnOnce() -> T) -> (T, u64) {
+    pub(super) fn of<T>(&self, query: impl FnOnce() -> T) -> (T, u64) {
         let before = self.reads();
-        let answer = ask();
-        (answer, self.reads() - before)
+        let result = query();
+        (result, self.reads() - before)
     }
 }
 

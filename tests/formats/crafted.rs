@@ -16,32 +16,32 @@ pub(super) const INNER: u8 = 2;
 pub(super) const CUT: u8 = 3;
 
 /// A record of a run, as in a segment.
-pub(super) type Place = [u8; 8];
+pub(super) type Record = [u8; 8];
 
 /// Returns the record of a node whose children have these states and values.
-pub(super) fn place(children: [(u8, u8); 4], skip: u32) -> Place {
-    let mut place = [0; 8];
+pub(super) fn record(children: [(u8, u8); 4], skip: u32) -> Record {
+    let mut record = [0; 8];
     for (i, (state, value)) in children.into_iter().enumerate() {
-        place[i] = value;
-        place[4] |= state << (2 * i);
+        record[i] = value;
+        record[4] |= state << (2 * i);
     }
-    place[5..].copy_from_slice(&skip.to_le_bytes()[..3]);
-    place
+    record[5..].copy_from_slice(&skip.to_le_bytes()[..3]);
+    record
 }
 
 /// Returns the record of a node with four leaves.
-pub(super) fn leaves(values: [u8; 4]) -> Place {
-    place(values.map(|value| (LEAF, value)), 1)
+pub(super) fn leaves(values: [u8; 4]) -> Record {
+    record(values.map(|value| (LEAF, value)), 1)
 }
 
 /// Returns the record of a dense block of a kind, with four INNER children that share one
 /// representative.
-pub(super) fn dense(kind: u32, value: u8, skip: u32) -> Place {
-    place([(INNER, value); 4], skip | kind << 21)
+pub(super) fn dense(kind: u32, value: u8, skip: u32) -> Record {
+    record([(INNER, value); 4], skip | kind << 21)
 }
 
 /// Returns a record that consists of one run.
-pub(super) fn small(representative: u8, run: &[Place]) -> Vec<u8> {
+pub(super) fn small(representative: u8, run: &[Record]) -> Vec<u8> {
     [&[representative][..], run.as_flattened()].concat()
 }
 
@@ -54,7 +54,7 @@ pub(super) struct Pointered {
     pub(super) bitmap: Vec<u8>,
     /// Distances in bytes from this record's start back to those of the records below.
     pub(super) back: Vec<u64>,
-    pub(super) run: Vec<Place>,
+    pub(super) run: Vec<Record>,
     pub(super) zone: Vec<u8>,
 }
 
@@ -133,14 +133,14 @@ pub(super) struct Claims {
 
 /// Returns a file with these records, valid in everything else.
 pub(super) fn crafted(records: &[u8], claims: Claims) -> Vec<u8> {
-    crafted_behind(0, records, claims)
+    crafted_after(0, records, claims)
 }
 
 /// Returns a file with these records after a hole of `hole` bytes (a multiple of 512).
-pub(super) fn crafted_behind(hole: usize, records: &[u8], claims: Claims) -> Vec<u8> {
+pub(super) fn crafted_after(hole: usize, records: &[u8], claims: Claims) -> Vec<u8> {
     let Claims { depth, root, totals, previous } = claims;
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
     convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &()).unwrap();
     let original = std::fs::read(&path).unwrap();

@@ -19,7 +19,7 @@ use crate::common::{
     goblin_from_view, made, oct, options, quad, same_trees, set_operation, value_types, view_of_file,
 };
 use crate::targets::seal;
-use crate::targets::trees::ask_goblin;
+use crate::targets::trees::query_goblin;
 
 /// Contents of cells: uncorrelated values, with single cells VOID or with blocks of 4 cells along
 /// each axis VOID.
@@ -151,7 +151,7 @@ fn points(file: &Goblin, tree: &MemTree, random: &mut Random) {
 fn counts(file: &Goblin, cells: &Cells, random: &mut Random) {
     let value_type = cells.form.value;
     for _ in 0..8 {
-        let bounds = some_bounds(cells.form, cells.size[0], random).intersect(&Bounds::picture(cells.size));
+        let bounds = some_bounds(cells.form, cells.size[0], random).intersect(&Bounds::of_extent(cells.size));
         let values = cells_of(&bounds).filter_map(|cell| cells.get(cell));
         let numbers: Vec<f64> = values.map(|value| value_type.samples(value)[0]).collect();
         let found = file.statistics(Some(bounds), &()).unwrap();
@@ -183,7 +183,7 @@ fn counts(file: &Goblin, cells: &Cells, random: &mut Random) {
 }
 
 /// DF-expression and FD codes are those of the condensed tree.
-fn texts(file: Goblin, tree: &MemTree) {
+fn check_strings(file: Goblin, tree: &MemTree) {
     let mut pending = vec![(Code::root(tree.form().dimension), tree.root().unwrap())];
     let mut leaves = Vec::new();
     while let Some((code, node)) = pending.pop() {
@@ -204,7 +204,7 @@ fn texts(file: Goblin, tree: &MemTree) {
 }
 
 #[test]
-fn every_type_comes_back() {
+fn every_type_round_trips() {
     let contents = [Content::Noise, Content::Gradient, Content::Holes, Content::Blocks];
     for (i, value) in value_types().into_iter().enumerate() {
         for (dimension, size) in [(Dimension::Quad, [75, 66, 1]), (Dimension::Oct, [17, 19, 18])] {
@@ -263,12 +263,12 @@ fn every_kind_is_written_and_read() {
         windows(&file, &tree, &mut random);
         points(&file, &tree, &mut random);
         counts(&file, &cells, &mut random);
-        texts(file, &tree);
+        check_strings(file, &tree);
     }
 }
 
 #[test]
-fn files_of_several_segments_come_back() {
+fn files_of_several_segments_round_trip() {
     // Blocks of 256 cells along each axis are heavy: the root's segment has them cut off, as dense
     // blocks.
     let size = [900, 530, 1];
@@ -342,8 +342,8 @@ fn conversion_there_and_back_gives_the_same_bytes() {
             let cells = self::content(form, content, i as u64, size);
             let bytes = goblin_bytes(&cells, Rule::Mean, DataKind::Continuous);
             for share in [false, true] {
-                let folder = tempfile::tempdir().unwrap();
-                let path = |name: &str| folder.path().join(name);
+                let directory = tempfile::tempdir().unwrap();
+                let path = |name: &str| directory.path().join(name);
                 std::fs::write(path("a.goblin"), &bytes).unwrap();
                 let output = |name| Output::create(&path(name)).unwrap();
                 spinney::convert(
@@ -382,7 +382,7 @@ fn the_bytes_do_not_depend_on_threads() {
 /// Runs all queries on a file with valid checksums, and builds other files from it.
 fn survives(mut file: Vec<u8>) {
     seal::goblin(&mut file);
-    ask_goblin(file.clone());
+    query_goblin(file.clone());
     let Ok(file) = Goblin::from_bytes(file) else { return };
     let (size, form, depth) = (file.header().extent, file.header().form, file.depth());
     let side = 1u64 << depth;
@@ -399,14 +399,14 @@ fn survives(mut file: Vec<u8>) {
     let half = view.clone().window([4, 0, 0], size).unwrap();
     for operation in [CombineOperation::Over, CombineOperation::Min] {
         let both = combined(vec![view.clone(), half.clone()], operation, size);
-        let folder = tempfile::tempdir().unwrap();
-        let output = Output::create(&folder.path().join("t.goblin")).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let output = Output::create(&directory.path().join("t.goblin")).unwrap();
         let _ = ops::build(&both, &options(Rule::Mean, DataKind::Continuous, depth), output, &());
     }
 }
 
 #[test]
-fn hostile_dense_blocks_do_no_harm() {
+fn malicious_dense_blocks_are_harmless() {
     let plain = content(QUAD, Content::Blocks, 9, [64, 40, 1]);
     let plain = (
         goblin_bytes(&plain, Rule::Majority, DataKind::Categorical),
@@ -419,20 +419,20 @@ fn hostile_dense_blocks_do_no_harm() {
         let (layout, quad) = (*file.layout(), cells.form.axes() == 2);
         let (skip_bits, skip_bytes) = if quad { (21, 3) } else { (29, 4) };
         let mut random = Random(11);
-        let mut places = Vec::new();
+        let mut records = Vec::new();
         for index in 0..file.segments() {
             let entry = file.entry(index).unwrap();
             each_place(&file, index, |at, dense, skip| {
-                places.push((entry.offset as usize + (at + 1) * layout.size - skip_bytes, dense, skip));
+                records.push((entry.offset as usize + (at + 1) * layout.size - skip_bytes, dense, skip));
             });
         }
         // The lengths of all kinds of dense blocks with their numbers of levels.
-        let lengths: Vec<u32> = places.iter().filter(|place| place.1 > 0).map(|place| place.2).collect();
+        let lengths: Vec<u32> = records.iter().filter(|record| record.1 > 0).map(|record| record.2).collect();
         for round in 0..45 {
             let mut bytes = bytes.clone();
             for _ in 0..1 + round % 3 {
                 let dense = random.below(3) > 0;
-                let some: Vec<_> = places.iter().filter(|place| (place.1 > 0) == dense).collect();
+                let some: Vec<_> = records.iter().filter(|record| (record.1 > 0) == dense).collect();
                 let (at, mark, skip) = *some[random.below(some.len() as u64) as usize];
                 let (mark, skip) = match random.below(6) {
                     // Another kind, an unknown kind, or none.

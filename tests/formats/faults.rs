@@ -33,12 +33,12 @@ enum Failure {
 struct Failing {
     at: usize,
     failure: Failure,
-    asked: AtomicUsize,
+    calls: AtomicUsize,
 }
 
 impl Failing {
     fn next(&self, length: usize) -> io::Result<usize> {
-        let number = self.asked.fetch_add(1, Ordering::Relaxed);
+        let number = self.calls.fetch_add(1, Ordering::Relaxed);
         match self.failure {
             Failure::Error(kind) if number >= self.at => Err(kind.into()),
             Failure::Short(kind) if number > self.at => Err(kind.into()),
@@ -59,8 +59,8 @@ impl Faults for Failing {
     }
 }
 
-fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
-    let entries = std::fs::read_dir(folder).unwrap();
+fn files(directory: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let entries = std::fs::read_dir(directory).unwrap();
     let mut files: Vec<_> = entries
         .map(|entry| entry.unwrap().path())
         .map(|path| (path.clone(), std::fs::read(path).unwrap()))
@@ -72,41 +72,41 @@ fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 /// Writes a file once for every possible failure.
 fn fails_well(name: &str, write: &dyn Fn(Output) -> Result<()>) {
     use io::ErrorKind::{Other, StorageFull};
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
     // Autumnal files are not replaced.
     let keeps_old = !name.ends_with(".autumn");
     if keeps_old {
         std::fs::write(&path, "what was there").unwrap();
     }
-    let before = files(folder.path());
-    let attempt = |failure, at| {
-        let disk = Arc::new(Failing { at, failure, asked: AtomicUsize::new(0) });
+    let before = files(directory.path());
+    let try_with = |failure, at| {
+        let disk = Arc::new(Failing { at, failure, calls: AtomicUsize::new(0) });
         let done = write(Output::create(&path).unwrap().with_faults(disk.clone()));
-        (done, disk.asked.load(Ordering::Relaxed))
+        (done, disk.calls.load(Ordering::Relaxed))
     };
     for failure in [Failure::Error(StorageFull), Failure::Error(Other), Failure::Short(StorageFull)] {
         let mut failures = 0;
         for at in 0.. {
-            let (done, asked) = attempt(failure, at);
+            let (done, calls) = try_with(failure, at);
             let Err(error) = done else {
                 // The failure was not reached, or only one more byte was due.
-                assert!(asked <= at + 1, "{name}: {failure:?} at {at} of {asked} was no error");
+                assert!(calls <= at + 1, "{name}: {failure:?} at {at} of {calls} was no error");
                 std::fs::remove_file(&path).unwrap();
                 break;
             };
             failures += 1;
             let (Failure::Error(kind) | Failure::Short(kind)) = failure else { unreachable!() };
             match &error {
-                Error::Io { path: told, cause, .. } => {
-                    assert_eq!((told, cause.kind()), (&path, kind), "{name}: {error}");
+                Error::Io { path: reported_path, cause, .. } => {
+                    assert_eq!((reported_path, cause.kind()), (&path, kind), "{name}: {error}");
                 }
                 other => panic!("{name}, {failure:?} at {at}: {other}"),
             }
             assert!(
-                files(folder.path()) == before,
+                files(directory.path()) == before,
                 "{name}, {failure:?} at {at}: {:?}",
-                files(folder.path()).len()
+                files(directory.path()).len()
             );
         }
         assert!(failures > 1, "{name}: {failures} writes and syncs");
@@ -115,7 +115,7 @@ fn fails_well(name: &str, write: &dyn Fn(Output) -> Result<()>) {
         }
     }
     // Short writes are not failures and do not change the result.
-    attempt(Failure::Slow, 0).0.unwrap();
+    try_with(Failure::Slow, 0).0.unwrap();
     let slow = std::fs::read(&path).unwrap();
     std::fs::remove_file(&path).unwrap();
     write(Output::create(&path).unwrap()).unwrap();
@@ -125,8 +125,8 @@ fn fails_well(name: &str, write: &dyn Fn(Output) -> Result<()>) {
 const MEMORY: u64 = 1 << 20;
 
 /// Returns a tree file of noise, large enough for a few writes.
-fn noise(folder: &Path, name: &str) -> PathBuf {
-    let path = folder.join(name);
+fn noise(directory: &Path, name: &str) -> PathBuf {
+    let path = directory.join(name);
     let cells = Cells::noise(QUAD, 1, [300, 250, 1], 200);
     write_cells(&path, &cells, &options(Rule::Mean, DataKind::Continuous, 9));
     path
@@ -146,8 +146,8 @@ fn builds() {
 
 #[test]
 fn conversions_and_compaction() {
-    let folder = tempfile::tempdir().unwrap();
-    let (goblin, autumn) = (noise(folder.path(), "a.goblin"), noise(folder.path(), "a.autumn"));
+    let directory = tempfile::tempdir().unwrap();
+    let (goblin, autumn) = (noise(directory.path(), "a.goblin"), noise(directory.path(), "a.autumn"));
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [99, 77, 1] });
     edit(&autumn, [Ok(Edit::Fill(region, Some(vec![3.0.into()])))], Note::default(), MEMORY, &()).unwrap();
     fails_well("t.autumn", &|output| convert(&goblin, false, output, WriteOptions::new(MEMORY), &()));
@@ -158,7 +158,7 @@ fn conversions_and_compaction() {
 }
 
 #[test]
-fn pictures() {
+fn images() {
     for (name, sample) in [
         ("t.png", SampleType::U8),
         ("t.tif", SampleType::U8),
@@ -184,8 +184,8 @@ fn pictures() {
 
 #[test]
 fn cloud_optimized_geotiff() {
-    let folder = tempfile::tempdir().unwrap();
-    let tree = open(&noise(folder.path(), "a.goblin"), &OpenOptions::new()).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let tree = open(&noise(directory.path(), "a.goblin"), &OpenOptions::new()).unwrap();
     let mut request = CogRequest::new();
     (request.tile_size, request.memory) = (64, 1 << 16);
     fails_well("t.tif", &|output| export_cog(&tree, &request, output, &()).map(|_| ()));
@@ -193,8 +193,8 @@ fn cloud_optimized_geotiff() {
 
 #[test]
 fn meshes() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.goblin");
     let cells = Cells::random(OCT, 5, [30, 20, 25], 9, true);
     write_cells(&path, &cells, &options(Rule::Mean, DataKind::Continuous, 5));
     let tree = open(&path, &OpenOptions::new()).unwrap();

@@ -53,7 +53,7 @@ fn elevation() {
 fn rgb() {
     let (info, pixels) = read("island_rgb.png");
     assert_eq!((info.sample, info.channels, info.alpha), (SampleType::U8, 3, None));
-    assert!(pixels.bytes == island::make().picture().concat());
+    assert!(pixels.bytes == island::make().image().concat());
 }
 
 #[test]

@@ -12,15 +12,15 @@ use spinney::{
     combine, convert, transform,
 };
 
-use super::autumnal_hostile::{folded, folded_of, full};
+use super::autumnal_malicious::{folded, folded_of, full};
 use super::counted::CountedFile;
 use crate::common::{QUAD, Random, byte, made};
 
 /// Maximum reads of a query of the whole tree: some for each record on the path, one per level.
 const FEW: u64 = 3000;
 
-fn write(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
-    let path = folder.join(name);
+fn write(directory: &Path, name: &str, bytes: &[u8]) -> PathBuf {
+    let path = directory.join(name);
     std::fs::write(&path, bytes).unwrap();
     path
 }
@@ -30,7 +30,7 @@ fn dataset(bytes: Vec<u8>) -> Dataset {
 }
 
 #[test]
-fn questions_take_the_work_of_the_records() {
+fn queries_cost_as_much_as_the_stored_records() {
     for depth in [12, 18, 29] {
         let CountedFile { editor, work, .. } = &CountedFile::new(folded(depth, full));
         let tree = Dataset::of(editor.tree().into()).unwrap();
@@ -64,7 +64,7 @@ fn questions_take_the_work_of_the_records() {
 }
 
 #[test]
-fn what_is_wrong_with_a_record_is_found_once() {
+fn each_defect_of_a_record_is_reported_once() {
     // Zones that describe other cells.
     for depth in [12, 29] {
         let tree = dataset(folded_of(depth, [1, 2, 2, 2], full));
@@ -98,10 +98,10 @@ fn boxes_are_counted_as_cell_by_cell() {
 
 #[test]
 fn differences_are_counted_once_for_many_nodes() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let pair = |depth: u8| {
-        let first = write(folder.path(), "first.autumn", &folded(depth, full));
-        let second = write(folder.path(), "second.autumn", &folded_of(depth, [1, 2, 3, 2], full));
+        let first = write(directory.path(), "first.autumn", &folded(depth, full));
+        let second = write(directory.path(), "second.autumn", &folded_of(depth, [1, 2, 3, 2], full));
         [first, second]
     };
     let [first, second] = pair(29);
@@ -129,12 +129,12 @@ fn differences_are_counted_once_for_many_nodes() {
 
 #[test]
 fn copies_that_share_take_the_work_of_the_records() {
-    let folder = tempfile::tempdir().unwrap();
-    let from = write(folder.path(), "from.autumn", &folded(18, full));
-    let to = folder.path().join("to.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let from = write(directory.path(), "from.autumn", &folded(18, full));
+    let to = directory.path().join("to.autumn");
     convert(&from, true, Output::create(&to).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
     let tree = Autumnal::open(&to, &OpenOptions::new()).unwrap();
-    assert_eq!((tree.commit().records, tree.commit().cells), (full(18) as u64, 1 << 36));
+    assert_eq!((tree.commit().inner_nodes, tree.commit().cells), (full(18) as u64, 1 << 36));
     // One for each height of nodes with records.
     assert_eq!(tree.commit().written.records, 9);
     assert!(tree.file_size() < 1 << 15);
@@ -144,29 +144,29 @@ fn copies_that_share_take_the_work_of_the_records() {
         differences(&from, &to, &Default::default(), &Default::default(), &()).unwrap().differences,
         Differences::default()
     );
-    let again = folder.path().join("again.autumn");
+    let again = directory.path().join("again.autumn");
     let output = Output::create(&again).unwrap();
     let commits =
         compact(&from, &CompactOptions::new(&Keep::Last(1), 1 << 24).share(true), output, &()).unwrap();
-    assert_eq!((commits[0].records, commits[0].written.records), (full(18) as u64, 9));
+    assert_eq!((commits[0].inner_nodes, commits[0].written.records), (full(18) as u64, 9));
 }
 
 /// Maximum size of outputs in bytes.
 const MOST: u64 = 1 << 20;
 
 /// Returns the file names in a directory.
-fn names(folder: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(folder).unwrap();
+fn names(directory: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(directory).unwrap();
     entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
 }
 
 #[test]
-fn what_has_no_room_is_refused_before_it_is_written() {
-    let folder = tempfile::tempdir().unwrap();
-    let from = write(folder.path(), "from.autumn", &folded(18, full));
+fn outputs_larger_than_the_free_space_are_rejected_before_writing() {
+    let directory = tempfile::tempdir().unwrap();
+    let from = write(directory.path(), "from.autumn", &folded(18, full));
     let records = full(18) as u64;
     for (name, needed) in [("to.goblin", 4 * records), ("to.autumn", 4 * records)] {
-        let output = || Output::create(&folder.path().join(name)).unwrap().with_limit(MOST);
+        let output = || Output::create(&directory.path().join(name)).unwrap().with_limit(MOST);
         let converted = convert(&from, false, output(), WriteOptions::new(1 << 24), &());
         let whole = FileView::of(&from);
         let transformed = transform(&whole, output(), WriteOptions::new(1 << 24), &()).map(drop);
@@ -189,30 +189,33 @@ fn what_has_no_room_is_refused_before_it_is_written() {
             }
         }
     }
-    let output = Output::create(&folder.path().join("to.autumn")).unwrap().with_limit(MOST);
+    let output = Output::create(&directory.path().join("to.autumn")).unwrap().with_limit(MOST);
     let compacted = compact(&from, &CompactOptions::new(&Keep::Last(1), 1 << 24), output, &());
     assert!(matches!(compacted, Err(Error::InsufficientSpace { .. })));
     // More than any disk holds.
-    let from = write(folder.path(), "from.autumn", &folded(29, full));
-    let output = Output::create(&folder.path().join("to.goblin")).unwrap();
+    let from = write(directory.path(), "from.autumn", &folded(29, full));
+    let output = Output::create(&directory.path().join("to.goblin")).unwrap();
     let error = convert(&from, false, output, WriteOptions::new(1 << 24), &()).unwrap_err().to_string();
-    assert!(error.contains(&(4 * full(29)).to_string()) && error.contains("free in its folder"), "{error}");
-    assert_eq!(names(folder.path()), ["from.autumn"]);
+    assert!(
+        error.contains(&(4 * full(29)).to_string()) && error.contains("free in its directory"),
+        "{error}"
+    );
+    assert_eq!(names(directory.path()), ["from.autumn"]);
 }
 
 #[test]
 fn limits_hold_while_writing() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     // The node count of a window of a file is unknown.
-    let from = write(folder.path(), "from.autumn", &folded(18, full));
+    let from = write(directory.path(), "from.autumn", &folded(18, full));
     let part = FileView { steps: vec!["window=1,1,1100,1100".parse().unwrap()], ..FileView::of(&from) };
     for name in ["to.goblin", "to.autumn"] {
-        let path = folder.path().join(name);
+        let path = directory.path().join(name);
         let output = Output::create(&path).unwrap().with_limit(MOST);
         let error = transform(&part, output, WriteOptions::new(1 << 24), &()).unwrap_err();
         let Error::Io { cause, .. } = &error else { panic!("{error}") };
         assert!(cause.to_string().contains(&MOST.to_string()), "{cause}");
-        assert_eq!(names(folder.path()), ["from.autumn"]);
+        assert_eq!(names(directory.path()), ["from.autumn"]);
         // The maximum length that is allowed.
         transform(&part, Output::create(&path).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
         let length = std::fs::metadata(&path).unwrap().len();
@@ -222,6 +225,6 @@ fn limits_hold_while_writing() {
         std::fs::remove_file(&path).unwrap();
         let less = Output::create(&path).unwrap().with_limit(length - 1);
         assert!(transform(&part, less, WriteOptions::new(1 << 24), &()).is_err());
-        assert_eq!(names(folder.path()), ["from.autumn"]);
+        assert_eq!(names(directory.path()), ["from.autumn"]);
     }
 }

@@ -20,7 +20,7 @@ fn text(name: &str) -> String {
 
 /// The specification: `formats.md`, then its pages in the order of their sections.
 fn formats() -> String {
-    let pages = ["goblin", "autumnal", "exact-model", "packed", "points", "lines"];
+    let pages = ["goblin", "autumnal", "exact-model", "packed", "points", "lines", "manifest", "shards"];
     pages.iter().fold(text("formats.md"), |all, page| all + &text(&format!("docs/format/{page}.md")))
 }
 
@@ -58,7 +58,7 @@ fn dumped(dump: &str) -> Vec<u8> {
 }
 
 /// Returns the image of section 16.
-fn picture(formats: &str) -> Vec<u8> {
+fn classic_cells(formats: &str) -> Vec<u8> {
     let (_, section) = formats.split_once("## 16.").unwrap();
     let rows = section.lines().filter(|line| line.starts_with("    ")).take(8);
     rows.flat_map(|row| row.split_whitespace().map(|cell| cell.parse::<u8>().unwrap())).collect()
@@ -66,20 +66,20 @@ fn picture(formats: &str) -> Vec<u8> {
 
 /// Returns the file of section 16.
 fn classic(packing: Packing) -> Vec<u8> {
-    let cells = picture(&formats());
+    let cells = classic_cells(&formats());
     assert_eq!(cells.len(), 64);
     let cell = |[x, y, _]: [u32; 3]| Some(byte(cells[(8 * y + x) as usize]));
     let tree = MemTree::from_cells(QUAD, 3, Rule::Dominant, &cell);
     let options =
         BuildOptions::new(DataKind::Categorical, 3).rule(Rule::Dominant).packing(packing).memory(1 << 20);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("classic.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("classic.goblin");
     build_tree(&tree, [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     std::fs::read(&path).unwrap()
 }
 
 #[test]
-fn the_dump_is_what_the_builder_writes() {
+fn the_dump_matches_the_builder() {
     let written = classic(Packing::default());
     assert_eq!(dumped(block(&formats(), "<!-- dump: classic.goblin -->")), written);
     let frozen = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
@@ -87,7 +87,7 @@ fn the_dump_is_what_the_builder_writes() {
 }
 
 #[test]
-fn the_dump_of_a_packed_segment_is_what_the_builder_writes() {
+fn the_dump_of_a_packed_segment_matches_the_builder() {
     // It covers all bytes between the header and the segment index.
     assert_eq!(assert_dumped("packed segment", &classic(Packing::packed()), 24), 37);
 }
@@ -100,7 +100,7 @@ fn assert_dumped(name: &str, file: &[u8], offset: usize) -> usize {
 }
 
 #[test]
-fn the_dump_of_dense_blocks_is_what_the_second_writer_writes() {
+fn the_dump_of_dense_blocks_matches_the_reference_writer() {
     let cell = |[x, y, _]: [u32; 3]| (x < 8 && y < 8 && x != y).then(|| byte((8 * y + x) as u8));
     let tree = MemTree::from_cells(QUAD, 5, Rule::Mean, &cell);
     let cut = Cut { reach: 4, stride: 2, threshold: 1 };
@@ -112,25 +112,25 @@ fn the_dump_of_dense_blocks_is_what_the_second_writer_writes() {
 }
 
 #[test]
-fn the_dumps_of_pointered_records_are_what_is_written() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("classic.autumn");
+fn the_dumps_of_pointered_records_match_the_writer() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("classic.autumn");
     let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
     spinney::convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &())
         .unwrap();
     let is_end = |file: &[u8], length: usize| {
         // The extent ends there, and the dump has all of it.
-        let told = u64::from_le_bytes(file[12288 + 16..][..8].try_into().unwrap());
-        assert_eq!(32 + told as usize, length);
+        let stored = u64::from_le_bytes(file[12288 + 16..][..8].try_into().unwrap());
+        assert_eq!(32 + stored as usize, length);
     };
     let file = std::fs::read(&path).unwrap();
     is_end(&file, assert_dumped("classic.autumn", &file, 12288));
     // The same image with 8 x 8 cells per pixel.
-    let cells = picture(&formats());
+    let cells = classic_cells(&formats());
     let cell = |[x, y, _]: [u32; 3]| Some(byte(cells[(y / 8 * 8 + x / 8) as usize]));
     let tree = MemTree::from_cells(QUAD, 6, Rule::Dominant, &cell);
     let options = BuildOptions::new(DataKind::Categorical, 6).rule(Rule::Dominant).memory(1 << 20);
-    let path = folder.path().join("large.autumn");
+    let path = directory.path().join("large.autumn");
     build_tree(&tree, [64, 64, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     let file = std::fs::read(&path).unwrap();
     is_end(&file, assert_dumped("large.autumn", &file, 12288));
@@ -164,18 +164,18 @@ fn tetrahedron(path: &Path) {
 }
 
 #[test]
-fn the_dump_of_an_exact_model_is_what_is_built() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("tetrahedron.goblin");
+fn the_dump_of_an_exact_model_matches_the_builder() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("tetrahedron.goblin");
     tetrahedron(&path);
     let written = std::fs::read(&path).unwrap();
     assert_eq!(dumped(block(&formats(), "<!-- dump: tetrahedron.goblin -->")), written);
     let model = ExactModel::open(&path, &Default::default()).unwrap();
     assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
-    let place = |at: [f64; 3]| model.locate(at).unwrap();
-    assert_eq!(place([0.125; 3]), Location::Inside);
-    assert_eq!(place([0.25, 0.25, 0.625]), Location::Outside);
-    assert_eq!(place([0.25, 0.25, 0.0]), Location::Boundary);
+    let locate = |at: [f64; 3]| model.locate(at).unwrap();
+    assert_eq!(locate([0.125; 3]), Location::Inside);
+    assert_eq!(locate([0.25, 0.25, 0.625]), Location::Outside);
+    assert_eq!(locate([0.25, 0.25, 0.0]), Location::Boundary);
 }
 
 #[test]

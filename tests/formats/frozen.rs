@@ -44,10 +44,10 @@ fn numbers(header: &Header) -> (TreeType, Rule, DataKind, [u32; 4], [u64; 3]) {
 
 #[test]
 fn the_same_bytes_are_built_today() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let island = island::make();
     for name in frozen::FILES {
-        let path = folder.path().join(name);
+        let path = directory.path().join(name);
         frozen::make(name, &island, &path).unwrap();
         assert!(std::fs::read(&path).unwrap() == std::fs::read(fixture(name)).unwrap(), "{name} differs");
     }
@@ -55,10 +55,10 @@ fn the_same_bytes_are_built_today() {
 
 #[test]
 fn stacks() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let island = island::make();
     for name in frozen::STACKS {
-        let (path, frozen_path) = (folder.path().join(name), fixture("classic").with_file_name(name));
+        let (path, frozen_path) = (directory.path().join(name), fixture("classic").with_file_name(name));
         frozen::make_stack(&island, &path).unwrap();
         assert!(std::fs::read(&path).unwrap() == std::fs::read(&frozen_path).unwrap(), "{name} differs");
         let file = spinney::open(&frozen_path).unwrap();
@@ -77,8 +77,8 @@ fn stacks() {
 #[test]
 fn history() {
     let frozen_path = fixture("history").with_extension("autumn");
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("history.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("history.autumn");
     frozen::make_history(&island::make(), &path).unwrap();
     assert!(std::fs::read(&path).unwrap() == std::fs::read(&frozen_path).unwrap(), "history differs");
     let cell = |number: u64, x: u32, y: u32| match (number, x, y) {
@@ -88,11 +88,11 @@ fn history() {
         _ => Some(byte(frozen::CLASSIC[y as usize][x as usize])),
     };
     let history = History::open(&frozen_path, &OpenOptions::default()).unwrap();
-    let told: Vec<_> = history
+    let found: Vec<_> = history
         .commits()
         .map(|commit| {
             let commit = commit.unwrap();
-            (commit.number, commit.note.time, commit.note.message, commit.cells, commit.records)
+            (commit.number, commit.note.time, commit.note.message, commit.cells, commit.inner_nodes)
         })
         .collect();
     let records = |number| {
@@ -105,7 +105,7 @@ fn history() {
         (2, Some(1), "Fill a box".to_string(), 64, records(2)),
         (1, None, String::new(), 64, 10),
     ];
-    assert_eq!(told, expected);
+    assert_eq!(found, expected);
     for number in 1..=4 {
         let name = format!("{}@{number}", frozen_path.display());
         let file = Autumnal::open(name.as_ref(), &OpenOptions::default()).unwrap();
@@ -191,9 +191,9 @@ fn elevation() {
     assert_eq!(cell(&file, 6, [0, 0, 0]), None);
     // Heights are eighths of a metre, so this sum is exact in any order.
     let elevation = island::make().elevation();
-    let place = |x: usize, y: usize| y * frozen::STEP * island::WIDTH + x * frozen::STEP;
+    let index = |x: usize, y: usize| y * frozen::STEP * island::WIDTH + x * frozen::STEP;
     let below: Vec<f64> =
-        (0..256).filter_map(|i| elevation[place(16 + i % 16, 16 + i / 16)]).map(f64::from).collect();
+        (0..256).filter_map(|i| elevation[index(16 + i % 16, 16 + i / 16)]).map(f64::from).collect();
     let mean = below.iter().sum::<f64>() / below.len() as f64;
     assert_eq!(cell(&file, 2, [1, 1, 0]), height(mean as f32));
     assert_eq!(mean as f32, 1192.4966);
@@ -223,12 +223,12 @@ fn rgba() {
     assert_eq!(numbers(file.header()), expected);
     assert_eq!(file.metadata().alpha, Some(3));
     let island = island::make();
-    let picture = island.picture();
+    let image = island.image();
     let mut sums = [0; 4];
     let mut seen = 0;
     for (y, x) in (0..50).flat_map(|y| (0..64).map(move |x| (y, x))) {
         let index = y * frozen::STEP * island::WIDTH + x * frozen::STEP;
-        let value = frozen::rgba(island.cover[index], picture[index]);
+        let value = frozen::rgba(island.cover[index], image[index]);
         assert_eq!(cell(&file, 6, [x as u32, y as u32, 0]), Some(value), "{x}, {y}");
         let samples: [u8; 4] = value.to_bytes()[..4].try_into().unwrap();
         if samples[3] > 0 {
@@ -282,8 +282,8 @@ fn models(name: &str, make: fn(&Path, Codec) -> Result<()>) -> Vec<ExactModel> {
     let mut models = Vec::new();
     for (codec, end) in frozen::CODECS {
         let path = fixture(&format!("{name}{end}"));
-        let folder = tempfile::tempdir().unwrap();
-        let made = folder.path().join("model.goblin");
+        let directory = tempfile::tempdir().unwrap();
+        let made = directory.path().join("model.goblin");
         make(&made, codec).unwrap();
         assert!(std::fs::read(&made).unwrap() == std::fs::read(&path).unwrap(), "{name}{end} differs");
         for options in [OpenOptions::new().positioned(64 << 20), OpenOptions::new()] {
@@ -343,8 +343,8 @@ fn chapel() {
 fn crossing() {
     for model in models(frozen::CROSSING, frozen::make_crossing) {
         assert_eq!(model.verify(16 << 20, &()).unwrap(), []);
-        let (exact, stand_ins) = model.exact_faces();
-        assert!(exact > 8 && stand_ins >= exact, "{exact} {stand_ins}");
+        let (exact, proxies) = model.exact_faces();
+        assert!(exact > 8 && proxies >= exact, "{exact} {proxies}");
         assert_eq!(model.parts(), frozen::ABOUT.map(|(name, _)| name));
         for (part, (name, about)) in (0..).zip(frozen::ABOUT) {
             assert_eq!(model.part_attributes(part).unwrap().as_deref(), about);

@@ -12,15 +12,16 @@ fn the_corpus_does_no_harm() {
         return;
     }
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
-    let names = |folder: &Path| {
+    let names = |directory: &Path| {
         let entries =
-            std::fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
+            std::fs::read_dir(directory).unwrap_or_else(|error| panic!("{}: {error}", directory.display()));
         let mut paths: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
         paths.sort();
         paths
     };
-    let folders: Vec<_> = names(&corpus).iter().map(|path| path.file_name().unwrap().to_owned()).collect();
-    assert_eq!(folders, TARGETS.map(|(name, _)| name), "a folder for each target");
+    let directories: Vec<_> =
+        names(&corpus).iter().map(|path| path.file_name().unwrap().to_owned()).collect();
+    assert_eq!(directories, TARGETS.map(|(name, _)| name), "a directory for each target");
     for (name, target) in TARGETS {
         let paths = names(&corpus.join(name));
         assert!(!paths.is_empty(), "{name}");

@@ -26,7 +26,7 @@ fn round_trip(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataK
 }
 
 #[test]
-fn quadtrees_of_every_type_and_rule_come_back() {
+fn quadtrees_of_every_type_and_rule_round_trip() {
     use DataKind::{Categorical, Continuous};
     use SampleType::*;
     for seed in 0..6 {
@@ -48,7 +48,7 @@ fn quadtrees_of_every_type_and_rule_come_back() {
 }
 
 #[test]
-fn octrees_come_back() {
+fn octrees_round_trip() {
     use SampleType::*;
     for seed in 0..6 {
         let size = [1 + 13 * seed, 70 - 9 * seed, 1 + 17 * seed];
@@ -61,7 +61,7 @@ fn octrees_come_back() {
 
 /// Each file selects its records, kernels and rules at run time: every combination must be covered.
 #[test]
-fn every_type_comes_back_by_every_rule_in_both_dimensions() {
+fn every_type_round_trips_by_every_rule_in_both_dimensions() {
     for (i, value) in value_types().into_iter().enumerate() {
         for (j, rule) in Rule::ALL.into_iter().enumerate() {
             let seed = (7 * i + j) as u64;
@@ -118,10 +118,10 @@ fn codes_come_in_preorder() {
     let tree = Cells::random(OCT, 2, [50, 50, 50], 9, true).tree(Rule::Mean);
     let mut pending = vec![(Code::root(Dimension::Oct), tree.root().unwrap())];
     let mut before = None;
-    while let Some((code, place)) = pending.pop() {
+    while let Some((code, subtree)) = pending.pop() {
         assert!(before < Some(code.bits()));
         before = Some(code.bits());
-        if let Child::Inner { node, .. } = place {
+        if let Child::Inner { node, .. } = subtree {
             let children = children(&tree, &node).into_iter().enumerate().rev();
             pending.extend(children.map(|(i, child)| (code.child(i), child)));
         }

@@ -2,7 +2,7 @@
 //! never an intermediate state.
 
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output as Run, Stdio};
+use std::process::{Child, Command, Output as Finished, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -17,27 +17,27 @@ use crate::common::command::interruptible;
 const SIDE: u64 = 4000;
 
 /// A directory with an image that takes a while to build and the tree of a small one.
-struct Place {
-    folder: TempDir,
-    picture: PathBuf,
+struct Setup {
+    directory: TempDir,
+    raster: PathBuf,
     output: PathBuf,
     old: Vec<u8>,
 }
 
-impl Place {
-    fn new() -> Place {
-        let folder = tempfile::tempdir().unwrap();
-        let path = |name: &str| folder.path().join(name);
-        let (picture, small, output) = (path("large.tif"), path("small.tif"), path("out.goblin"));
-        write_noise(&picture, SIDE);
+impl Setup {
+    fn new() -> Setup {
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name);
+        let (raster, small, output) = (path("large.tif"), path("small.tif"), path("out.goblin"));
+        write_noise(&raster, SIDE);
         write_noise(&small, 50);
         assert!(build(&small, &output).wait().unwrap().success());
         let old = std::fs::read(&output).unwrap();
-        Place { folder, picture, output, old }
+        Setup { directory, raster, output, old }
     }
 
     fn files(&self) -> Vec<String> {
-        let entries = std::fs::read_dir(self.folder.path()).unwrap();
+        let entries = std::fs::read_dir(self.directory.path()).unwrap();
         let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
         names.sort();
         names
@@ -82,11 +82,11 @@ fn start(mut program: Command, input: &Path, output: &Path) -> Child {
 
 /// Builds with a file size limit of some blocks of 512 or 1024 bytes. Exceeding it kills a process
 /// that does not ignore or handle the signal.
-fn build_within(blocks: u32, place: &Place) -> Run {
+fn build_within(blocks: u32, setup: &Setup) -> Finished {
     let script = format!("ulimit -f {blocks}; exec \"$@\"");
     let mut command = Command::new("sh");
     command.args(["-c", &script, "sh", PROGRAM, "build", "--quiet", "--kind", "continuous"]);
-    command.args(["--memory", "64M", "-o"]).args([&place.output, &place.picture]);
+    command.args(["--memory", "64M", "-o"]).args([&setup.output, &setup.raster]);
     command.output().unwrap()
 }
 
@@ -96,62 +96,62 @@ fn signal(child: &Child, name: &str) {
 
 #[test]
 fn a_killed_builder_leaves_the_old_file_or_the_new_one() {
-    let place = Place::new();
+    let setup = Setup::new();
     let start = Instant::now();
-    assert!(build(&place.picture, &place.output).wait().unwrap().success());
+    assert!(build(&setup.raster, &setup.output).wait().unwrap().success());
     let time = start.elapsed();
-    let new = std::fs::read(&place.output).unwrap();
+    let new = std::fs::read(&setup.output).unwrap();
     let mut random = Random(7);
     for _ in 0..5 {
-        std::fs::write(&place.output, &place.old).unwrap();
-        let mut child = build(&place.picture, &place.output);
+        std::fs::write(&setup.output, &setup.old).unwrap();
+        let mut child = build(&setup.raster, &setup.output);
         sleep(time.mul_f64(random.below(1100) as f64 / 1000.0));
         // It may have finished already.
         let _ = child.kill();
         child.wait().unwrap();
-        let bytes = std::fs::read(&place.output).unwrap();
-        assert!(bytes == place.old || bytes == new, "{} bytes", bytes.len());
-        assert!(open(&place.output, &Default::default()).is_ok());
+        let bytes = std::fs::read(&setup.output).unwrap();
+        assert!(bytes == setup.old || bytes == new, "{} bytes", bytes.len());
+        assert!(open(&setup.output, &Default::default()).is_ok());
     }
     // The next builder removes the temporary files of killed ones, except those in use.
-    let left = |random: &str| place.folder.path().join(format!(".out.goblin.{random}.partial"));
-    std::fs::write(left("abc123"), "left behind").unwrap();
-    std::fs::write(left("not-ours"), "somebody's").unwrap();
+    let left = |random: &str| setup.directory.path().join(format!(".out.goblin.{random}.partial"));
+    std::fs::write(left("abc123"), "left over").unwrap();
+    std::fs::write(left("not-ours"), "another program's").unwrap();
     let busy = std::fs::File::create(left("DEF456")).unwrap();
     busy.lock().unwrap();
-    assert!(build(&place.picture, &place.output).wait().unwrap().success());
+    assert!(build(&setup.raster, &setup.output).wait().unwrap().success());
     let expected = [".out.goblin.DEF456.partial", ".out.goblin.not-ours.partial"];
-    assert_eq!(place.files()[..2], expected);
-    assert_eq!(place.files()[2..], ["large.tif", "out.goblin", "small.tif"]);
+    assert_eq!(setup.files()[..2], expected);
+    assert_eq!(setup.files()[2..], ["large.tif", "out.goblin", "small.tif"]);
     // Both are complete.
-    for bytes in [&place.old, &new] {
-        std::fs::write(&place.output, bytes).unwrap();
-        let tree = open(&place.output, &Default::default()).unwrap();
+    for bytes in [&setup.old, &new] {
+        std::fs::write(&setup.output, bytes).unwrap();
+        let tree = open(&setup.output, &Default::default()).unwrap();
         assert_eq!(tree.verify(64 << 20, &()).unwrap(), []);
     }
 }
 
 #[test]
-fn a_full_disk_is_told_and_nothing_is_left() {
-    let place = Place::new();
+fn a_full_disk_is_reported_and_leaves_no_file() {
+    let setup = Setup::new();
     for blocks in [0, 1, 100, 10_000] {
-        let run = build_within(blocks, &place);
+        let run = build_within(blocks, &setup);
         let text = String::from_utf8_lossy(&run.stderr);
         assert_eq!(run.status.code(), Some(1), "{blocks} blocks: {text}");
         assert!(text.contains("out.goblin") && text.contains("File too large"), "{text}");
-        place.untouched();
+        setup.untouched();
     }
 }
 
 #[test]
-fn an_interrupted_builder_leaves_nothing() {
-    let place = Place::new();
+fn a_cancelled_build_leaves_no_file() {
+    let setup = Setup::new();
     for name in ["INT", "TERM"] {
         let Some(program) = interruptible(PROGRAM) else { return };
-        let child = start(program, &place.picture, &place.output);
+        let child = start(program, &setup.raster, &setup.output);
         // The handler must be installed: the temporary file is created after it.
         let start = Instant::now();
-        while place.files().len() == 3 && start.elapsed() < Duration::from_secs(5) {
+        while setup.files().len() == 3 && start.elapsed() < Duration::from_secs(5) {
             sleep(Duration::from_millis(1));
         }
         sleep(Duration::from_millis(50));
@@ -160,14 +160,14 @@ fn an_interrupted_builder_leaves_nothing() {
         let text = String::from_utf8_lossy(&run.stderr);
         assert_eq!(run.status.code(), Some(130), "{name}: {text}");
         assert!(text.contains("interrupted"), "{text}");
-        place.untouched();
+        setup.untouched();
     }
 }
 
 /// Waits until a builder has begun to write; its handlers are then installed.
-fn wait_for_output(place: &Place) {
+fn wait_for_output(setup: &Setup) {
     let start = Instant::now();
-    while place.files().len() == 3 && start.elapsed() < Duration::from_secs(5) {
+    while setup.files().len() == 3 && start.elapsed() < Duration::from_secs(5) {
         sleep(Duration::from_millis(1));
     }
 }
@@ -175,50 +175,50 @@ fn wait_for_output(place: &Place) {
 #[test]
 #[cfg(target_os = "linux")]
 fn signals_that_the_parent_ignores_stay_ignored_and_others_clean_up() {
-    let place = Place::new();
+    let setup = Setup::new();
     let ignoring = |names: &str| {
         let mut shell = Command::new("sh");
         shell.args(["-c", &format!("trap '' {names}; exec \"$@\""), "sh", PROGRAM]);
-        start(shell, &place.picture, &place.output)
+        start(shell, &setup.raster, &setup.output)
     };
     // As in the background of a script, or under `nohup`.
     let child = ignoring("INT HUP");
-    wait_for_output(&place);
+    wait_for_output(&setup);
     for name in ["HUP", "INT", "TERM"] {
         signal(&child, name);
     }
     let run = child.wait_with_output().unwrap();
     assert_eq!(run.status.code(), Some(130), "{}", String::from_utf8_lossy(&run.stderr));
-    place.untouched();
+    setup.untouched();
     let child = ignoring("HUP");
-    wait_for_output(&place);
+    wait_for_output(&setup);
     signal(&child, "HUP");
     assert!(child.wait_with_output().unwrap().status.success());
-    assert_eq!(place.files(), ["large.tif", "out.goblin", "small.tif"]);
+    assert_eq!(setup.files(), ["large.tif", "out.goblin", "small.tif"]);
 }
 
 #[test]
-fn a_second_signal_leaves_nothing_either() {
-    let place = Place::new();
+fn a_second_signal_leaves_no_file() {
+    let setup = Setup::new();
     for wait in [0, 1, 5] {
         let Some(program) = interruptible(PROGRAM) else { return };
-        let child = start(program, &place.picture, &place.output);
-        wait_for_output(&place);
+        let child = start(program, &setup.raster, &setup.output);
+        wait_for_output(&setup);
         signal(&child, "TERM");
         sleep(Duration::from_millis(wait));
         // It may have finished by now.
         let _ = Command::new("kill").args(["-s", "INT", &child.id().to_string()]).output();
         assert_eq!(child.wait_with_output().unwrap().status.code(), Some(130));
-        place.untouched();
+        setup.untouched();
     }
 }
 
 #[test]
 fn outputs_follow_symbolic_links_and_have_long_names() {
-    let place = Place::new();
-    let small = place.folder.path().join("small.tif");
-    let elsewhere = tempfile::tempdir().unwrap();
-    let (link, target) = (place.folder.path().join("link.goblin"), elsewhere.path().join("real.goblin"));
+    let setup = Setup::new();
+    let small = setup.directory.path().join("small.tif");
+    let other = tempfile::tempdir().unwrap();
+    let (link, target) = (setup.directory.path().join("link.goblin"), other.path().join("real.goblin"));
     std::os::unix::fs::symlink(&target, &link).unwrap();
     // First without a file at the link's target, then with one.
     for old in [&b""[..], b"old"] {
@@ -227,22 +227,22 @@ fn outputs_follow_symbolic_links_and_have_long_names() {
         }
         assert!(build(&small, &link).wait().unwrap().success());
         assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
-        assert!(std::fs::read(&target).unwrap() == place.old);
+        assert!(std::fs::read(&target).unwrap() == setup.old);
     }
-    let long = elsewhere.path().join(format!("{}.goblin", "n\u{e4}me".repeat(49) + "abc"));
+    let long = other.path().join(format!("{}.goblin", "n\u{e4}me".repeat(49) + "abc"));
     assert_eq!(long.file_name().unwrap().len(), 255);
     assert!(build(&small, &long).wait().unwrap().success());
-    assert_eq!(std::fs::read_dir(elsewhere.path()).unwrap().count(), 2);
+    assert_eq!(std::fs::read_dir(other.path()).unwrap().count(), 2);
 }
 
 #[test]
 #[cfg(target_os = "linux")]
-fn devices_are_written_to_and_stay_what_they_are() {
+fn devices_are_written_and_not_replaced() {
     use std::os::unix::fs::FileTypeExt;
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let fixture = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
     // A pipe represents all non-files: a test must not put a real device at risk.
-    let pipe = folder.path().join("pipe");
+    let pipe = directory.path().join("pipe");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let reader = std::thread::spawn({
         let pipe = pipe.clone();

@@ -18,7 +18,7 @@ use crate::common::reference::{self, Cut};
 use crate::common::{
     Cells, QUAD, Random, byte, goblin_bytes, made, options, quad, value, value_types, write_cells,
 };
-use crate::targets::{seal, trees::ask_goblin};
+use crate::targets::{seal, trees::query_goblin};
 
 /// A layer to be written.
 struct Layer {
@@ -94,15 +94,15 @@ fn run(file: &[u8], number: usize) -> &[u8] {
 
 #[test]
 fn each_layer_is_the_tree_that_it_would_be_alone() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     for (round, count) in [1, 2, 5, 13, 40].into_iter().enumerate() {
         let layers = random_layers(count, round as u64);
-        let [goblin, autumn, back] =
-            ["s.goblin", "s.autumn", "back.goblin"].map(|name| folder.path().join(format!("{round}{name}")));
+        let [goblin, autumn, back] = ["s.goblin", "s.autumn", "back.goblin"]
+            .map(|name| directory.path().join(format!("{round}{name}")));
         write(&layers, &goblin);
         write(&layers, &autumn);
         let bytes = std::fs::read(&goblin).unwrap();
-        let alone = |number: usize| folder.path().join(format!("{round} {number} alone.goblin"));
+        let alone = |number: usize| directory.path().join(format!("{round} {number} alone.goblin"));
         for (number, layer) in layers.iter().enumerate() {
             write(std::slice::from_ref(layer), &alone(number));
         }
@@ -115,8 +115,8 @@ fn each_layer_is_the_tree_that_it_would_be_alone() {
                 let expected = spinney::open(alone(number)).unwrap();
                 same(&file.layer(&layer.name).unwrap(), &expected);
                 same(&file.layer(&number.to_string()).unwrap(), &expected);
-                let place = FileReference::of(path).of_layer(&layer.name);
-                same(&spinney::open(&place).unwrap(), &expected);
+                let reference = FileReference::of(path).of_layer(&layer.name);
+                same(&spinney::open(&reference).unwrap(), &expected);
                 if path == &goblin {
                     assert!(run(&bytes, number) == run(&std::fs::read(alone(number)).unwrap(), 0));
                 }
@@ -132,9 +132,9 @@ fn each_layer_is_the_tree_that_it_would_be_alone() {
 
 #[test]
 fn bytes_do_not_depend_on_the_order_of_the_input() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let cells = Cells::random(quad(SampleType::U16, 1), 5, [1100, 700, 1], 9, true);
-    let [rows, tree] = ["rows.goblin", "tree.goblin"].map(|name| folder.path().join(name));
+    let [rows, tree] = ["rows.goblin", "tree.goblin"].map(|name| directory.path().join(name));
     // In bands of rows, which differs from the file's order, and node by node.
     std::fs::write(&rows, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     spinney::convert(&rows, false, Output::create(&tree).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
@@ -142,15 +142,15 @@ fn bytes_do_not_depend_on_the_order_of_the_input() {
 }
 
 #[test]
-fn layers_come_and_go() {
-    let folder = tempfile::tempdir().unwrap();
+fn layers_are_added_and_removed() {
+    let directory = tempfile::tempdir().unwrap();
     let layers = random_layers(4, 77);
     for name in ["s.goblin", "s.autumn"] {
-        let [path, all] = [folder.path().join(name), folder.path().join(format!("all.{name}"))];
+        let [path, all] = [directory.path().join(name), directory.path().join(format!("all.{name}"))];
         write(&layers[..2], &path);
         write(&layers, &all);
         for layer in &layers[2..] {
-            let alone = folder.path().join("alone.goblin");
+            let alone = directory.path().join("alone.goblin");
             write(std::slice::from_ref(layer), &alone);
             let chain = FileView::of(&alone);
             let commit =
@@ -181,9 +181,9 @@ fn layers_come_and_go() {
 
 /// A layer whose grid does not match the file's is rejected; one with larger cells is accepted.
 #[test]
-fn layers_lie_in_one_frame() {
-    let folder = tempfile::tempdir().unwrap();
-    let [path, other] = ["s.goblin", "other.goblin"].map(|name| folder.path().join(name));
+fn layers_share_one_frame() {
+    let directory = tempfile::tempdir().unwrap();
+    let [path, other] = ["s.goblin", "other.goblin"].map(|name| directory.path().join(name));
     let layers = random_layers(1, 3);
     write(&layers, &path);
     // Cells of 3 and of half a cell are resampled to the file's.
@@ -216,8 +216,8 @@ fn layers_lie_in_one_frame() {
 /// Each commit is one state of all layers; a layer that an edit does not change keeps its root.
 #[test]
 fn edits_of_one_layer_leave_the_others() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("s.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("s.autumn");
     let layers = random_layers(3, 8);
     write(&layers, &path);
     let before: Vec<_> = (0..3).map(|number| windows(&layer_of(&path, number))).collect();
@@ -230,7 +230,7 @@ fn edits_of_one_layer_leave_the_others() {
     assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
     for (number, before) in before.iter().enumerate() {
         assert_eq!(windows(&layer_of(&path, number)) == *before, number != 1, "layer {number}");
-        let old = folder.path().join("s.autumn@1");
+        let old = directory.path().join("s.autumn@1");
         assert!(
             windows(&spinney::open(FileReference::of(&old).of_layer(&layers[number].name)).unwrap())
                 == *before
@@ -244,7 +244,7 @@ fn edits_of_one_layer_leave_the_others() {
     spinney::edit::edit(&name, [Ok(Edit::Revert(1))], Note::default(), 1 << 24, &()).unwrap().unwrap();
     assert!(windows(&layer_of(&path, 1)) == before[1]);
     // Compacted, with all layers.
-    let compact = folder.path().join("c.autumn");
+    let compact = directory.path().join("c.autumn");
     let keep = spinney::raw::store::autumnal::Keep::Last(2);
     let output = Output::create(&compact).unwrap();
     spinney::raw::store::autumnal::compact(
@@ -260,16 +260,61 @@ fn edits_of_one_layer_leave_the_others() {
     }
 }
 
+/// Pastes of one layer over another one with the same value type: records of the pasted layer have
+/// representatives by another rule, zones without class counts, or a root at a height where the
+/// other layer has no records, so they cannot be kept.
+#[test]
+fn records_of_other_layers_are_kept_only_if_they_mean_the_same() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("s.autumn");
+    let layer = |name: &str, rule, kind, size: u64, depth, seed| {
+        let cells = Cells::random(QUAD, seed, [size, size, 1], 9, true);
+        Layer { name: name.into(), cells, rule, kind, depth }
+    };
+    let layers = [
+        layer("a", Rule::Mean, DataKind::Continuous, 512, 9, 1),
+        layer("b", Rule::Nearest, DataKind::Continuous, 512, 9, 2),
+        layer("c", Rule::Majority, DataKind::Continuous, 512, 9, 3),
+        layer("d", Rule::Mean, DataKind::Continuous, 256, 8, 4),
+        layer("e", Rule::Mean, DataKind::Continuous, 512, 9, 5),
+    ];
+    for (target, patch) in [(0, 1), (0, 2), (2, 0), (0, 3), (0, 4)] {
+        let mut file = TreeWriter::create(Output::create(&path).unwrap(), (Dimension::Quad, 9), 5).unwrap();
+        for layer in &layers {
+            let metadata = Metadata { name: layer.name.clone(), ..Metadata::default() };
+            let options = options(layer.rule, layer.kind, layer.depth).metadata(metadata);
+            let nodata = value(layer.cells.form.value, 250);
+            let mut slabs = layer.cells.slabs(nodata);
+            file.slabs(layer.cells.form, &mut slabs, Some(nodata), &options, &()).unwrap();
+        }
+        file.finish().unwrap();
+        let of = |number: usize| FileReference::of(&path).of_layer(&layers[number].name);
+        let paste = Edit::Paste {
+            patch: FileView::of(&of(patch)),
+            at: Some([0; 3]),
+            void: true,
+            options: Default::default(),
+        };
+        let commit = spinney::edit::edit(&of(target), [Ok(paste)], Note::default(), 1 << 24, &());
+        let commit = commit.unwrap().unwrap();
+        let file = spinney::open(&path).unwrap();
+        assert_eq!(file.verify(1 << 24, &()).unwrap(), [], "{patch} over {target}");
+        // A layer that differs in its cells alone is kept as a whole.
+        assert_eq!(commit.written.records == 0, patch == 4, "{patch} over {target}");
+        std::fs::remove_file(&path).unwrap();
+    }
+}
+
 fn layer_of(path: &Path, number: usize) -> Dataset {
     spinney::open(path).unwrap().layer(&number.to_string()).unwrap()
 }
 
 #[test]
 fn names_of_layers_are_different_ones() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     for names in [["a", "a"], ["a", ""]] {
         for file in ["s.goblin", "s.autumn"] {
-            let path = folder.path().join(file);
+            let path = directory.path().join(file);
             let output = Output::create(&path).unwrap();
             let mut writer = TreeWriter::create(output, (Dimension::Quad, 9), 2).unwrap();
             let results = names.map(|name| {
@@ -297,8 +342,8 @@ fn directories_of_very_many_segments_are_found() {
         Goblin::from_bytes(goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap().into(),
     );
     let expected = expected.unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("cut.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("cut.goblin");
     std::fs::write(&path, &file).unwrap();
     for options in [OpenOptions::new(), OpenOptions::new().positioned(1 << 20)] {
         let file = Goblin::open(&path, &options).unwrap();
@@ -318,12 +363,12 @@ fn directories_of_very_many_segments_are_found() {
 
 /// Layer tables with false entries: an error or a harmless result.
 #[test]
-fn tables_of_layers_that_lie() {
-    if !is_alone("layers::tables_of_layers_that_lie") {
+fn invalid_layer_tables_are_rejected() {
+    if !is_alone("layers::invalid_layer_tables_are_rejected") {
         return;
     }
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("s.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("s.goblin");
     // The layers are small, because all queries run on each of thousands of files.
     write(&layers_of(90, 3, 21), &path);
     let file = std::fs::read(&path).unwrap();
@@ -339,7 +384,7 @@ fn tables_of_layers_that_lie() {
                 if let Ok(first) = Goblin::from_bytes(file.clone()) {
                     (0..first.layers().len()).for_each(|number| drop(first.open_layer(number)));
                 }
-                ask_goblin(file);
+                query_goblin(file);
             }
         }
     }
@@ -356,8 +401,8 @@ fn tables_of_layers_that_lie() {
 /// A hundred layers are open at once, and read one by one.
 #[test]
 fn a_hundred_layers() {
-    let folder = tempfile::tempdir().unwrap();
-    let [path, autumn]: [PathBuf; 2] = ["s.goblin", "s.autumn"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [path, autumn]: [PathBuf; 2] = ["s.goblin", "s.autumn"].map(|name| directory.path().join(name));
     let layers: Vec<Layer> = (0..100)
         .map(|number| Layer {
             name: format!("2020-{number:03}"),
@@ -387,14 +432,14 @@ fn a_hundred_layers() {
 /// The shortest path that names an existing file wins, so that layer names may contain any
 /// characters of paths and commits.
 #[test]
-fn places_in_files() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+fn file_names_select_commits_and_layers() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
     for name in ["s.goblin", "s.autumn", "odd@7", "odd@7:x"] {
         std::fs::write(path(name), "").unwrap();
     }
-    std::fs::create_dir(path("folder:1")).unwrap();
-    std::fs::write(path("folder:1/t.autumn"), "").unwrap();
+    std::fs::create_dir(path("directory:1")).unwrap();
+    std::fs::write(path("directory:1/t.autumn"), "").unwrap();
     for (text, file, commit, layer) in [
         ("s.goblin", "s.goblin", None, None),
         ("s.goblin:B08", "s.goblin", None, Some("B08")),
@@ -410,8 +455,8 @@ fn places_in_files() {
         ("odd@7", "odd@7", None, None),
         ("odd@7:x", "odd@7:x", None, None),
         ("odd@7:y@8", "odd@7", None, Some("y@8")),
-        ("folder:1/t.autumn@2:x", "folder:1/t.autumn", Some(2), Some("x")),
-        ("folder:1/t.autumn:x@2", "folder:1/t.autumn", None, Some("x@2")),
+        ("directory:1/t.autumn@2:x", "directory:1/t.autumn", Some(2), Some("x")),
+        ("directory:1/t.autumn:x@2", "directory:1/t.autumn", None, Some("x@2")),
         // Without a file, a commit is parsed, but no layer.
         ("gone.autumn@2", "gone.autumn", Some(2), None),
         ("gone.autumn:x", "gone.autumn:x", None, None),
@@ -419,12 +464,12 @@ fn places_in_files() {
         ("s.autumn@+1", "s.autumn@+1", None, None),
     ] {
         let whole = path(text);
-        let place = FileReference::of(&whole);
-        let found = (place.file.to_path_buf(), place.commit, place.layer.as_deref());
+        let reference = FileReference::of(&whole);
+        let found = (reference.file.to_path_buf(), reference.commit, reference.layer.as_deref());
         assert_eq!(found, (path(file), commit, layer), "{text}");
         // The inverse.
         if let Some(layer) = layer {
-            assert_eq!(place.of_layer(layer), whole);
+            assert_eq!(reference.of_layer(layer), whole);
         }
     }
 }
@@ -432,13 +477,13 @@ fn places_in_files() {
 /// Layers whose names look like commits are found, also within commits.
 #[test]
 fn layers_are_named_like_commits() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let mut layers = random_layers(3, 31);
     for (layer, name) in layers.iter_mut().zip(["a", "a@1", "0"]) {
         layer.name = name.into();
     }
     for name in ["s.goblin", "s.autumn"] {
-        let path = folder.path().join(name);
+        let path = directory.path().join(name);
         write(&layers, &path);
         let open = |text: &str| spinney::open(format!("{}{text}", path.display())).unwrap();
         for (number, name) in ["a", "a@1", "0"].into_iter().enumerate() {

@@ -59,8 +59,8 @@ impl Stack {
 
     /// The bytes of an Autumnal file.
     fn bytes(&self) -> Vec<u8> {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("t.autumn");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("t.autumn");
         self.write(&path);
         std::fs::read(&path).unwrap()
     }
@@ -156,15 +156,15 @@ fn found(bytes: Vec<u8>, commits: &[Stack], verify: bool) -> usize {
 
 /// Returns the disk's contents after a power failure with pending writes: none or all of them, a
 /// prefix ending at any byte, some of their sectors, or some bytes of small writes.
-fn image(durable: &[u8], pending: &[(u64, Vec<u8>)], attempt: u64, random: &mut Random) -> Vec<u8> {
+fn image(durable: &[u8], pending: &[(u64, Vec<u8>)], variant: u64, random: &mut Random) -> Vec<u8> {
     let mut image = durable.to_vec();
     let total: usize = pending.iter().map(|(_, bytes)| bytes.len()).sum();
-    let mut left = match attempt {
+    let mut left = match variant {
         0 => 0,
         1 => total,
         _ => random.below(total as u64 + 1) as usize,
     };
-    if attempt < 12 {
+    if variant < 12 {
         for (offset, bytes) in pending {
             let length = bytes.len().min(left);
             left -= length;
@@ -174,17 +174,17 @@ fn image(durable: &[u8], pending: &[(u64, Vec<u8>)], attempt: u64, random: &mut 
         }
         return image;
     }
-    let mut pieces: Vec<(u64, &[u8])> = Vec::new();
+    let mut writes: Vec<(u64, &[u8])> = Vec::new();
     for (offset, bytes) in pending {
-        let size = if bytes.len() < SECTOR && attempt.is_multiple_of(2) { 1 } else { SECTOR };
-        let piece = |(number, bytes)| (*offset + (number * size) as u64, bytes);
-        pieces.extend(bytes.chunks(size).enumerate().map(piece));
+        let size = if bytes.len() < SECTOR && variant.is_multiple_of(2) { 1 } else { SECTOR };
+        let write = |(number, bytes)| (*offset + (number * size) as u64, bytes);
+        writes.extend(bytes.chunks(size).enumerate().map(write));
     }
-    for n in (1..pieces.len()).rev() {
-        pieces.swap(n, random.below(n as u64 + 1) as usize);
+    for n in (1..writes.len()).rev() {
+        writes.swap(n, random.below(n as u64 + 1) as usize);
     }
-    for (offset, bytes) in pieces {
-        if random.below(4) > attempt % 4 {
+    for (offset, bytes) in writes {
+        if random.below(4) > variant % 4 {
             put(&mut image, offset, bytes);
         }
     }
@@ -218,8 +218,8 @@ fn every_crash_leaves_all_layers_of_one_commit() {
                 }
             }
             let done = ends.iter().rfind(|(end, _)| *end <= i + 1).map_or(1, |(_, commits)| *commits);
-            for attempt in 0..36 {
-                let image = image(&durable, &pending, attempt, &mut random);
+            for variant in 0..36 {
+                let image = image(&durable, &pending, variant, &mut random);
                 images += 1;
                 let new = known.len();
                 let number = *known
@@ -236,7 +236,7 @@ fn every_crash_leaves_all_layers_of_one_commit() {
 }
 
 #[test]
-fn after_a_failure_the_next_editor_goes_on_with_all_layers() {
+fn the_editor_after_a_failure_has_all_layers() {
     let mut random = Random(5);
     let start = Stack::new();
     let bytes = start.bytes();
@@ -298,14 +298,14 @@ fn whole(path: &Path) -> Vec<(String, Cells)> {
 /// Programs that are killed while they add, drop, edit or revert layers.
 #[test]
 fn killed_programs_leave_all_layers_or_none_of_a_change() {
-    let folder = tempfile::tempdir().unwrap();
-    let other = folder.path().join("other.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let other = directory.path().join("other.goblin");
     let cells = Cells::random(QUAD, 9, [50, 60, 1], 5, true);
     write_cells(&other, &cells, &options(Rule::Mean, DataKind::Continuous, DEPTH));
     let mut random = Random(11);
     let stack = Stack::new();
     for name in ["s.goblin", "s.autumn"] {
-        let path = folder.path().join(name);
+        let path = directory.path().join(name);
         stack.write(&path);
         let (text, added) = (path.display().to_string(), other.display().to_string());
         let is_autumnal = name.ends_with("autumn");
@@ -325,7 +325,7 @@ fn killed_programs_leave_all_layers_or_none_of_a_change() {
                 _ => arguments.extend(["add-layer", &added]),
             }
             // The result of an undisturbed run.
-            let copy = folder.path().join(format!("copy.{name}"));
+            let copy = directory.path().join(format!("copy.{name}"));
             std::fs::copy(&path, &copy).unwrap();
             let run = |path: &str| {
                 let mut command = Command::new(env!("CARGO_BIN_EXE_spinney"));

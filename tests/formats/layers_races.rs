@@ -31,8 +31,8 @@ const LAYERS: [(&str, TreeType, [u64; 3]); 3] = [
 
 /// Returns a file whose layers have the number 1 in all cells.
 fn file(name: &str) -> (TempDir, PathBuf) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
     let output = Output::create(&path).unwrap();
     let mut file = TreeWriter::create(output, (Dimension::Quad, DEPTH), LAYERS.len() as u32).unwrap();
     for (name, form, size) in LAYERS {
@@ -43,7 +43,7 @@ fn file(name: &str) -> (TempDir, PathBuf) {
         file.slabs(form, &mut cells.slabs(value(form.value, 250)), None, &options, &()).unwrap();
     }
     file.finish().unwrap();
-    (folder, path)
+    (directory, path)
 }
 
 /// Returns the number that all cells of a layer have.
@@ -63,7 +63,7 @@ fn number_of(tree: &Dataset) -> f64 {
 fn fill_all(editor: &mut Editor, number: f64) {
     for (name, _, size) in LAYERS {
         editor.select(name).unwrap();
-        let fill = Edit::Fill(FillRegion::Box(Bounds::picture(size)), Some(vec![number.into()]));
+        let fill = Edit::Fill(FillRegion::Box(Bounds::of_extent(size)), Some(vec![number.into()]));
         apply_edits(editor, &mut [Ok(fill)].into_iter(), &()).unwrap();
     }
     editor.commit(Note::default()).unwrap().unwrap();
@@ -71,13 +71,13 @@ fn fill_all(editor: &mut Editor, number: f64) {
 
 /// Threads and processes read all layers while a writer sets them to the number of the commit.
 #[test]
-fn what_is_opened_is_one_commit_of_all_layers() {
+fn readers_open_one_commit_of_all_layers() {
     const COMMITS: u64 = 120;
-    let (_folder, path) = file("s.autumn");
-    let (stop, looks) = (AtomicBool::new(false), AtomicU64::new(0));
+    let (_directory, path) = file("s.autumn");
+    let (stop, reads) = (AtomicBool::new(false), AtomicU64::new(0));
     thread::scope(|scope| {
         for reader in 0..3 {
-            let (path, stop, looks) = (&path, &stop, &looks);
+            let (path, stop, reads) = (&path, &stop, &reads);
             scope.spawn(move || {
                 let mut newest = 0;
                 let mut held: Option<Dataset> = None;
@@ -87,7 +87,7 @@ fn what_is_opened_is_one_commit_of_all_layers() {
                         let text = stdout(&["point", &path.display().to_string(), "--in", "cells", "44,44"]);
                         let numbers: Vec<&str> = text.trim().split(',').collect();
                         assert!(numbers.len() == 3 && numbers.iter().all(|n| *n == numbers[0]), "{text}");
-                        looks.fetch_add(1, Ordering::Relaxed);
+                        reads.fetch_add(1, Ordering::Relaxed);
                         continue;
                     }
                     // Opened again, or refreshed.
@@ -107,7 +107,7 @@ fn what_is_opened_is_one_commit_of_all_layers() {
                         assert_eq!(number_of(&layer), number as f64, "layer {name}");
                     }
                     held = Some(tree);
-                    looks.fetch_add(1, Ordering::Relaxed);
+                    reads.fetch_add(1, Ordering::Relaxed);
                 }
             });
         }
@@ -117,7 +117,7 @@ fn what_is_opened_is_one_commit_of_all_layers() {
             thread::sleep(Duration::from_millis(2));
         }
         // On a busy machine readers start late.
-        while looks.load(Ordering::Relaxed) < 30 {
+        while reads.load(Ordering::Relaxed) < 30 {
             thread::sleep(Duration::from_millis(5));
         }
         stop.store(true, Ordering::Relaxed);
@@ -134,10 +134,10 @@ fn what_is_opened_is_one_commit_of_all_layers() {
 }
 
 #[test]
-fn who_edits_one_layer_edits_the_file() {
-    let (folder, path) = file("s.autumn");
+fn editing_one_layer_locks_the_file() {
+    let (directory, path) = file("s.autumn");
     let text = path.display().to_string();
-    let other = other(folder.path());
+    let other = other(directory.path());
     let editor = Editor::open(&FileReference::of(&path).of_layer("a"), MEMORY).unwrap();
     let second = Editor::open(&FileReference::of(&path).of_layer("b"), MEMORY);
     assert!(matches!(second, Err(Error::Locked { .. })));
@@ -168,8 +168,8 @@ fn who_edits_one_layer_edits_the_file() {
 }
 
 /// Returns a file of one layer in the frame of the others.
-fn other(folder: &Path) -> PathBuf {
-    let path = folder.join("other.goblin");
+fn other(directory: &Path) -> PathBuf {
+    let path = directory.join("other.goblin");
     let cells = Cells::random(QUAD, 4, [80, 70, 1], 7, true);
     write_cells(&path, &cells, &options(Rule::Mean, DataKind::Continuous, DEPTH));
     path
@@ -178,10 +178,10 @@ fn other(folder: &Path) -> PathBuf {
 /// Several writers add layers to one file concurrently, and drop them: each operation without an
 /// error has taken effect.
 #[test]
-fn nobody_loses_a_layer_that_another_one_adds() {
+fn layers_added_by_concurrent_editors_are_all_kept() {
     for name in ["s.goblin", "s.autumn"] {
-        let (folder, path) = file(name);
-        let other = other(folder.path());
+        let (directory, path) = file(name);
+        let other = other(directory.path());
         let refused = AtomicU64::new(0);
         let until_done = |change: &dyn Fn() -> spinney::Result<()>| {
             for _ in 0..2000 {
@@ -224,17 +224,17 @@ fn nobody_loses_a_layer_that_another_one_adds() {
         expected.extend((0..4).flat_map(|thread| [1, 3].map(|round| format!("layer {thread} {round}"))));
         assert_eq!(names, expected, "{name}");
         assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
-        println!("{name}: {} were told to wait", refused.into_inner());
+        println!("{name}: {} edits were rejected while the file was locked", refused.into_inner());
         // No temporary file remains.
-        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2);
+        assert_eq!(std::fs::read_dir(&directory).unwrap().count(), 2);
     }
 }
 
 /// Readers of an old commit see all its layers, whatever happens to the file.
 #[test]
-fn readers_of_an_old_commit_go_on() {
-    let (folder, path) = file("s.autumn");
-    let other = other(folder.path());
+fn readers_of_an_old_commit_are_not_disturbed() {
+    let (directory, path) = file("s.autumn");
+    let other = other(directory.path());
     let mut editor = Editor::open(&path, MEMORY).unwrap();
     fill_all(&mut editor, 2.0);
     drop(editor);
@@ -274,14 +274,14 @@ fn readers_of_an_old_commit_go_on() {
                 }
             }
             2 => {
-                let small = folder.path().join("small.autumn");
+                let small = directory.path().join("small.autumn");
                 let output = Output::create(&small).unwrap();
                 compact(&path, &CompactOptions::new(&Keep::Last(2), MEMORY), output, &()).unwrap();
                 std::fs::rename(&small, &path).unwrap();
             }
             _ => {
                 let fill = |(name, _, size): (&str, TreeType, [u64; 3])| {
-                    let region = FillRegion::Box(Bounds::picture(size));
+                    let region = FillRegion::Box(Bounds::of_extent(size));
                     let number = 10 + round;
                     let fill = Edit::Fill(region, Some(vec![Number::from(number)]));
                     edit(&FileReference::of(&path).of_layer(name), [Ok(fill)], Note::default(), MEMORY, &())
@@ -312,8 +312,8 @@ fn readers_of_an_old_commit_go_on() {
 /// A reader of a layer whose name is a number does not move to the layer with that index.
 #[test]
 fn moving_on_is_by_name() {
-    let (folder, path) = file("s.autumn");
-    let other = other(folder.path());
+    let (directory, path) = file("s.autumn");
+    let other = other(directory.path());
     add_layer(&path, "1", &FileView::of(&other), Note::default(), WriteOptions::new(MEMORY), &()).unwrap();
     let mut layer = open(&FileReference::of(&path).of_layer("1"), &OpenOptions::new()).unwrap();
     assert_eq!(layer.layer_number(), 3);

@@ -19,12 +19,12 @@ mod attack_layers;
 mod attack_lines;
 mod attack_model;
 mod autumnal;
+mod autumnal_corruption;
 mod autumnal_crash;
-mod autumnal_damage;
 mod autumnal_edits;
-mod autumnal_hostile;
 mod autumnal_imitations;
 mod autumnal_machine;
+mod autumnal_malicious;
 #[cfg(unix)]
 mod autumnal_processes;
 mod classes;
@@ -39,12 +39,12 @@ mod formats_md;
 mod frozen;
 mod fuzz_corpus;
 mod goblin;
-mod hostile;
 #[cfg(unix)]
 mod kill;
 mod layers;
 mod layers_crash;
 mod layers_races;
+mod malicious;
 mod missing;
 mod model_verify;
 mod packed;

@@ -6,7 +6,7 @@ use spinney::raw::value::Mask;
 use spinney::tree::build_slabs;
 use spinney::{
     Bounds, BuildOptions, DataKind, Dataset, Dimension, Number, Output, Rule, SampleType, TreeType, Value,
-    ValueType, ViewStep, WriteOptions,
+    ValueType, ViewOperation, WriteOptions,
 };
 
 use crate::common::{Cells, Random};
@@ -79,11 +79,11 @@ const TYPES: [ValueType; 3] = [
 
 #[test]
 fn representatives_are_of_the_cells_that_have_a_sample() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     for (value_type, name) in TYPES.into_iter().zip(["a.goblin", "b.autumn", "c.goblin"]) {
         let cells = cells(value_type.with_missing(MISSING), 7);
         let trees = [Rule::Mean, Rule::Min, Rule::Max]
-            .map(|rule| (rule, write(&folder.path().join(format!("{rule}.{name}")), &cells, rule)));
+            .map(|rule| (rule, write(&directory.path().join(format!("{rule}.{name}")), &cells, rule)));
         let depth = trees[0].1.depth();
         for level in 0..=depth {
             let side = 1 << (depth - level);
@@ -116,13 +116,13 @@ fn representatives_are_of_the_cells_that_have_a_sample() {
 
 #[test]
 fn statistics_are_of_the_cells_that_have_a_sample() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let boxes = [([0, 0], [700, 300]), ([13, 7], [680, 290]), ([0, 0], [256, 256]), ([5, 5], [6, 6])];
     for (value_type, name) in TYPES.into_iter().zip(["a.goblin", "b.autumn", "c.goblin"]) {
         let cells = cells(value_type.with_missing(MISSING), 8);
-        let tree = write(&folder.path().join(name), &cells, Rule::Mean);
+        let tree = write(&directory.path().join(name), &cells, Rule::Mean);
         let view =
-            spinney::open(folder.path().join(name)).unwrap().view(&["mirror=x".parse().unwrap()]).unwrap();
+            spinney::open(directory.path().join(name)).unwrap().view(&["mirror=x".parse().unwrap()]).unwrap();
         for ([left, top], [right, bottom]) in boxes {
             let bounds = Bounds { min: [left, top, 0], max: [right, bottom, 1] };
             let mirrored = Bounds { min: [700 - right, top, 0], max: [700 - left, bottom, 1] };
@@ -156,9 +156,9 @@ fn statistics_are_of_the_cells_that_have_a_sample() {
 }
 
 #[test]
-fn trees_of_such_values_stay_such() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+fn operations_preserve_missing_samples() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
     let cells = cells(TYPES[0].with_missing(MISSING), 9);
     let tree = write(&path("a.goblin"), &cells, Rule::Mean);
     assert_eq!(tree.header().form.value.mask, Mask::Missing([9, 0, 0, 0, 0, 0, 0, 0]));
@@ -182,7 +182,7 @@ fn trees_of_such_values_stay_such() {
     let bytes = |name| std::fs::read(path(name)).unwrap();
     assert!(bytes("a.goblin") == bytes("c.goblin"));
     // Cells of a coarser tree are computed from the same samples as the level of that size.
-    let steps: [ViewStep; 1] = ["depth=7".parse().unwrap()];
+    let steps: [ViewOperation; 1] = ["depth=7".parse().unwrap()];
     let view = spinney::open(path("a.goblin")).unwrap().view(&steps).unwrap();
     let bounds = Bounds { min: [0; 3], max: [88, 38, 1] };
     let read = |tree: &Dataset| {
@@ -194,9 +194,9 @@ fn trees_of_such_values_stay_such() {
 }
 
 #[test]
-fn what_is_computed_is_missing_where_one_sample_is() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+fn computed_samples_are_missing_where_an_operand_is() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
     let models = [11, 12].map(|seed| cells(TYPES[0].with_missing(MISSING), seed));
     let trees = ["a.goblin", "b.goblin"].map(path);
     for (model, tree) in models.iter().zip(&trees) {

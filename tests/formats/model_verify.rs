@@ -50,28 +50,28 @@ fn nodes_that_are_not_those_of_the_faces_are_found() {
             let at = word_of(segment, 0);
             segment[at] = 1;
         },
-        "FULL, and VOID by the faces",
+        "is FULL, expected VOID from the faces",
     );
     changed(
         &|segment| {
             let at = word_of(segment, 1);
             segment[at] = 0;
         },
-        "VOID, and FULL by the faces",
+        "is VOID, expected FULL from the faces",
     );
     changed(
         &|segment| {
             let at = lists(segment).1;
             segment[at] ^= 16;
         },
-        "a leaf whose least corner is",
+        "a leaf whose minimum corner is",
     );
     changed(
         &|segment| {
             let at = lists(segment).1;
             segment[at] ^= 1;
         },
-        "a leaf of the kind",
+        "a leaf of kind",
     );
     changed(
         &|segment| {
@@ -104,11 +104,11 @@ fn nodes_that_are_not_those_of_the_faces_are_found() {
     // Outside becomes inside.
     let mut file = good;
     file.model[1] = 1;
-    assert!(findings(&file).contains("by the faces around it"), "{}", findings(&file));
+    assert!(findings(&file).contains("from the faces around it"), "{}", findings(&file));
 }
 
 #[test]
-fn faces_that_are_none_are_found() {
+fn invalid_faces_are_detected() {
     let cube = cuboid([2; 3], [9; 3]);
     let of = |faces: &[Vec<Vec<[i32; 3]>>], head: u8| findings(&one_leaf(4, faces, head));
     assert_eq!(of(&cube, CROSSINGS), "");
@@ -118,7 +118,7 @@ fn faces_that_are_none_are_found() {
         let found = of(&faces, CROSSINGS);
         assert!(found.contains(expected), "{expected}: {found}");
     };
-    changed(&|faces| faces[0][0][1][2] += 1, "expected all corners in one plane");
+    changed(&|faces| faces[0][0][1][2] += 1, "expected all vertices in one plane");
     changed(
         &|faces| {
             faces[0][0].swap(0, 1);
@@ -127,12 +127,12 @@ fn faces_that_are_none_are_found() {
         },
         "rings that cross",
     );
-    changed(&|faces| faces[0][0].reverse(), "2 times more often than the other way");
-    changed(&|faces| drop(faces.pop()), "1 times more often than the other way");
-    changed(&|faces| *faces = turned(faces.clone()), "goes around -1 times");
-    changed(&|faces| faces.extend(cuboid([4; 3], [7; 3])), "goes around 2 times");
-    changed(&|faces| faces.extend(cuboid([4; 3], [12; 3])), "pass through each other");
-    changed(&|faces| faces.extend(cuboid([2; 3], [9; 3])), "lie on each other");
+    changed(&|faces| faces[0][0].reverse(), "2 times more often than its reverse");
+    changed(&|faces| drop(faces.pop()), "1 times more often than its reverse");
+    changed(&|faces| *faces = turned(faces.clone()), "winding number -1, expected 0 or 1, at ");
+    changed(&|faces| faces.extend(cuboid([4; 3], [7; 3])), "winding number 2, expected 0 or 1, at ");
+    changed(&|faces| faces.extend(cuboid([4; 3], [12; 3])), "faces that intersect at ");
+    changed(&|faces| faces.extend(cuboid([2; 3], [9; 3])), "faces that overlap at ");
 }
 
 /// Also with vertices at multiples of 16, where sample points of faces lie on cell walls.
@@ -150,13 +150,13 @@ fn cubes_that_are_inside_out_are_found() {
 /// results that pass it, and other failures are errors. Octrees are trusted where no face changes,
 /// so results of invalid files may be equally invalid.
 #[test]
-fn what_is_good_gives_what_is_good() {
-    if !is_alone("model_verify::what_is_good_gives_what_is_good") {
+fn results_of_valid_models_are_valid() {
+    if !is_alone("model_verify::results_of_valid_models_are_valid") {
         return;
     }
     let other = Body::of(&cuboid([3; 3], [12, 9, 14]), 4).model;
-    let folder = tempfile::tempdir().unwrap();
-    let target = folder.path().join("x.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let target = directory.path().join("x.goblin");
     let files = [house(4), tetrahedron(4), Body::of(&cuboid([2; 3], [9; 3]), 4).bytes];
     let mut random = Random(21);
     let (mut good, mut made, mut refused) = (0, 0, 0);
@@ -250,9 +250,9 @@ fn lists_of_exact_faces_that_are_not_those_of_cells_are_found() {
         for byte in 0..4 {
             file.segments[0].1.swap(one + byte, other + byte);
         }
-        let told = findings(&file);
-        assert!(told.is_empty() || told.contains("exact face"), "{told}");
-        found += usize::from(!told.is_empty());
+        let problems = findings(&file);
+        assert!(problems.is_empty() || problems.contains("exact face"), "{problems}");
+        found += usize::from(!problems.is_empty());
     }
     assert!(exact > 4 && found > exact / 2, "{found} of {exact}");
     // A cell near exact faces lists none.
@@ -266,11 +266,11 @@ fn lists_of_exact_faces_that_are_not_those_of_cells_are_found() {
     // Swap the proxy flags of two faces.
     let mut file = good.clone();
     file.model[120] -= 1;
-    assert!(findings(&file).contains("faces that stand in"), "{}", findings(&file));
+    assert!(findings(&file).contains("proxies, expected"), "{}", findings(&file));
 }
 
 #[test]
-fn tables_that_say_what_cannot_be_are_found() {
+fn impossible_tables_are_detected() {
     let good = crossing();
     let changed = |from: &str, to: &str, expected: &str| {
         let mut file = good.clone();
@@ -288,15 +288,15 @@ fn tables_that_say_what_cannot_be_are_found() {
         };
         assert!(found.contains(expected), "{expected}: {found}");
     };
-    changed("18.50", "18.5x", "no JSON");
-    changed("A tower", "A\"tower", "no JSON");
-    changed("tower", "aower", "of their order");
+    changed("18.50", "18.5x", "not JSON");
+    changed("A tower", "A\"tower", "without a JSON object");
+    changed("tower", "aower", "of the name order");
     changed("[\"type\"]", "[\"type\",", "without a name");
     let mut file = good.clone();
     file.others[1].retain(|(key, _)| key >> 32 != 16);
     assert!(findings(&file).contains("without a value"), "{}", findings(&file));
     file.others[1].retain(|(key, _)| key >> 32 != 3);
-    assert!(findings(&file).contains("no list of columns"), "{}", findings(&file));
+    assert!(findings(&file).contains("without a list of columns"), "{}", findings(&file));
     file.others[1].retain(|(key, _)| key >> 32 != 0);
     let error = ExactModel::from_bytes(file.bytes()).err().unwrap().to_string();
     assert!(error.contains("0 names of 3 parts"), "{error}");

@@ -18,14 +18,14 @@ use spinney::{
 };
 
 use super::attack_goblin::{TREE_FIELDS, changed, fields};
-use super::hostile::truncate_and_flip;
-use super::ranges::{self, Question, question, questions};
+use super::malicious::truncate_and_flip;
+use super::ranges::{self, Query, queries, query};
 use crate::common::{
     Cells, QUAD, Random, bytes_of, goblin_bytes, oct, oct_size, options, quad, quad_size, value, value_types,
     write_cells,
 };
 use crate::targets::seal;
-use crate::targets::trees::ask_goblin;
+use crate::targets::trees::query_goblin;
 
 const MEMORY: u64 = 64 << 20;
 
@@ -35,8 +35,8 @@ fn packing() -> WriteOptions {
 
 /// Returns a file's bytes with another packing.
 fn converted(bytes: &[u8], how: WriteOptions) -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let [from, to] = ["from.goblin", "to.goblin"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [from, to] = ["from.goblin", "to.goblin"].map(|name| directory.path().join(name));
     std::fs::write(&from, bytes).unwrap();
     spinney::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
     std::fs::read(&to).unwrap()
@@ -130,19 +130,19 @@ fn packed_and_back_the_bytes_are_the_same() {
 
 /// Queries in addition to those of the tests of remote files. Unsupported queries fail with the
 /// same message.
-fn more_questions() -> Vec<Question> {
+fn more_queries() -> Vec<Query> {
     vec![
-        question("all of it as text", |tree| tree.df_text(1 << 22)),
-        question("the classic table", |tree| tree.classic_table(1 << 22)),
-        question("codes of leaves", |tree| tree.leaf_codes(1 << 22)),
-        question("nodes by level", |tree| {
+        query("all of it as text", |tree| tree.df_text(1 << 22)),
+        query("the classic table", |tree| tree.classic_table(1 << 22)),
+        query("codes of leaves", |tree| tree.leaf_codes(1 << 22)),
+        query("nodes by level", |tree| {
             Ok(tree.level_counts(u64::MAX, &())?.map(|counts| counts.levels().to_vec()))
         }),
-        question("rows as they are stored", |tree| {
+        query("rows as they are stored", |tree| {
             // Files without stored rows copy them.
             tree.stored_rows(tree.depth(), &Bounds { min: [0; 3], max: [16, 16, 1] }).map(|_| ())
         }),
-        question("contours", |tree| {
+        query("contours", |tree| {
             let (mut lines, levels) = (Vec::new(), ContourLevels::Every { step: 40.0, base: 0.5 });
             tree.contours(&ContourRequest::new(levels), &(), &mut |line| {
                 lines.push((line.value(), line.count(0), line.is_closed()));
@@ -150,7 +150,7 @@ fn more_questions() -> Vec<Question> {
             })?;
             Ok(lines)
         }),
-        question("polygons", |tree| {
+        query("polygons", |tree| {
             let mut regions = Vec::new();
             tree.polygons(&PolygonRequest::new(), &(), &mut |region| {
                 regions.push(region.cells());
@@ -158,7 +158,7 @@ fn more_questions() -> Vec<Question> {
             })?;
             Ok(regions)
         }),
-        question("labels", |tree| {
+        query("labels", |tree| {
             let mut request = LabelRequest::new();
             request.connect = Some(if tree.header().form.axes() == 2 { "4" } else { "6" }.parse()?);
             let mut labels = Vec::new();
@@ -168,16 +168,16 @@ fn more_questions() -> Vec<Question> {
             })?;
             Ok(labels)
         }),
-        question("a solid", |tree| tree.solid(tree.depth(), &()).map(|solid| format!("{solid:?}"))),
-        question("verification of all", |tree| tree.verify(MEMORY, &())),
+        query("a solid", |tree| tree.solid(tree.depth(), &()).map(|solid| format!("{solid:?}"))),
+        query("verification of all", |tree| tree.verify(MEMORY, &())),
     ]
 }
 
 #[test]
-fn all_questions_have_the_same_answers() {
-    let folder = tempfile::tempdir().unwrap();
+fn all_queries_have_the_same_results() {
+    let directory = tempfile::tempdir().unwrap();
     for (number, Large { plain: bytes, packed: small }) in large_files().iter().enumerate() {
-        let path = folder.path().join(format!("{number}.goblin"));
+        let path = directory.path().join(format!("{number}.goblin"));
         std::fs::write(&path, &**small).unwrap();
         let open_as = |options: &OpenOptions| dataset::open(&path, options).unwrap();
         let trees =
@@ -185,32 +185,32 @@ fn all_questions_have_the_same_answers() {
         let (expected, [segments, packed, ..]) = (open(bytes), sums(&trees[0]));
         assert!(segments > 2 && packed > segments / 2, "{packed} of {segments} of file {number}");
         let name = path.display().to_string();
-        for (what, question) in questions().into_iter().chain(more_questions()) {
-            let answer =
-                |tree: &Dataset| question(tree).map_err(|error| error.to_string().replace(&name, "(memory)"));
-            let right = answer(&expected);
+        for (what, query) in queries().into_iter().chain(more_queries()) {
+            let result =
+                |tree: &Dataset| query(tree).map_err(|error| error.to_string().replace(&name, "(memory)"));
+            let right = result(&expected);
             // The first file in all ways, each of the others in one.
             let ways = if number == 0 { 0..3 } else { number - 1..number };
             for (way, tree) in trees.iter().enumerate().filter(|(way, _)| ways.contains(way)) {
-                assert!(answer(tree) == right, "{what} of file {number}, opened in way {way}");
+                assert!(result(tree) == right, "{what} of file {number}, opened in way {way}");
             }
         }
     }
 }
 
 #[test]
-fn files_elsewhere_have_the_same_answers() {
+fn remote_files_have_the_same_results() {
     for (number, Large { plain: bytes, packed: small }) in large_files().iter().enumerate() {
         let expected = open(bytes);
-        for (what, question) in questions() {
-            let right = question(&expected).unwrap();
+        for (what, query) in queries() {
+            let right = query(&expected).unwrap();
             // Each with an empty cache, and with a cache that holds hardly anything.
             for cache in [64 << 20, 100_000] {
-                let (file, rounds) = ranges::far(small, cache);
-                let found = ranges::opened(file).and_then(|tree| question(&tree)).unwrap();
+                let (file, batches) = ranges::far(small, cache);
+                let found = ranges::opened(file).and_then(|tree| query(&tree)).unwrap();
                 assert!(found == right, "{what} of file {number} with {cache} bytes");
-                let rounds = rounds.lock().unwrap();
-                assert!(cache < 64 << 20 || rounds.len() <= 43, "{what}: {rounds:?}");
+                let batches = batches.lock().unwrap();
+                assert!(cache < 64 << 20 || batches.len() <= 43, "{what}: {batches:?}");
             }
         }
     }
@@ -218,8 +218,8 @@ fn files_elsewhere_have_the_same_answers() {
 
 #[test]
 fn operations_make_the_same_of_packed_files() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
     let create = |name: &str| Output::create(&path(name)).unwrap();
     for (number, Large { plain: bytes, packed: small }) in large_files().iter().enumerate() {
         let other = open(bytes);
@@ -246,7 +246,7 @@ fn operations_make_the_same_of_packed_files() {
         // The first file with all operations, each of the others with one.
         let numbers = if number == 0 { 0..3 } else { number - 1..number };
         for step in &[None, Some(shift), Some("scale=0.5")][numbers] {
-            let steps: Vec<spinney::ViewStep> = step.iter().map(|step| step.parse().unwrap()).collect();
+            let steps: Vec<spinney::ViewOperation> = step.iter().map(|step| step.parse().unwrap()).collect();
             let make = |name: &str, how| {
                 let chain = FileView { steps: steps.clone(), ..FileView::of(&path(name)) };
                 spinney::transform(&chain, create("out.goblin"), how, &()).unwrap();
@@ -281,7 +281,7 @@ fn operations_make_the_same_of_packed_files() {
 }
 
 #[test]
-fn bytes_depend_on_nothing_else() {
+fn packed_bytes_depend_only_on_the_content() {
     let cells = Cells::random(QUAD, 5, [1100, 700, 1], 9, true);
     let build = |threads, memory| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -300,9 +300,9 @@ fn bytes_depend_on_nothing_else() {
 }
 
 #[test]
-fn layers_are_copied_as_they_are() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+fn layers_are_copied_unchanged() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
     let cells = |seed| Cells::random(QUAD, seed, [700, 600, 1], 40, true);
     let [first, second] = [1, 2].map(|seed| goblin_bytes(&cells(seed), Rule::Mean, DataKind::Continuous));
     std::fs::write(path("a.goblin"), packed(&first)).unwrap();
@@ -321,8 +321,8 @@ fn layers_are_copied_as_they_are() {
     assert_eq!(sums(&all.layer("a").unwrap()), before);
     assert_eq!(sums(&all.layer("plain").unwrap())[1], 0);
     let names = ["plain", "packed"].map(|name| all.layer(name).unwrap());
-    for (_, question) in questions() {
-        assert!(question(&names[0]).unwrap() == question(&names[1]).unwrap());
+    for (_, query) in queries() {
+        assert!(query(&names[0]).unwrap() == query(&names[1]).unwrap());
     }
     // Conversion does not inherit packing; its options decide.
     let how = WriteOptions::new(MEMORY);
@@ -336,8 +336,8 @@ fn layers_are_copied_as_they_are() {
 
 #[test]
 fn history_is_not_packed() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
     let cells = Cells::random(QUAD, 1, [90, 60, 1], 9, true);
     std::fs::write(path("a.goblin"), goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     let create = || Output::create(&path("a.autumn")).unwrap();
@@ -361,7 +361,7 @@ fn history_is_not_packed() {
 }
 
 #[test]
-fn damage_is_found() {
+fn corruption_is_detected() {
     for bytes in [
         goblin_bytes(&Cells::random(QUAD, 3, [600, 500, 1], 30, true), Rule::Majority, DataKind::Categorical),
         goblin_bytes(
@@ -387,21 +387,21 @@ fn entries(file: &[u8]) -> Vec<usize> {
 /// Sets each packing field of a segment, and bytes of packed segments, to malicious values with
 /// valid checksums.
 #[test]
-fn what_is_said_of_packed_segments_does_no_harm() {
+fn malicious_entries_of_packed_segments_are_harmless() {
     let cells = Cells::random(QUAD, 3, [500, 300, 1], 5, true);
     let file = packed(&goblin_bytes(&cells, Rule::Majority, DataKind::Categorical));
     let mut all = fields("the tree's header", seal::layers(&file)[0], &TREE_FIELDS);
     for entry in entries(&file) {
         all.extend(fields("an entry", entry, &[8, 8, 8, 4, 2, 1, 1, 4, 8]));
     }
-    let ask = |mut file: Vec<u8>, what: String| {
+    let query = |mut file: Vec<u8>, what: String| {
         let start = Instant::now();
         seal::goblin(&mut file);
-        ask_goblin(file);
+        query_goblin(file);
         assert!(start.elapsed() < Duration::from_secs(10), "{what} took {:?}", start.elapsed());
     };
     for field in all {
-        changed(&file, &field, &mut |file, what| ask(file, what));
+        changed(&file, &field, &mut |file, what| query(file, what));
     }
     let mut random = Random(5);
     let run = seal::long(&file, seal::layers(&file)[0] + 88) as usize;
@@ -411,7 +411,7 @@ fn what_is_said_of_packed_segments_does_no_harm() {
             let at = start + random.below(length) as usize;
             let mut file = file.clone();
             file[at] ^= 1 << random.below(8);
-            ask(file, format!("byte {at} of a segment"));
+            query(file, format!("byte {at} of a segment"));
         }
     }
 }
@@ -442,10 +442,10 @@ fn codecs_are_those_that_are_known() {
 fn few_bytes_do_not_become_very_many() {
     let cells = Cells::random(QUAD, 3, [500, 300, 1], 5, true);
     let file = packed(&goblin_bytes(&cells, Rule::Mean, DataKind::Continuous));
-    for places in [u32::MAX, 1 << 24, 1 << 23] {
+    for slots in [u32::MAX, 1 << 24, 1 << 23] {
         let mut bomb = file.clone();
         for entry in entries(&file) {
-            seal::set_short(&mut bomb, entry + 24, places);
+            seal::set_short(&mut bomb, entry + 24, slots);
         }
         seal::goblin(&mut bomb);
         let bomb = Goblin::from_bytes(bomb).unwrap();
@@ -463,7 +463,7 @@ fn open_goblin(file: Goblin) -> Dataset {
 
 /// Unpacked bytes stay within the limit across threads, and all results are right.
 #[test]
-fn threads_share_what_is_unpacked() {
+fn threads_share_unpacked_segments() {
     let bytes =
         goblin_bytes(&Cells::random(QUAD, 8, [2100, 1500, 1], 200, false), Rule::Mean, DataKind::Continuous);
     let access = FileAccess::new().unpacked_cache(2 << 20);

@@ -34,15 +34,15 @@ fn compacted(path: &Path, to: &Path, share: bool, pack: bool, memory: u64) -> u6
 
 /// Applies random edits, then writes all commits to files with packed history.
 fn history_stays(form: TreeType, size: [u64; 3], (rule, kind): (Rule, DataKind), share: bool, seed: u64) {
-    let folder = tempfile::tempdir().unwrap();
-    let file = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let file = |name: &str| directory.path().join(name);
     let path = file("t.autumn");
     let mut random = Random(seed);
     let mut cells = Cells::random(form, seed, size, 4, true);
     write(&path, &cells, (rule, kind), share);
     let mut before = vec![cells.clone()];
     for _ in 0..5 {
-        let edits = [Ok(random_edit(&mut random, folder.path(), &mut cells))];
+        let edits = [Ok(random_edit(&mut random, directory.path(), &mut cells))];
         if edit(&path, edits, Note::default(), MEMORY, &()).unwrap().is_some() {
             before.push(cells.clone());
         }
@@ -73,7 +73,7 @@ fn history_stays(form: TreeType, size: [u64; 3], (rule, kind): (Rule, DataKind),
     assert_eq!(notes(&path), notes(&file("packed.autumn")));
     // Edits continue.
     for _ in 0..3 {
-        let edits = [Ok(random_edit(&mut random, folder.path(), &mut cells))];
+        let edits = [Ok(random_edit(&mut random, directory.path(), &mut cells))];
         if edit(&file("packed.autumn"), edits, Note::default(), MEMORY, &()).unwrap().is_some() {
             before.push(cells.clone());
         }
@@ -112,8 +112,8 @@ fn history_of_octrees() {
 /// Packed history takes few bytes, though each commit changes a large share of the tree.
 #[test]
 fn history_becomes_smaller() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let file = |name: &str| directory.path().join(name);
     let path = file("t.autumn");
     let size = [700, 600, 1];
     let cells = Cells::random(QUAD, 11, size, 4, false);
@@ -137,8 +137,8 @@ fn history_becomes_smaller() {
 /// Layers of several types, some of which are added and dropped.
 #[test]
 fn history_of_layers() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let file = |name: &str| directory.path().join(name);
     let path = file("t.autumn");
     let size = [100, 90, 1];
     let classes = Cells::random(QUAD, 1, size, 4, true);

@@ -18,29 +18,29 @@ use spinney::{
 use crate::common::{BYTE, Cells, QUAD, Random, goblin_bytes, oct, quad};
 
 /// Batches that were fetched: requests and bytes of each.
-pub(super) type Rounds = Arc<Mutex<Vec<(usize, u64)>>>;
+pub(super) type Batches = Arc<Mutex<Vec<(usize, u64)>>>;
 
 /// Bytes in memory, and the batches in which they were requested.
 struct Far {
     bytes: Arc<Vec<u8>>,
-    rounds: Rounds,
+    batches: Batches,
 }
 
 impl Fetch for Far {
     fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
         let bytes = ranges.iter().map(|range| range.end - range.start).sum();
-        self.rounds.lock().unwrap().push((ranges.len(), bytes));
+        self.batches.lock().unwrap().push((ranges.len(), bytes));
         Ok(ranges.iter().map(|range| self.bytes[range.start as usize..range.end as usize].to_vec()).collect())
     }
 }
 
 /// Returns the file as a remote file with a cache of `cache` bytes, without merging of nearby
 /// ranges.
-pub(super) fn far(bytes: &Arc<Vec<u8>>, cache: u64) -> (RangeFile, Rounds) {
-    let rounds = Rounds::default();
-    let fetch = Box::new(Far { bytes: bytes.clone(), rounds: rounds.clone() });
+pub(super) fn far(bytes: &Arc<Vec<u8>>, cache: u64) -> (RangeFile, Batches) {
+    let batches = Batches::default();
+    let fetch = Box::new(Far { bytes: bytes.clone(), batches: batches.clone() });
     let cache = (Arc::new(RangeCache::new(cache)), RangeCache::file_number());
-    (RangeFile::new(Path::new("far"), bytes.len() as u64, fetch, cache, 0), rounds)
+    (RangeFile::new(Path::new("far"), bytes.len() as u64, fetch, cache, 0), batches)
 }
 
 pub(super) fn opened(file: RangeFile) -> Result<Dataset> {
@@ -48,13 +48,13 @@ pub(super) fn opened(file: RangeFile) -> Result<Dataset> {
 }
 
 /// A query with its result as text.
-pub(super) type Question = (&'static str, Box<dyn Fn(&Dataset) -> Result<String>>);
+pub(super) type Query = (&'static str, Box<dyn Fn(&Dataset) -> Result<String>>);
 
-pub(super) fn question<T: Debug>(
+pub(super) fn query<T: Debug>(
     name: &'static str,
     run_batched: impl Fn(&Dataset) -> Result<T> + 'static,
-) -> Question {
-    (name, Box::new(move |tree| run_batched(tree).map(|answer| format!("{answer:?}"))))
+) -> Query {
+    (name, Box::new(move |tree| run_batched(tree).map(|result| format!("{result:?}"))))
 }
 
 /// Returns a box near the middle of an image, not aligned.
@@ -96,7 +96,7 @@ fn zones(tree: &Dataset, request: &ZonalRequest) -> Result<Vec<spinney::query::Z
     tree.zonal(&polygons.collect::<Result<Vec<_>>>()?, request, &())
 }
 
-pub(super) fn questions() -> Vec<Question> {
+pub(super) fn queries() -> Vec<Query> {
     let rotated = |tree: &Dataset| -> Result<Dataset> {
         let path = tree.whole_source().expect("a tree without steps");
         Dataset::of(Arc::try_unwrap(path).unwrap_or_else(|_| panic!("one owner")))?
@@ -105,22 +105,20 @@ pub(super) fn questions() -> Vec<Question> {
     let mut measured = ZonalRequest::from(EdgeRule::Area);
     measured.measures = vec![ZoneMeasure::Median, ZoneMeasure::Variety];
     vec![
-        question("window", |tree| window(tree, tree.depth())),
-        question("window of a coarse level", |tree| window(tree, tree.depth() - 3)),
-        question("points", points),
-        question("point", |tree| {
+        query("window", |tree| window(tree, tree.depth())),
+        query("window of a coarse level", |tree| window(tree, tree.depth() - 3)),
+        query("points", points),
+        query("point", |tree| {
             let mut value = Default::default();
             tree.point([17, 33, 0], tree.depth(), &mut value).map(|found| (found, value))
         }),
-        question("node", |tree| {
-            tree.node(Code::from_cell(tree.header().form.dimension, 3, [3, 2, 0]).unwrap())
-        }),
-        question("statistics", |tree| tree.statistics(None, &())),
-        question("statistics of a box", |tree| tree.statistics(Some(middle(tree, tree.depth())), &())),
-        question("histogram", |tree| tree.histogram(&middle(tree, tree.depth()), 0.0, 50.0, 10, &())),
-        question("extremes", |tree| tree.exact_bounds()),
-        question("VOID", |tree| tree.may_have_void(middle(tree, tree.depth()))),
-        question("search", |tree| {
+        query("node", |tree| tree.node(Code::from_cell(tree.header().form.dimension, 3, [3, 2, 0]).unwrap())),
+        query("statistics", |tree| tree.statistics(None, &())),
+        query("statistics of a box", |tree| tree.statistics(Some(middle(tree, tree.depth())), &())),
+        query("histogram", |tree| tree.histogram(&middle(tree, tree.depth()), 0.0, 50.0, 10, &())),
+        query("extremes", |tree| tree.exact_bounds()),
+        query("VOID", |tree| tree.may_have_void(middle(tree, tree.depth()))),
+        query("search", |tree| {
             let mut found = Vec::new();
             let take = &mut |block| {
                 found.push(block);
@@ -128,10 +126,10 @@ pub(super) fn questions() -> Vec<Question> {
             };
             tree.find(Condition::Above(100.0.into()), None, &(), take).map(|()| found)
         }),
-        question("zones", |tree| zones(tree, &EdgeRule::Centre.into())),
-        question("zones by area", move |tree| zones(tree, &measured)),
-        question("a rotated view", move |tree| window(&rotated(tree)?, tree.depth())),
-        question("verification", |tree| tree.verify_quickly(64 << 20, &())),
+        query("zones", |tree| zones(tree, &EdgeRule::Centre.into())),
+        query("zones by area", move |tree| zones(tree, &measured)),
+        query("a rotated view", move |tree| window(&rotated(tree)?, tree.depth())),
+        query("verification", |tree| tree.verify_quickly(64 << 20, &())),
     ]
 }
 
@@ -145,8 +143,8 @@ fn large() -> Arc<Vec<u8>> {
 }
 
 #[test]
-fn all_questions_have_the_same_answers_wherever_the_file_is() {
-    let folder = tempfile::tempdir().unwrap();
+fn mapped_positioned_and_remote_files_have_the_same_results() {
+    let directory = tempfile::tempdir().unwrap();
     let small = |form, size, kind| {
         let rule = if kind == DataKind::Categorical { Rule::Majority } else { Rule::Mean };
         Arc::new(goblin_bytes(&Cells::random(form, 3, size, 30, true), rule, kind))
@@ -158,18 +156,18 @@ fn all_questions_have_the_same_answers_wherever_the_file_is() {
         small(oct(SampleType::U16, 1), [130, 90, 100], DataKind::Continuous),
     ];
     for (number, bytes) in files.iter().enumerate() {
-        let path = folder.path().join(format!("{number}.goblin"));
+        let path = directory.path().join(format!("{number}.goblin"));
         std::fs::write(&path, &**bytes).unwrap();
         let mapped = spinney::raw::dataset::open(&path, &OpenOptions::new()).unwrap();
         let positioned = spinney::raw::dataset::open(&path, &OpenOptions::new().positioned(1 << 20)).unwrap();
-        for (name, question) in questions() {
-            let expected = question(&mapped).map_err(|error| error.to_string());
-            let same = question(&positioned).map_err(|error| error.to_string());
+        for (name, query) in queries() {
+            let expected = query(&mapped).map_err(|error| error.to_string());
+            let same = query(&positioned).map_err(|error| error.to_string());
             assert!(same == expected, "{name} of file {number}, positioned");
             // Each with an empty cache, and with a cache that holds hardly anything.
             for cache in [64 << 20, 200_000] {
                 let (file, _) = far(bytes, cache);
-                let found = opened(file).and_then(|tree| question(&tree)).map_err(|error| error.to_string());
+                let found = opened(file).and_then(|tree| query(&tree)).map_err(|error| error.to_string());
                 assert!(found == expected, "{name} of file {number} with {cache} bytes");
             }
         }
@@ -179,24 +177,24 @@ fn all_questions_have_the_same_answers_wherever_the_file_is() {
 /// An Autumnal file is read extent by extent: a window of 256 x 256 cells needs the extents of the
 /// records on its path, and its own.
 #[test]
-fn autumnal_files_are_read_in_few_rounds() {
-    let folder = tempfile::tempdir().unwrap();
-    let [goblin, path] = ["a.goblin", "a.autumn"].map(|name| folder.path().join(name));
+fn autumnal_files_are_read_in_few_batches() {
+    let directory = tempfile::tempdir().unwrap();
+    let [goblin, path] = ["a.goblin", "a.autumn"].map(|name| directory.path().join(name));
     std::fs::write(&goblin, &**large()).unwrap();
     spinney::convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(64 << 20), &())
         .unwrap();
     let bytes = Arc::new(std::fs::read(&path).unwrap());
     let near = spinney::raw::dataset::open(&path, &OpenOptions::new()).unwrap();
     let open = |cache: u64| {
-        let (file, rounds) = far(&bytes, cache);
+        let (file, batches) = far(&bytes, cache);
         let source = ByteSource::new(move |_| Ok(Box::new(file.clone())));
         let tree = spinney::raw::dataset::open(Path::new("far"), &OpenOptions::new().source(source));
-        (tree, rounds)
+        (tree, batches)
     };
-    for (name, question) in questions() {
-        let expected = question(&near).map_err(|error| error.to_string());
+    for (name, query) in queries() {
+        let expected = query(&near).map_err(|error| error.to_string());
         for cache in [64 << 20, 300_000] {
-            let found = open(cache).0.and_then(|tree| question(&tree)).map_err(|error| error.to_string());
+            let found = open(cache).0.and_then(|tree| query(&tree)).map_err(|error| error.to_string());
             assert!(found == expected, "{name} with {cache} bytes");
         }
     }
@@ -205,28 +203,28 @@ fn autumnal_files_are_read_in_few_rounds() {
     for _ in 0..30 {
         let min = [random.below(1800), random.below(1200), 0];
         let bounds = Bounds { min, max: [min[0] + 256, min[1] + 256, 1] };
-        let (tree, rounds) = open(64 << 20);
+        let (tree, batches) = open(64 << 20);
         let tree = tree.unwrap();
-        assert!(rounds.lock().unwrap().len() <= 4, "opening: {rounds:?}");
-        rounds.lock().unwrap().clear();
+        assert!(batches.lock().unwrap().len() <= 4, "opening: {batches:?}");
+        batches.lock().unwrap().clear();
         tree.window(tree.depth(), &bounds, 0.0, &mut values, None).unwrap();
-        let rounds = rounds.lock().unwrap();
-        let (requests, read) = rounds.iter().fold((0, 0), |sum, round| (sum.0 + round.0, sum.1 + round.1));
-        assert!(rounds.len() <= 8 && requests <= 30 && read < 4 << 20, "{bounds:?}: {rounds:?}");
+        let batches = batches.lock().unwrap();
+        let (requests, read) = batches.iter().fold((0, 0), |sum, batch| (sum.0 + batch.0, sum.1 + batch.1));
+        assert!(batches.len() <= 8 && requests <= 30 && read < 4 << 20, "{bounds:?}: {batches:?}");
     }
 }
 
 /// Batches per query: the segment index, and one per level of segments on the path.
 #[test]
-fn questions_take_few_rounds() {
+fn queries_take_few_batches() {
     let bytes = large();
-    for (name, question) in questions() {
-        let (file, rounds) = far(&bytes, 64 << 20);
+    for (name, query) in queries() {
+        let (file, batches) = far(&bytes, 64 << 20);
         let tree = opened(file).unwrap();
-        let opening = std::mem::take(&mut *rounds.lock().unwrap());
+        let opening = std::mem::take(&mut *batches.lock().unwrap());
         assert!(opening.len() <= 3, "opening: {opening:?}");
-        question(&tree).unwrap();
-        let cold = std::mem::take(&mut *rounds.lock().unwrap());
+        query(&tree).unwrap();
+        let cold = std::mem::take(&mut *batches.lock().unwrap());
         let most = match name {
             "point" | "points" | "node" => 2,
             "verification" => 40,
@@ -234,8 +232,8 @@ fn questions_take_few_rounds() {
             _ => 6,
         };
         assert!(cold.len() <= most, "{name}: {cold:?}");
-        question(&tree).unwrap();
-        assert_eq!(rounds.lock().unwrap().len(), 0, "{name} is held by now");
+        query(&tree).unwrap();
+        assert_eq!(batches.lock().unwrap().len(), 0, "{name} is held by now");
     }
 }
 
@@ -244,10 +242,10 @@ fn questions_take_few_rounds() {
 #[test]
 fn windows_read_no_segment_too_many() {
     let bytes = large();
-    let (file, rounds) = far(&bytes, 64 << 20);
+    let (file, batches) = far(&bytes, 64 << 20);
     let tree = opened(file).unwrap();
     // The segment index first.
-    let all = tree.header().picture();
+    let all = tree.header().extent_bounds();
     let pages = |level| Bounds { min: [0; 3], max: tree.extent_at(level).max };
     for level in 0..=4 {
         let mut values = vec![0; pages(level).volume() as usize];
@@ -257,32 +255,32 @@ fn windows_read_no_segment_too_many() {
     let mut values = vec![0u8; 1 << 16];
     for _ in 0..100 {
         let level = 8 + random.below(u64::from(tree.depth()) - 7) as u8;
-        let room = tree.extent_at(level).max.map(|end| end.saturating_sub(256) + 1);
-        let min = [random.below(room[0]), random.below(room[1]), 0];
+        let limit = tree.extent_at(level).max.map(|end| end.saturating_sub(256) + 1);
+        let min = [random.below(limit[0]), random.below(limit[1]), 0];
         let bounds = Bounds { min, max: [min[0] + 256, min[1] + 256, 1] };
-        let (file, rounds) = far(&bytes, 64 << 20);
+        let (file, batches) = far(&bytes, 64 << 20);
         let cold = opened(file).unwrap();
-        rounds.lock().unwrap().clear();
+        batches.lock().unwrap().clear();
         cold.window(level, &bounds, 0.0, &mut values, None).unwrap();
-        let rounds = rounds.lock().unwrap();
-        let requests: usize = rounds.iter().map(|(requests, _)| requests).sum();
-        assert!(rounds.len() <= 2 && requests <= 9 + 4, "level {level}, {bounds:?}: {rounds:?}");
+        let batches = batches.lock().unwrap();
+        let requests: usize = batches.iter().map(|(requests, _)| requests).sum();
+        assert!(batches.len() <= 2 && requests <= 9 + 4, "level {level}, {bounds:?}: {batches:?}");
     }
-    assert!(!all.is_empty() && !rounds.lock().unwrap().is_empty());
+    assert!(!all.is_empty() && !batches.lock().unwrap().is_empty());
 }
 
 /// Callers without blocking threads, such as a page in a browser, fetch what a pass reports as
 /// missing, and run the query again.
 #[test]
-fn rounds_can_be_driven_by_others() {
+fn batches_can_be_driven_by_the_caller() {
     let bytes = large();
-    let (file, rounds) = far(&bytes, 64 << 20);
-    let mut answer = None;
+    let (file, batches) = far(&bytes, 64 << 20);
+    let mut values = None;
     let mut passes = 0;
     loop {
         let (result, missing) = try_once(&mut || {
             let tree = opened(file.clone())?;
-            answer = Some(window(&tree, tree.depth())?);
+            values = Some(window(&tree, tree.depth())?);
             Ok(())
         });
         if missing.is_empty() {
@@ -296,14 +294,14 @@ fn rounds_can_be_driven_by_others() {
             part.file.supply(part.range.start, bytes[range].to_vec());
         }
     }
-    assert_eq!(rounds.lock().unwrap().len(), 0, "nothing was fetched by the library");
+    assert_eq!(batches.lock().unwrap().len(), 0, "nothing was fetched by the library");
     let mapped = Dataset::of(Goblin::from_bytes(bytes.to_vec()).unwrap().into()).unwrap();
-    assert_eq!(answer.unwrap(), window(&mapped, mapped.depth()).unwrap());
+    assert_eq!(values.unwrap(), window(&mapped, mapped.depth()).unwrap());
 }
 
 /// Changed bytes at any offset give an error or the right result, with a bounded number of batches.
 #[test]
-fn hostile_files_end_after_some_rounds() {
+fn malicious_files_end_after_few_batches() {
     let bytes =
         goblin_bytes(&Cells::random(QUAD, 5, [900, 700, 1], 90, true), Rule::Majority, DataKind::Categorical);
     let mut random = Random(11);
@@ -311,22 +309,22 @@ fn hostile_files_end_after_some_rounds() {
         let mut changed = bytes.clone();
         // The segment index and the bytes after it hold all offsets.
         let end = changed.len() as u64;
-        let place = end - 1 - random.below(end / 8);
-        changed[place as usize] ^= 1 << random.below(8);
+        let offset = end - 1 - random.below(end / 8);
+        changed[offset as usize] ^= 1 << random.below(8);
         let changed = Arc::new(changed);
-        let (file, rounds) = far(&changed, 4 << 20);
+        let (file, batches) = far(&changed, 4 << 20);
         let Ok(tree) = opened(file) else { continue };
-        for (_, question) in questions() {
-            let _ = question(&tree);
+        for (_, query) in queries() {
+            let _ = query(&tree);
         }
-        let rounds = rounds.lock().unwrap().len();
-        assert!(rounds < 15 * 70, "{rounds} rounds with byte {place} changed");
+        let batches = batches.lock().unwrap().len();
+        assert!(batches < 15 * 70, "{batches} rounds with byte {offset} changed");
     }
 }
 
 /// Batches of one thread do not affect those of other threads.
 #[test]
-fn threads_ask_at_the_same_time() {
+fn threads_query_concurrently() {
     let bytes = large();
     let (file, _) = far(&bytes, 3 << 20);
     let tree = opened(file).unwrap();

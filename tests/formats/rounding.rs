@@ -28,12 +28,12 @@ fn rounded(value_type: ValueType, cell: Value, most: f64) -> Value {
             true => (number / step + half).trunc() * step + 0.0,
             false => (number / step + half).floor() * step,
         };
-        let greatest = match value_type.sample {
+        let max = match value_type.sample {
             SampleType::U8 => 255.0,
             SampleType::I8 => 127.0,
             _ => f64::MAX,
         };
-        match nearest > greatest {
+        match nearest > max {
             true if number - (nearest - step) <= step / 2.0 => nearest - step,
             true => number,
             false => nearest,
@@ -80,14 +80,14 @@ fn cells_are_rounded_before_all_else() {
             assert_eq!(tree.verify(1 << 20, &()).unwrap(), [], "{form}, {rule}, {most}");
             // Trees are rounded in the same way as slabs.
             let exact = written(&cells, &options(rule, DataKind::Continuous, cells.depth()));
-            let folder = tempfile::tempdir().unwrap();
-            let [from, to] = ["a.goblin", "b.goblin"].map(|name| folder.path().join(name));
+            let directory = tempfile::tempdir().unwrap();
+            let [from, to] = ["a.goblin", "b.goblin"].map(|name| directory.path().join(name));
             std::fs::write(&from, exact).unwrap();
             let how = WriteOptions::new(1 << 20).packing(packing);
             spinney::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
             assert!(std::fs::read(&to).unwrap() == expected, "{form}, {rule}, {most} of a tree");
             // Rounding again changes only its record in the metadata.
-            let again = folder.path().join("c.goblin");
+            let again = directory.path().join("c.goblin");
             spinney::convert(&to, false, Output::create(&again).unwrap(), how, &()).unwrap();
             let again = Goblin::open(&again, &OpenOptions::new()).unwrap();
             assert_eq!(again.metadata().tags["max_error"], (2.0 * most).to_string());
@@ -121,8 +121,8 @@ fn no_cell_differs_by_more() {
 fn layers_that_are_added_are_rounded_in_both_formats() {
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
     let cells = Cells::noise(form, 5, [70, 40, 1], 200);
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     let plain = options(Rule::Mean, DataKind::Continuous, cells.depth());
     write_cells(&at("other.goblin"), &cells, &plain);
     let expected = Goblin::from_bytes(model(&cells, Rule::Mean, 2.0)).unwrap();
@@ -139,17 +139,17 @@ fn layers_that_are_added_are_rounded_in_both_formats() {
 }
 
 #[test]
-fn names_and_errors_that_are_none_are_refused() {
+fn invalid_names_and_errors_are_rejected() {
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
     let tree = Cells::random(form, 1, [8, 8, 1], 9, true).tree(Rule::Majority);
     for (kind, most, what) in [
-        (DataKind::Categorical, 1.0, "greatest error: got 1 for classes"),
-        (DataKind::Continuous, 0.0, "greatest error: got 0"),
-        (DataKind::Continuous, f64::NAN, "greatest error: got NaN"),
-        (DataKind::Continuous, -1.0, "greatest error: got -1"),
+        (DataKind::Categorical, 1.0, "maximum error: got 1 for a categorical tree"),
+        (DataKind::Continuous, 0.0, "maximum error: got 0"),
+        (DataKind::Continuous, f64::NAN, "maximum error: got NaN"),
+        (DataKind::Continuous, -1.0, "maximum error: got -1"),
     ] {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("t.goblin");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("t.goblin");
         let how = BuildOptions::new(kind, 3).packing(Packing::default().max_error(Some(most)));
         let made = build_tree(&tree, [8, 8, 1], &how, Output::create(&path).unwrap(), &());
         let error = made.unwrap_err().to_string();

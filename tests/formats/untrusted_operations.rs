@@ -8,12 +8,12 @@ use spinney::tree::MemTree;
 use spinney::{CombineOperation, OpenOptions, Output, Rule, SetOperation};
 
 use crate::common::{self, Random, set_operation};
-use crate::hostile::{HEADER, map};
+use crate::malicious::{HEADER, map};
 
 /// Arbitrary, unverified records: the output may be meaningless, but is either written or rejected.
 #[test]
-fn operations_on_records_that_lie() {
-    let folder = tempfile::tempdir().unwrap();
+fn operations_on_invalid_records_are_harmless() {
+    let directory = tempfile::tempdir().unwrap();
     let options = OpenOptions::new().check(false);
     let good = Arc::new(ViewSource::from(Goblin::from_bytes(map().to_vec()).unwrap()));
     let mut random = Random(12);
@@ -38,7 +38,7 @@ fn operations_on_records_that_lie() {
         let view = &views[(round % 4) as usize];
         let header = file.header();
         let options = common::options(header.rule, header.kind, view.depth());
-        let output = Output::create(&folder.path().join("made.goblin")).unwrap();
+        let output = Output::create(&directory.path().join("made.goblin")).unwrap();
         let alone = Combined::new(vec![view.clone()], CombineOperation::Over, view.extent()).unwrap();
         let _ = ops::build(&alone, &options, output, &());
         let xor = CombineOperation::set(SetOperation::SymmetricDifference);
@@ -48,7 +48,7 @@ fn operations_on_records_that_lie() {
             let set = CombineOperation::set(set_operation(number));
             let combined = Combined::new(vec![of(&good), of(&file)], set, extent).unwrap();
             let options = common::options(header.rule, header.kind, header.shape.depth);
-            let output = Output::create(&folder.path().join("made.goblin")).unwrap();
+            let output = Output::create(&directory.path().join("made.goblin")).unwrap();
             let _ = ops::build(&combined, &options, output, &());
         }
     }

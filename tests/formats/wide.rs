@@ -49,8 +49,8 @@ fn cells(form: TreeType, seed: u64, size: [u64; 3], void: bool) -> Cells {
 struct Known {
     cells: i128,
     sum: i128,
-    least: Option<i128>,
-    greatest: Option<i128>,
+    min: Option<i128>,
+    max: Option<i128>,
     /// Digits to the base 2^64, the lowest first.
     squares: [u64; 3],
 }
@@ -79,8 +79,8 @@ impl Known {
         Known {
             cells: self.cells + other.cells,
             sum: self.sum + other.sum,
-            least: join(self.least, other.least, i128::min),
-            greatest: join(self.greatest, other.greatest, i128::max),
+            min: join(self.min, other.min, i128::min),
+            max: join(self.max, other.max, i128::max),
             squares: plus(self.squares, other.squares),
         }
     }
@@ -98,8 +98,8 @@ impl Known {
             number.map_or(Known::default(), |number| Known {
                 cells: 1,
                 sum: number,
-                least: Some(number),
-                greatest: Some(number),
+                min: Some(number),
+                max: Some(number),
                 squares: square(number),
             })
         } else {
@@ -142,7 +142,7 @@ fn check(form: TreeType, seed: u64, size: [u64; 3], void: bool) {
         let entry = file.entry(index).unwrap();
         let known = all[&entry.code.bits()];
         let extremes = [entry.zone.min, entry.zone.max].map(|value| Some(wide(sample, value)));
-        assert_eq!(extremes, [known.least, known.greatest], "{form} {}", entry.code);
+        assert_eq!(extremes, [known.min, known.max], "{form} {}", entry.code);
         assert_eq!(
             (i128::from(entry.zone.cells), entry.zone.sum),
             (known.cells, Sums::Exact([known.sum, 0, 0, 0]))
@@ -157,8 +157,8 @@ fn check(form: TreeType, seed: u64, size: [u64; 3], void: bool) {
     // Other ways to build and store the same tree give the same results.
     assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
     let tree = dataset(&cells, Rule::Mean, DataKind::Continuous);
-    let folder = tempfile::tempdir().unwrap();
-    let [one, two] = ["a.goblin", "b.autumn"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [one, two] = ["a.goblin", "b.autumn"].map(|name| directory.path().join(name));
     std::fs::write(&one, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     convert(&one, false, Output::create(&two).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
     let edited = spinney::open(&two).unwrap();
@@ -166,7 +166,7 @@ fn check(form: TreeType, seed: u64, size: [u64; 3], void: bool) {
     let part = Bounds { min: [3, 5, 0], max: size.map(|cells| cells - cells / 3) };
     for bounds in [None, Some(part)] {
         let [found, again] = [&tree, &edited].map(|tree| tree.statistics(bounds, &()).unwrap());
-        let inside = bounds.unwrap_or(Bounds::picture(size));
+        let inside = bounds.unwrap_or(Bounds::of_extent(size));
         let mut known = Known::default();
         for z in inside.min[2]..inside.max[2] {
             for (y, x) in (inside.min[1]..inside.max[1])
@@ -176,15 +176,15 @@ fn check(form: TreeType, seed: u64, size: [u64; 3], void: bool) {
                 known = known.with(number.map_or(Known::default(), |number| Known {
                     cells: 1,
                     sum: number,
-                    least: Some(number),
-                    greatest: Some(number),
+                    min: Some(number),
+                    max: Some(number),
                     ..Known::default()
                 }));
             }
         }
         for found in [found, again] {
             let channel = found.channels[0];
-            assert_eq!([channel.min, channel.max].map(Number::to_integer), [known.least, known.greatest]);
+            assert_eq!([channel.min, channel.max].map(Number::to_integer), [known.min, known.max]);
             assert_eq!(channel.mean, known.sum as f64 / known.cells as f64);
         }
     }
@@ -209,9 +209,9 @@ fn majorities_do_not_go_by_the_numbers() {
         let tree = MemTree::from_cells(form, 8, Rule::Majority, &|cell| cells.get(cell.map(u64::from)));
         let file = goblin(&cells, Rule::Majority, DataKind::Categorical);
         crate::common::same_trees(&file, &tree);
-        let least = cells.cells.iter().flatten().map(|value| wide(sample, *value)).min().unwrap();
+        let min = cells.cells.iter().flatten().map(|value| wide(sample, *value)).min().unwrap();
         let found = dataset(&cells, Rule::Majority, DataKind::Categorical).statistics(None, &()).unwrap();
-        assert_eq!(found.classes[0].0.to_integer(), Some(least));
+        assert_eq!(found.classes[0].0.to_integer(), Some(min));
         assert!(found.classes.is_sorted_by(|a, b| a.0 < b.0));
     }
     // A tie of two cells each: the first one wins.

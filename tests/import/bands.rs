@@ -14,7 +14,7 @@ const TYPES: [(u16, u16, usize); 8] =
     [(8, 1, 1), (16, 1, 2), (16, 2, 2), (32, 1, 4), (32, 2, 4), (32, 3, 4), (64, 3, 8), (4, 1, 1)];
 
 /// An image of random samples, and the samples of each band as read.
-struct Picture {
+struct RandomImage {
     size: [usize; 2],
     bands: Vec<Vec<u8>>,
     sample: usize,
@@ -29,8 +29,8 @@ fn packed(samples: &[u8], row: usize) -> Vec<u8> {
     rows.flat_map(|row| row.chunks(2).map(|pair| pair[0] << 4 | pair.get(1).copied().unwrap_or(0))).collect()
 }
 
-impl Picture {
-    fn random(random: &mut Random, bands: usize, planar: bool, tiled: bool) -> Picture {
+impl RandomImage {
+    fn random(random: &mut Random, bands: usize, planar: bool, tiled: bool) -> RandomImage {
         let size = [1 + random.below(60) as usize, 1 + random.below(40) as usize];
         let (bits, format, sample) = TYPES[random.below(TYPES.len() as u64) as usize];
         let mut byte = || random.below(if bits == 4 { 16 } else { 256 }) as u8;
@@ -70,7 +70,7 @@ impl Picture {
         } else {
             ifd.short(278, &[chunk[1] as u16])
         };
-        Picture { size, bands: planes, sample, chunks, ifd }
+        RandomImage { size, bands: planes, sample, chunks, ifd }
     }
 
     /// Returns the samples of some bands of a region, as read.
@@ -98,48 +98,48 @@ fn any_bands_are_read_alone() {
     for case in 0..120 {
         let bands = 1 + random.below(40) as usize;
         let (planar, tiled) = (case % 2 == 0, case % 4 < 2);
-        let picture = Picture::random(&mut random, bands, planar, tiled);
-        let on_disk = on_disk(&file(&[picture.ifd.clone().chunks(&picture.chunks)]));
+        let image = RandomImage::random(&mut random, bands, planar, tiled);
+        let on_disk = on_disk(&file(&[image.ifd.clone().chunks(&image.chunks)]));
         for _ in 0..3 {
             let count = 1 + random.below(bands.min(5) as u64) as usize;
             let chosen: Vec<usize> = (0..count).map(|_| random.below(bands as u64) as usize).collect();
             let mut raster = open(on_disk.path(), &chosen);
             assert_eq!(raster.info().channels, count);
-            let [width, height] = picture.size.map(|side| side as u64);
+            let [width, height] = image.size.map(|side| side as u64);
             let mut pixels = Pixels::default();
             for _ in 0..3 {
                 let (x, y) = (random.below(width), random.below(height));
                 let region = Region::new(x, y, 1 + random.below(width - x), 1 + random.below(height - y));
                 raster.read(region, &mut pixels).unwrap();
                 let what = format!("case {case}: {bands} bands, {chosen:?} in {region:?}");
-                assert!(pixels.bytes == picture.pixels(region, &chosen), "{what}");
+                assert!(pixels.bytes == image.pixels(region, &chosen), "{what}");
                 // A selection of a selection.
                 let mut first =
                     raster::select(open(on_disk.path(), &chosen), &[Band::Number(count)]).unwrap();
                 first.read(region, &mut pixels).unwrap();
-                assert!(pixels.bytes == picture.pixels(region, &chosen[count - 1..]), "{what}");
+                assert!(pixels.bytes == image.pixels(region, &chosen[count - 1..]), "{what}");
             }
         }
     }
 }
 
 #[test]
-fn planes_that_are_not_asked_for_are_not_read() {
+fn planes_of_unselected_bands_are_not_read() {
     let mut random = Random(42);
-    let mut picture = Picture::random(&mut random, 6, true, true);
+    let mut image = RandomImage::random(&mut random, 6, true, true);
     // All planes except one are truncated.
-    let tiles = picture.chunks.len() / 6;
-    for (index, chunk) in picture.chunks.iter_mut().enumerate() {
+    let tiles = image.chunks.len() / 6;
+    for (index, chunk) in image.chunks.iter_mut().enumerate() {
         if index / tiles != 4 {
             chunk.truncate(1);
         }
     }
-    let on_disk = on_disk(&file(&[picture.ifd.clone().chunks(&picture.chunks)]));
-    let [width, height] = picture.size.map(|side| side as u64);
+    let on_disk = on_disk(&file(&[image.ifd.clone().chunks(&image.chunks)]));
+    let [width, height] = image.size.map(|side| side as u64);
     let whole = Region::new(0, 0, width, height);
     let mut pixels = Pixels::default();
     open(on_disk.path(), &[4]).read(whole, &mut pixels).unwrap();
-    assert!(pixels.bytes == picture.pixels(whole, &[4]));
+    assert!(pixels.bytes == image.pixels(whole, &[4]));
     assert!(open(on_disk.path(), &[4, 3]).read(whole, &mut pixels).is_err());
 }
 
@@ -165,8 +165,8 @@ const NAMES: &str = "<GDALMetadata>
 fn names_choose_bands_and_many_are_refused() {
     let ifd = Ifd::grey(1, 1, vec![10, 20, 30, 40, 50]).short(258, &[8; 5]).short(277, &[5]);
     let input = on_disk(&file(&[ifd.tag(42112, Values::Text(NAMES))]));
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("t.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("t.goblin");
     let plan = |bands: Option<&str>| {
         let options = with(ImportOptions::new(), |it| {
             it.bands = bands.map(|bands| bands.split(',').map(|band| band.parse().unwrap()).collect());

@@ -20,15 +20,15 @@ fn import(path: &Path, out: &Path) -> Result<ExactModel> {
 }
 
 /// Imports a CityJSON file as a model.
-fn model_of(file: &Value, folder: &Path) -> Result<ExactModel> {
-    let path = folder.join("a.city.json");
+fn model_of(file: &Value, directory: &Path) -> Result<ExactModel> {
+    let path = directory.join("a.city.json");
     std::fs::write(&path, file.to_string()).unwrap();
-    import(&path, &folder.join("a.goblin"))
+    import(&path, &directory.join("a.goblin"))
 }
 
 /// Exports a model to CityJSON.
-fn written(model: &ExactModel, folder: &Path) -> Value {
-    let path = folder.join("b.city.json");
+fn written(model: &ExactModel, directory: &Path) -> Value {
+    let path = directory.join("b.city.json");
     export_exact(model, MeshFormat::CityJson, Output::create(&path).unwrap(), &()).unwrap();
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
@@ -100,8 +100,8 @@ fn shells(solids: &Value, file: &Value) -> Vec<Vec<[f64; 2]>> {
 
 #[test]
 fn cavities_and_bodies_are_shells_and_solids_of_their_own() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
     let semantics = |values: Value| json!({ "surfaces": [{ "type": "WallSurface" }, { "type": "RoofSurface" }], "values": values });
     let solid = json!({ "type": "Solid", "lod": "2.2", "boundaries": [sides(0, false), sides(8, true)],
         "semantics": semantics(json!([[0, 0, 0, 0, 0, 1], [0, null, 0, 0, 0, 0]])) });
@@ -120,8 +120,8 @@ fn cavities_and_bodies_are_shells_and_solids_of_their_own() {
         corners(60000, 64000),
     ]
     .concat();
-    let model = model_of(&file(objects, vertices, 7415), folder).unwrap();
-    let found = written(&model, folder);
+    let model = model_of(&file(objects, vertices, 7415), directory).unwrap();
+    let found = written(&model, directory);
     let geometry = |name: &str| found["CityObjects"][name]["geometry"][0].clone();
     let kind = |name: &str| {
         assert_eq!(found["CityObjects"][name].get("lod"), None);
@@ -157,19 +157,19 @@ fn cavities_and_bodies_are_shells_and_solids_of_their_own() {
     assert_eq!((count(0, Some("WallSurface")), count(0, Some("RoofSurface")), count(0, None)), (5, 1, 0));
     assert_eq!((count(1, Some("WallSurface")), count(1, Some("RoofSurface")), count(1, None)), (5, 0, 1));
     // Importing the exported file gives the same model.
-    let again = import(&folder.join("b.city.json"), &folder.join("b.goblin")).unwrap();
+    let again = import(&directory.join("b.city.json"), &directory.join("b.goblin")).unwrap();
     let volume = |model: &ExactModel| MassProperties::of(model, &()).unwrap().volume;
     assert_eq!(volume(&again), volume(&model));
     let about =
         |model: &ExactModel| (0..3).map(|part| model.part_attributes(part).unwrap()).collect::<Vec<_>>();
     assert_eq!(about(&again), about(&model));
-    assert_eq!(written(&again, folder)["CityObjects"], found["CityObjects"]);
+    assert_eq!(written(&again, directory)["CityObjects"], found["CityObjects"]);
 }
 
 #[test]
 fn addresses_and_extents_follow_the_model() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
     let geometry = json!([{ "type": "Solid", "lod": "2", "boundaries": [sides(3, false)] }]);
     let address = json!([{ "Country": "NL", "location": { "type": "MultiPoint", "lod": "1", "boundaries": [0, 2] } }, { "a": 1.5 }]);
     let objects = json!({
@@ -180,12 +180,12 @@ fn addresses_and_extents_follow_the_model() {
     });
     let vertices = [vec![[1000, 1000, 9000], [0; 3], [2000, -3000, 500]], corners(0, 4000)].concat();
     let original = file(objects, vertices, 7415);
-    let model = model_of(&original, folder).unwrap();
-    let found = written(&model, folder);
+    let model = model_of(&original, directory).unwrap();
+    let found = written(&model, directory);
     let points =
         |file: &Value| placed(&file["CityObjects"]["part"]["address"][0]["location"]["boundaries"], file);
-    let places = json!([[85001.0, 446001.0, 9.0], [85002.0, 445997.0, 0.5]]);
-    assert_eq!((points(&original), points(&found)), (places.clone(), places));
+    let positions = json!([[85001.0, 446001.0, 9.0], [85002.0, 445997.0, 0.5]]);
+    assert_eq!((points(&original), points(&found)), (positions.clone(), positions));
     assert_eq!(found["vertices"].as_array().unwrap().len(), 10);
     let extents = |file: &Value| {
         ["part", "whole", "none"].map(|name| file["CityObjects"][name]["geographicalExtent"].clone())
@@ -201,14 +201,14 @@ fn addresses_and_extents_follow_the_model() {
     // Scaled by half around the origin, and moved 10 to the east.
     let (motion, moved) = (
         Motion::from_rows([[0.5, 0.0, 0.0, 10.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.0]]).unwrap(),
-        folder.join("m.goblin"),
+        directory.join("m.goblin"),
     );
     transform(&model, &motion, &TransformOptions::new(MEMORY), Output::create(&moved).unwrap(), &()).unwrap();
     let model = ExactModel::open(&moved, &Default::default()).unwrap();
     assert!(
         model.part_attributes(0).unwrap().unwrap().contains("[42510.0,223000.0,0.0,42512.0,223002.0,2.0]")
     );
-    let found = written(&model, folder);
+    let found = written(&model, directory);
     assert_eq!(points(&found), json!([[42510.5, 223000.5, 4.5], [42511.0, 222998.5, 0.25]]));
     let extent = json!([42510.0, 223000.0, 0.0, 42512.0, 223002.0, 2.0]);
     assert_eq!(found["metadata"]["geographicalExtent"], extent);
@@ -216,46 +216,46 @@ fn addresses_and_extents_follow_the_model() {
 
     // Vertex numbers out of range.
     let text = original.to_string().replace("\"boundaries\":[0,2]", "\"boundaries\":[0,11]");
-    let error = model_of(&serde_json::from_str(&text).unwrap(), folder).err().unwrap().to_string();
+    let error = model_of(&serde_json::from_str(&text).unwrap(), directory).err().unwrap().to_string();
     assert!(error.contains("vertex 11 of 11"), "{error}");
 }
 
 #[test]
 fn objects_of_templates_keep_their_level_of_detail() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let place = |template: usize, x: u32| {
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
+    let instance = |template: usize, x: u32| {
         json!({ "type": "GeometryInstance", "template": template, "boundaries": [0],
             "transformationMatrix": [1, 0, 0, x, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] })
     };
     let solid =
         |lod: &str, first: usize| json!({ "type": "Solid", "lod": lod, "boundaries": [sides(first, false)] });
     let objects = json!({
-        "of templates": { "type": "PlantCover", "geometry": [place(0, 0), place(1, 0)] },
-        "of both": { "type": "PlantCover", "geometry": [solid("1.2", 0), place(1, 10)] },
-        "own": { "type": "PlantCover", "geometry": [place(0, 20), solid("2.2", 8)] },
-        "of points": { "type": "PlantCover", "geometry": [solid("1.2", 16), place(2, 30)] },
+        "of templates": { "type": "PlantCover", "geometry": [instance(0, 0), instance(1, 0)] },
+        "of both": { "type": "PlantCover", "geometry": [solid("1.2", 0), instance(1, 10)] },
+        "own": { "type": "PlantCover", "geometry": [instance(0, 20), solid("2.2", 8)] },
+        "of points": { "type": "PlantCover", "geometry": [solid("1.2", 16), instance(2, 30)] },
     });
     let vertices = [corners(0, 4000), corners(40_000, 44_000), corners(60_000, 64_000)].concat();
     let mut original = file(objects, vertices, 7415);
     let points = json!({ "type": "MultiPoint", "lod": "3", "boundaries": [0] });
     original["geometry-templates"] = json!({ "templates": [solid("1.1", 0), solid("1.3", 0), points], "vertices-templates": corners(0, 3) });
-    let found = written(&model_of(&original, folder).unwrap(), folder);
+    let found = written(&model_of(&original, directory).unwrap(), directory);
     let lod = |name: &str| found["CityObjects"][name]["geometry"][0]["lod"].as_str().unwrap().to_string();
     assert_eq!(["of templates", "of both", "own", "of points"].map(lod), ["1.3", "1.3", "2.2", "1.2"]);
 }
 
 #[test]
-fn feet_are_feet_and_degrees_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+fn feet_are_converted_and_degrees_rejected() {
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
     let objects = json!({ "a": { "type": "Building", "geometry": [{ "type": "Solid", "lod": "2", "boundaries": [sides(0, false)] }] } });
-    let of = |epsg: u32| model_of(&file(objects.clone(), corners(0, 10000), epsg), folder);
+    let of = |epsg: u32| model_of(&file(objects.clone(), corners(0, 10000), epsg), directory);
     for (epsg, unit) in [(7415, "m"), (2263, "us-ft"), (2222, "ft")] {
         let model = of(epsg).unwrap();
         assert_eq!(model.unit(), Some(unit), "{epsg}");
         // In the unit of the coordinate system, as before.
-        let found = written(&model, folder);
+        let found = written(&model, directory);
         assert_eq!(
             placed(&json!([7, 0]), &found),
             json!([[85010.0, 446010.0, 10.0], [85000.0, 446000.0, 0.0]])
@@ -268,38 +268,39 @@ fn feet_are_feet_and_degrees_are_refused() {
     for (unit, crs, factor) in
         [("ft", Some(2263), 0.999_998), ("mm", Some(7415), 0.001), ("in", None, 0.0254)]
     {
-        let path = folder.join("u.goblin");
+        let path = directory.join("u.goblin");
         let mut options = TransformOptions::new(MEMORY);
         (options.unit, options.crs) = (Some(unit.into()), crs.map(spinney::Crs::epsg));
         if crs.is_none() {
             std::fs::write(
-                folder.join("a.obj"),
+                directory.join("a.obj"),
                 "v 0 0 0\nv 8 0 0\nv 0 8 0\nv 0 0 8\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n",
             )
             .unwrap();
-            model = import(&folder.join("a.obj"), &folder.join("o.goblin")).unwrap();
+            model = import(&directory.join("a.obj"), &directory.join("o.goblin")).unwrap();
         }
         transform(&model, &identity(), &options, Output::create(&path).unwrap(), &()).unwrap();
         let moved = ExactModel::open(&path, &Default::default()).unwrap();
-        let found = written(&moved, folder);
+        let found = written(&moved, directory);
         let (width, scale) = (moved.grid().width(), found["transform"]["scale"][0].as_f64().unwrap());
         assert!((scale / width / factor - 1.0).abs() < 1e-9, "{unit}: {scale} / {width}");
     }
     let mut options = TransformOptions::new(MEMORY);
     options.crs = Some(spinney::Crs::epsg(4979));
-    transform(&model, &identity(), &options, Output::create(&folder.join("d.goblin")).unwrap(), &()).unwrap();
-    let model = ExactModel::open(&folder.join("d.goblin"), &Default::default()).unwrap();
-    let path = folder.join("d.city.json");
+    transform(&model, &identity(), &options, Output::create(&directory.join("d.goblin")).unwrap(), &())
+        .unwrap();
+    let model = ExactModel::open(&directory.join("d.goblin"), &Default::default()).unwrap();
+    let path = directory.join("d.city.json");
     let error = export_exact(&model, MeshFormat::CityJson, Output::create(&path).unwrap(), &()).unwrap_err();
     assert!(error.to_string().contains("degrees") && !path.exists(), "{error}");
 }
 
 #[test]
-fn reported_files_come_back() {
-    let Some(folder) = reported_models() else { return };
+fn files_of_bug_reports_round_trip() {
+    let Some(directory) = reported_models() else { return };
     let out = tempfile::tempdir().unwrap();
     let round = |name: &str| {
-        let model = import(&folder.join(name), &out.path().join("a.goblin")).unwrap();
+        let model = import(&directory.join(name), &out.path().join("a.goblin")).unwrap();
         (MassProperties::of(&model, &()).unwrap().volume, written(&model, out.path()))
     };
     let (volume, cavity) = round("cjr_cavity.city.json");
@@ -314,12 +315,12 @@ fn reported_files_come_back() {
     let numbers = &address["CityObjects"]["a"]["address"][0]["location"]["boundaries"];
     assert_eq!(placed(numbers, &address), json!([[85001.0, 446001.0, 9.0]]));
     assert_eq!(
-        import(&folder.join("cj_unit.city.json"), &out.path().join("a.goblin")).unwrap().unit(),
+        import(&directory.join("cj_unit.city.json"), &out.path().join("a.goblin")).unwrap().unit(),
         Some("us-ft")
     );
     // Text meshes of other programs, each with one box.
     let faces = |name: &str| {
-        let mut model = open_all(&[folder.join(name)], MEMORY).unwrap().remove(0);
+        let mut model = open_all(&[directory.join(name)], MEMORY).unwrap().remove(0);
         let (mut faces, mut colours) = (0, Vec::<[u8; 3]>::new());
         model
             .faces(&mut |face| {

@@ -23,14 +23,14 @@ const COUNTS: u16 = 325;
 type Tags = BTreeMap<u16, Vec<u64>>;
 
 /// A parsed file.
-struct Parts {
+struct ParsedTiff {
     bytes: Vec<u8>,
     big: bool,
     directories: Vec<(u64, Tags)>,
 }
 
-impl Parts {
-    fn of(bytes: Vec<u8>) -> Parts {
+impl ParsedTiff {
+    fn of(bytes: Vec<u8>) -> ParsedTiff {
         let big = match &bytes[..4] {
             b"II*\0" => false,
             b"II+\0" => true,
@@ -54,15 +54,16 @@ impl Parts {
                 last = tag;
                 let size = [0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8][kind as usize];
                 let values = number(entry + 4, word);
-                let place = entry + 4 + word;
-                let place = if values * size > word { number(place, word) } else { place };
-                tags.insert(tag, (0..values).map(|i| number(place + i * size, size)).collect());
+                let value_offset = entry + 4 + word;
+                let value_offset =
+                    if values * size > word { number(value_offset, word) } else { value_offset };
+                tags.insert(tag, (0..values).map(|i| number(value_offset + i * size, size)).collect());
                 entry += 4 + 2 * word;
             }
             directories.push((at, tags));
             at = number(entry, word);
         }
-        Parts { bytes, big, directories }
+        ParsedTiff { bytes, big, directories }
     }
 
     fn text(&self, directory: usize, tag: u16) -> Option<String> {
@@ -109,10 +110,7 @@ impl Parts {
         let directories_end = self.directories.last().unwrap().0;
         let first = self.directories.iter().flat_map(|(_, tags)| &tags[&OFFSETS]).filter(|at| **at > 0).min();
         assert!(first.is_none_or(|first| *first > directories_end));
-        assert!(
-            expected.is_none_or(|end| end - 4 == self.bytes.len() as u64),
-            "nothing behind the last tile"
-        );
+        assert!(expected.is_none_or(|end| end - 4 == self.bytes.len() as u64), "bytes after the last tile");
     }
 
     /// Compares every tile of every level with the tree.
@@ -193,15 +191,15 @@ fn request(tile_size: u32, compression: CogCompression) -> CogRequest {
 
 /// Returns the exported file of a tree.
 fn exported(tree: &Dataset, request: &CogRequest) -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.tif");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.tif");
     export_cog(tree, request, Output::create(&path).unwrap(), &()).unwrap();
     std::fs::read(&path).unwrap()
 }
 
 /// Exports a tree and checks the whole file.
-fn checked(tree: &Dataset, request: &CogRequest) -> Parts {
-    let parts = Parts::of(exported(tree, request));
+fn checked(tree: &Dataset, request: &CogRequest) -> ParsedTiff {
+    let parts = ParsedTiff::of(exported(tree, request));
     parts.check_layout();
     parts.check_tiles(tree, request);
     parts
@@ -254,8 +252,8 @@ fn masks_where_every_number_is_in_use() {
         let is_void = x % 7 == 0 || ((128..192).contains(&x) && y < 64);
         (!is_void).then(|| Value::from([(x * 31 + y * 17) as u8]))
     });
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.goblin");
     let options = options(Rule::Majority, DataKind::Categorical, cells.depth());
     spinney::raw::store::build_tree(
         &cells.tree(Rule::Majority),
@@ -272,10 +270,10 @@ fn masks_where_every_number_is_in_use() {
     assert_eq!(parts.directories[0].1[&OFFSETS][2], 0, "an empty tile");
     assert_eq!(parts.directories[1].1[&259], [8], "masks are deflated");
     // A value that occurs in cells cannot be nodata.
-    let asked = with(request(64, CogCompression::Zstd), |request| request.nodata = Some(7.0.into()));
-    let output = Output::create(&folder.path().join("x.tif")).unwrap();
-    let error = export_cog(&tree, &asked, output, &()).unwrap_err().to_string();
-    assert!(error.contains('7') && !folder.path().join("x.tif").exists(), "{error}");
+    let with_nodata = with(request(64, CogCompression::Zstd), |request| request.nodata = Some(7.0.into()));
+    let output = Output::create(&directory.path().join("x.tif")).unwrap();
+    let error = export_cog(&tree, &with_nodata, output, &()).unwrap_err().to_string();
+    assert!(error.contains('7') && !directory.path().join("x.tif").exists(), "{error}");
 }
 
 #[test]
@@ -290,10 +288,10 @@ fn descriptions_go_along() {
     };
     let options = options(Rule::Majority, DataKind::Categorical, cells.depth()).metadata(metadata);
     let tree = opened(|path| write_cells(path, &cells, &options));
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.tif");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.tif");
     export_cog(&tree, &request(64, CogCompression::Deflate), Output::create(&path).unwrap(), &()).unwrap();
-    let parts = Parts::of(std::fs::read(&path).unwrap());
+    let parts = ParsedTiff::of(std::fs::read(&path).unwrap());
     parts.check_layout();
     let xml = parts.text(0, 42112).unwrap();
     let statistics = tree.statistics(None, &()).unwrap().channels[0];
@@ -311,7 +309,7 @@ fn descriptions_go_along() {
     }
     assert!(xml.contains(">cover<") && xml.contains("<F>water</F>"), "{xml}");
     assert!(
-        std::fs::read_to_string(folder.path().join("x.tif.aux.xml")).unwrap().contains("<Category>land<")
+        std::fs::read_to_string(directory.path().join("x.tif.aux.xml")).unwrap().contains("<Category>land<")
     );
     for (_, tags) in &parts.directories {
         assert_eq!((tags[&262][0], tags[&320].len()), (3, 3 * 256));
@@ -347,15 +345,15 @@ fn views_and_large_files() {
     let tree = tree.view(&["window=13,27,333,222".parse().unwrap()]).unwrap();
     checked(&tree, &request(64, CogCompression::Deflate));
     // Few cells in a large space: 64-bit offsets and missing tiles.
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.goblin");
     let text = format!("{}BWWW{}", "G".repeat(16), "WWW".repeat(15));
     let tree = from_text(QUAD, &text, 16, Value::from([9]), Rule::Nearest).unwrap();
     let options = options(Rule::Nearest, DataKind::Categorical, 16);
     let output = Output::create(&path).unwrap();
     spinney::raw::store::build_tree(&tree, [1 << 16, 60_000, 1], &options, output, &()).unwrap();
     let tree = open(&path, &OpenOptions::new()).unwrap();
-    let parts = Parts::of(exported(&tree, &request(512, CogCompression::Deflate)));
+    let parts = ParsedTiff::of(exported(&tree, &request(512, CogCompression::Deflate)));
     parts.check_layout();
     assert!(parts.big);
     assert_eq!(parts.directories.len(), 8);
@@ -365,16 +363,16 @@ fn views_and_large_files() {
 }
 
 #[test]
-fn what_cannot_be() {
+fn unsupported_exports_are_rejected() {
     let octree = opened(|path| {
         let cells = Cells::random(crate::common::OCT, 1, [4, 4, 4], 9, false);
         write_cells(path, &cells, &options(Rule::Mean, DataKind::Continuous, 2));
     });
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.tif");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.tif");
     let error = |tree: &Dataset, request: &CogRequest| {
         let failed = export_cog(tree, request, Output::create(&path).unwrap(), &()).unwrap_err().to_string();
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left");
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0, "nothing is left");
         failed
     };
     assert!(error(&octree, &CogRequest::new()).contains("octree"));

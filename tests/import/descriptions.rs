@@ -32,27 +32,27 @@ const XML: &str = "<GDALMetadata>
 
 /// A tree built from an image, and the metadata of images exported from it.
 struct Trip {
-    folder: tempfile::TempDir,
+    directory: tempfile::TempDir,
     tree: spinney::Dataset,
 }
 
 impl Trip {
-    fn of(picture: &[u8], sidecar: Option<&str>, options: &ImportOptions) -> (RasterInfo, Trip) {
-        let folder = tempfile::tempdir().unwrap();
-        let [from, tree] = ["in.tif", "t.goblin"].map(|name| folder.path().join(name));
-        std::fs::write(&from, picture).unwrap();
+    fn of(image: &[u8], sidecar: Option<&str>, options: &ImportOptions) -> (RasterInfo, Trip) {
+        let directory = tempfile::tempdir().unwrap();
+        let [from, tree] = ["in.tif", "t.goblin"].map(|name| directory.path().join(name));
+        std::fs::write(&from, image).unwrap();
         if let Some(xml) = sidecar {
-            std::fs::write(folder.path().join("in.tif.aux.xml"), xml).unwrap();
+            std::fs::write(directory.path().join("in.tif.aux.xml"), xml).unwrap();
         }
         let import = plan(&[from], options).unwrap();
         let info = import.info().clone();
         import.build(Output::create(&tree).unwrap(), &()).unwrap();
         let tree = spinney::open(&tree).unwrap();
-        (info, Trip { folder, tree })
+        (info, Trip { directory, tree })
     }
 
     fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
+        self.directory.path().join(name)
     }
 
     fn write(&self, path: &Path, bounds: Bounds, detail: Detail) -> RasterInfo {
@@ -82,9 +82,9 @@ fn assert_same(found: &RasterInfo, expected: &RasterInfo) {
 
 #[test]
 fn scales_units_names_and_tags_come_through() {
-    let picture = Ifd::grey(8, 4, (0..64).collect()).short(277, &[2]).short(258, &[8, 8]);
-    let picture = picture.tag(42112, Values::Text(XML)).tag(305, Values::Text("a program"));
-    let (info, trip) = Trip::of(&file(&[picture]), None, &ImportOptions::new());
+    let image = Ifd::grey(8, 4, (0..64).collect()).short(277, &[2]).short(258, &[8, 8]);
+    let image = image.tag(42112, Values::Text(XML)).tag(305, Values::Text("a program"));
+    let (info, trip) = Trip::of(&file(&[image]), None, &ImportOptions::new());
     assert_eq!(info.band_names, ["near <infrared>", ""]);
     assert_eq!(info.units, ["m", "°C"]);
     assert_eq!(info.scale_offset, [(0.1, 1.0), (1.0, 0.0)]);
@@ -102,9 +102,9 @@ fn scales_units_names_and_tags_come_through() {
 fn nodata_of_one_band_is_missing_there_alone() {
     // The first pixel has nodata in red, the last one in all bands.
     let pixels = vec![0, 50, 60, 10, 26, 36, 30, 0, 90, 0, 0, 0];
-    let picture = Ifd::grey(4, 1, pixels.clone()).short(277, &[3]).short(258, &[8; 3]).short(262, &[2]);
-    let picture = picture.tag(42113, Values::Text("0"));
-    let (_, trip) = Trip::of(&file(std::slice::from_ref(&picture)), None, &ImportOptions::new());
+    let image = Ifd::grey(4, 1, pixels.clone()).short(277, &[3]).short(258, &[8; 3]).short(262, &[2]);
+    let image = image.tag(42113, Values::Text("0"));
+    let (_, trip) = Trip::of(&file(std::slice::from_ref(&image)), None, &ImportOptions::new());
     assert_eq!(trip.tree.header().form.value.mask, Mask::Missing([0; 8]));
     let read = |detail| {
         let path = trip.path("out.tif");
@@ -124,16 +124,16 @@ fn nodata_of_one_band_is_missing_there_alone() {
         trip.tree.statistics(None, &()).unwrap().channels.iter().map(|channel| channel.cells).collect();
     assert_eq!(cells, [2, 2, 3]);
     // With an opacity band, or with only one band, no sample is missing.
-    let with_opacity = picture.short(277, &[4]).short(258, &[8; 4]).short(338, &[2]);
+    let with_opacity = image.short(277, &[4]).short(258, &[8; 4]).short(338, &[2]);
     let (_, trip) = Trip::of(&file(&[with_opacity.short(256, &[3])]), None, &ImportOptions::new());
     assert_eq!(trip.tree.header().form.value.mask, Mask::Alpha);
 }
 
 #[test]
 fn chosen_bands_have_their_own() {
-    let picture = Ifd::grey(8, 4, (0..64).collect()).short(277, &[2]).short(258, &[8, 8]);
+    let image = Ifd::grey(8, 4, (0..64).collect()).short(277, &[2]).short(258, &[8, 8]);
     let options = with(ImportOptions::new(), |it| it.bands = Some(vec![2.into()]));
-    let (_, trip) = Trip::of(&file(&[picture.tag(42112, Values::Text(XML))]), None, &options);
+    let (_, trip) = Trip::of(&file(&[image.tag(42112, Values::Text(XML))]), None, &options);
     let found = trip.window([0; 3], [8, 4, 1], 3);
     assert_eq!(
         (found.units.as_slice(), found.scale_offset.as_slice()),
@@ -149,8 +149,8 @@ fn names_of_values_go_into_a_sidecar() {
     let sidecar = "<PAMDataset><PAMRasterBand band=\"1\"><NoDataValue>9</NoDataValue><UnitType>class</UnitType>
         <CategoryNames><Category>sea</Category><Category/><Category>wood &amp; heath</Category></CategoryNames>
         </PAMRasterBand></PAMDataset>";
-    let picture = file(&[Ifd::grey(4, 4, [0, 2, 9, 0].repeat(4))]);
-    let (info, trip) = Trip::of(&picture, Some(sidecar), &ImportOptions::new());
+    let image = file(&[Ifd::grey(4, 4, [0, 2, 9, 0].repeat(4))]);
+    let (info, trip) = Trip::of(&image, Some(sidecar), &ImportOptions::new());
     assert_eq!(
         info.class_names,
         [(0.into(), "sea".into()), (1.into(), "".into()), (2.into(), "wood & heath".into())]
@@ -167,11 +167,11 @@ fn names_of_values_go_into_a_sidecar() {
 }
 
 #[test]
-fn control_points_move_and_shrink_with_the_picture() {
+fn control_points_move_and_scale_with_the_raster() {
     let tie_points = [[0.0, 0.0, 0.0, 10.0, 50.0, 3.0], [8.0, 2.5, 0.0, 11.0, 49.0, 0.0]].concat();
     let keys = [[1, 1, 0, 2], [1024, 0, 1, 2], [2048, 0, 1, 4326]].concat();
-    let picture = Ifd::grey(8, 4, (0..32).collect()).tag(33922, Values::Double(tie_points));
-    let (info, trip) = Trip::of(&file(&[picture.short(34735, &keys)]), None, &ImportOptions::new());
+    let image = Ifd::grey(8, 4, (0..32).collect()).tag(33922, Values::Double(tie_points));
+    let (info, trip) = Trip::of(&file(&[image.short(34735, &keys)]), None, &ImportOptions::new());
     let points = [
         ControlPoint { cell: [0.0, 0.0], world: [10.0, 50.0, 3.0] },
         ControlPoint { cell: [8.0, 2.5], world: [11.0, 49.0, 0.0] },
@@ -196,16 +196,16 @@ fn control_points_move_and_shrink_with_the_picture() {
 }
 
 #[test]
-fn sidecars_that_are_something_else_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.tif");
+fn other_files_are_rejected_as_sidecars() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.tif");
     std::fs::write(&path, file(&[Ifd::grey(1, 1, vec![1])])).unwrap();
-    let beside = folder.path().join("a.tif.aux.xml");
+    let sidecar = directory.path().join("a.tif.aux.xml");
     for bytes in [&b""[..], b"<html></html>", b"<PAMDataset>", &[0xff; 100], &vec![b' '; (16 << 20) + 1]] {
-        std::fs::write(&beside, bytes).unwrap();
+        std::fs::write(&sidecar, bytes).unwrap();
         let error = raster::open(&path, &Default::default()).err().unwrap().to_string();
         assert!(error.contains("a.tif.aux.xml") && error.contains("<PAMDataset>"), "{error}");
     }
-    std::fs::write(&beside, "<PAMDataset/>").unwrap();
+    std::fs::write(&sidecar, "<PAMDataset/>").unwrap();
     assert!(raster::open(&path, &Default::default()).is_ok());
 }

@@ -73,9 +73,9 @@ fn objects(file: &Value) -> Map<String, Value> {
 }
 
 #[test]
-fn attributes_come_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+fn attributes_round_trip() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     std::fs::write(at("a.city.json"), text()).unwrap();
     let (model, report) = import(&[at("a.city.json")], &at("a.goblin"));
     assert_eq!((report.attributes, model.parts_with_attributes().unwrap()), (2, 2));
@@ -135,9 +135,9 @@ fn attributes_come_back() {
 
 /// Without attributes the file has no attribute table.
 #[test]
-fn objects_of_no_type_have_none() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+fn objects_without_a_type_have_no_attributes() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     let (geometry, vertices) = cube(0);
     let object = format!(r#""CityObjects":{{"x":{{"type":"GenericCityObject",{geometry}}}}}"#);
     let text = format!(r#"{{"type":"CityJSON","version":"2.0",{TRANSFORM},{object},"vertices":{vertices}}}"#);
@@ -156,8 +156,8 @@ fn objects_of_no_type_have_none() {
 /// Sequences and several files: parts are concatenated; conflicting file metadata is dropped.
 #[test]
 fn sequences_and_several_files() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     std::fs::write(at("a.city.json"), text()).unwrap();
     let first = format!(
         r#"{{"type":"CityJSON","version":"2.0",{TRANSFORM},"metadata":{{"title":"S"}},"CityObjects":{{}},"vertices":[]}}"#
@@ -185,8 +185,8 @@ fn sequences_and_several_files() {
     let (model, report) = import(&[at("s.city.jsonl"), at("b.city.json")], &at("both.goblin"));
     assert_eq!(report.attributes, 4);
     let (parts, files) = attributes(&model);
-    let is_told: Vec<bool> = parts.iter().map(Option::is_some).collect();
-    assert_eq!((is_told, files.len()), (vec![true, true, true, true, false], 2));
+    let has_attributes: Vec<bool> = parts.iter().map(Option::is_some).collect();
+    assert_eq!((has_attributes, files.len()), (vec![true, true, true, true, false], 2));
     assert!(parts[2].as_ref().unwrap().starts_with("{\"type\":\"Building\""));
     let summary = export(&model, &at("both.city.json"), MeshFormat::CityJson);
     assert_eq!(summary.lost_attributes, 2);
@@ -200,8 +200,8 @@ fn sequences_and_several_files() {
 /// memory limit are reported.
 #[test]
 fn attributes_may_be_long() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     let (geometry, vertices) = cube(0);
     let long = "x".repeat(15 << 20);
     // Objects of many kinds, so that there are more member lists than are cached.
@@ -241,9 +241,9 @@ fn attributes_may_be_long() {
 }
 
 #[test]
-fn objects_that_are_none_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.city.json");
+fn invalid_objects_are_rejected() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.city.json");
     for (right, wrong) in [
         ("{ \"type\": \"GenericCityObject\" }", "[]"),
         ("{ \"type\": \"GenericCityObject\" }", "7"),
@@ -258,11 +258,11 @@ fn objects_that_are_none_are_refused() {
 
 /// Replaces a model's faces by those of a tetrahedron, which bound no solid together, and keeps its
 /// attributes.
-struct Stand {
+struct TetrahedronModel {
     info: ModelInfo,
 }
 
-impl Model for Stand {
+impl Model for TetrahedronModel {
     fn info(&self) -> &ModelInfo {
         &self.info
     }
@@ -280,14 +280,14 @@ impl Model for Stand {
 
 /// All attributes of objects in real files are preserved.
 #[test]
-fn real_attributes_come_back() {
+fn real_attributes_round_trip() {
     let Some(data) = shared_data() else { return println!("skipped: no test data") };
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     for name in ["DH_01_subs.city.json", "delft.json", "rotterdam_subset.json"] {
         let path = data.join("mesh/cityjson").join(name);
         let info = mesh::open(&path, 64 << 20).unwrap().info().clone();
-        let models: Vec<Box<dyn Model>> = vec![Box::new(Stand { info })];
+        let models: Vec<Box<dyn Model>> = vec![Box::new(TetrahedronModel { info })];
         let output = Output::create(&at("x.goblin")).unwrap();
         let report = import_exact(models, &ExactOptions::new(), output, &()).unwrap();
         assert!(report.attributes > 0, "{name}: {report:?}");
@@ -302,9 +302,9 @@ fn real_attributes_come_back() {
 
 /// Face values are preserved, singly and column by column, also for complements.
 #[test]
-fn values_of_faces_come_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+fn values_of_faces_round_trip() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     let grid = Grid { bits: 9, origin: [0; 3], step: 1.0, divisor: 1.0 };
     let mut builder = ModelBuilder::new(Output::create(&at("a.goblin")).unwrap(), grid, 1 << 20).unwrap();
     assert!(builder.face_value("first", "1").is_err(), "a value before all faces");

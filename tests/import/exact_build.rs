@@ -287,7 +287,7 @@ fn a_turned_cube_has_few_nodes_of_all_kinds() {
 /// Planes with a common line give EDGE cells, also if four faces meet in it; parallel planes meet
 /// at infinity.
 #[test]
-fn kinds_are_what_planes_have_in_common() {
+fn leaf_kinds_follow_from_the_planes() {
     let two = [cuboid([100; 3], [200, 200, 900]), cuboid([200, 200, 100], [300, 300, 900])].concat();
     let file = ExactModel::from_bytes(built(&model(&two), 64 << 20, 0).0.unwrap()).unwrap();
     let mut most = 0;
@@ -304,7 +304,7 @@ fn kinds_are_what_planes_have_in_common() {
 
 /// Surfaces that bound no solid are rejected with the positions of defects.
 #[test]
-fn surfaces_that_bound_nothing_are_refused() {
+fn surfaces_without_a_volume_are_rejected() {
     let at = |at: i32| cuboid([at; 3], [at + 100; 3]);
     let kinds = |faces: &[Vec<Ring>]| {
         let (file, report) = built(&model(faces), 64 << 20, LEAF_SIZE);
@@ -361,14 +361,14 @@ fn bytes_depend_on_neither_memory_nor_threads() {
 
 /// Builders reject invalid faces.
 #[test]
-fn faces_that_are_none_are_refused() {
+fn degenerate_faces_are_rejected() {
     let list = |rings: &[Ring]| model(&[rings.to_vec()]);
     let bent = vec![[0, 0, 0], [9, 0, 0], [9, 9, 1], [0, 9, 0]];
     let crossing = vec![[0, 0, 0], [9, 9, 0], [9, 0, 0], [0, 9, 0], [4, 12, 0]];
     let outside = vec![[0, 0, 0], [2000, 0, 0], [0, 9, 0]];
     for ring in [bent, crossing, outside] {
-        let folder = tempfile::tempdir().unwrap();
-        let output = spinney::Output::create(&folder.path().join("x.goblin")).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let output = spinney::Output::create(&directory.path().join("x.goblin")).unwrap();
         let faces = list(std::slice::from_ref(&ring));
         let mut builder =
             spinney::raw::brep::ModelBuilder::new(output, faces.grid().clone(), 1 << 20).unwrap();
@@ -378,21 +378,21 @@ fn faces_that_are_none_are_refused() {
 
 /// No changed byte causes a panic or a hang: the corruption is found, or results differ.
 #[test]
-fn damaged_files_are_found() {
+fn corrupt_files_are_detected() {
     let list = model(&families()[12].1);
     let bytes = built(&list, 64 << 20, 0).0.unwrap();
     let mut random = Random(5);
     let mut found = 0;
     for round in 0..4_000 {
-        let mut damaged = bytes.clone();
+        let mut corrupt = bytes.clone();
         match round % 8 {
-            0 => damaged.truncate(random.below(bytes.len() as u64) as usize),
+            0 => corrupt.truncate(random.below(bytes.len() as u64) as usize),
             _ => {
                 let at = random.below(bytes.len() as u64) as usize;
-                damaged[at] ^= 1 << random.below(8);
+                corrupt[at] ^= 1 << random.below(8);
             }
         }
-        let Ok(file) = ExactModel::from_bytes(damaged) else {
+        let Ok(file) = ExactModel::from_bytes(corrupt) else {
             found += 1;
             continue;
         };

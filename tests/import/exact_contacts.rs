@@ -135,8 +135,8 @@ fn of_file(path: &Path) -> Vec<ModelContact> {
 /// A mesh file's objects and those of the exact model built from it have the same contacts.
 #[test]
 fn objects_of_files_meet() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     let mut text = String::new();
     let mut first = 1;
     for (name, [low, high]) in [("a", [0, 4]), ("b", [4, 9]), ("c", [20, 21])] {
@@ -167,8 +167,8 @@ fn objects_of_files_meet() {
 /// Contacts of objects with off-grid vertices are exact.
 #[test]
 fn repaired_objects_meet() {
-    let folder = tempfile::tempdir().unwrap();
-    let [mesh, path] = ["a.obj", "a.goblin"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [mesh, path] = ["a.obj", "a.goblin"].map(|name| directory.path().join(name));
     // Two tetrahedra that intersect, and one at a vertex of their intersection.
     let text = "o one\nv 0 0 0\nv 7 0 0\nv 0 7 0\nv 0 0 7\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\nv 1 1 1\nv 9 1 2\nv 2 8 1\nv 1 2 9\n\
                 f 5 7 6\nf 5 6 8\nf 5 8 7\nf 6 7 8\no other\nv 10 1 2\nv 10 2 2\nv 10 1 3\nf 6 10 9\nf 6 9 11\nf 6 11 10\nf 9 10 11\n";

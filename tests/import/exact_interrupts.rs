@@ -20,26 +20,26 @@ const PLENTY: u64 = 64 << 20;
 /// Cancels after a number of checks, and records progress.
 struct Impatient {
     patience: u64,
-    asked: AtomicU64,
+    checks: AtomicU64,
     /// The work done, and each total reported.
-    told: Mutex<(u64, Vec<u64>)>,
+    reported: Mutex<(u64, Vec<u64>)>,
 }
 
 impl Impatient {
     fn new(patience: u64) -> Impatient {
-        Impatient { patience, asked: AtomicU64::new(0), told: Mutex::default() }
+        Impatient { patience, checks: AtomicU64::new(0), reported: Mutex::default() }
     }
 }
 
 impl Progress for Impatient {
     fn advance(&self, done: u64, total: u64) {
-        let mut told = self.told.lock().unwrap();
-        told.0 += done;
-        told.1.push(total);
+        let mut reported = self.reported.lock().unwrap();
+        reported.0 += done;
+        reported.1.push(total);
     }
 
     fn interrupted(&self) -> bool {
-        self.asked.fetch_add(1, Ordering::Relaxed) >= self.patience
+        self.checks.fetch_add(1, Ordering::Relaxed) >= self.patience
     }
 }
 
@@ -51,16 +51,16 @@ type Work<'a> = dyn Fn(&Path, &dyn Progress) -> Result<()> + 'a;
 fn check(what: &str, least: u64, work: &Work<'_>) -> (u64, Vec<u64>) {
     const MOMENTS: u64 = 16;
     let run = |patience: u64| {
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         let progress = Impatient::new(patience);
-        let done = work(folder.path(), &progress);
-        let left = std::fs::read_dir(folder.path()).unwrap().count();
+        let done = work(directory.path(), &progress);
+        let left = std::fs::read_dir(directory.path()).unwrap().count();
         (done, progress, left)
     };
     let (done, patient, _) = run(u64::MAX);
     done.unwrap();
-    let all = patient.asked.into_inner();
-    assert!(all >= least, "{what}: asked {all} times, not {least}");
+    let all = patient.checks.into_inner();
+    assert!(all >= least, "{what}: {all} checks, expected at least {least}");
     for moment in 0..MOMENTS {
         // Includes the last check.
         let patience = (all - 1) * moment / (MOMENTS - 1);
@@ -68,12 +68,12 @@ fn check(what: &str, least: u64, work: &Work<'_>) -> (u64, Vec<u64>) {
         assert!(matches!(done, Err(Error::Interrupted)), "{what} after {patience} of {all}: {done:?}");
         assert_eq!(left, 0, "{what} after {patience} of {all}");
     }
-    patient.told.into_inner().unwrap()
+    patient.reported.into_inner().unwrap()
 }
 
 /// Returns two intersecting tori, each of `2 * side * side` triangles, as an OBJ file with an
 /// object each; or one of them.
-fn tori(folder: &Path, side: i32, which: &[i32]) -> PathBuf {
+fn tori(directory: &Path, side: i32, which: &[i32]) -> PathBuf {
     let angle = |step: i32| f64::from(step) * std::f64::consts::TAU / f64::from(side);
     let mut text = String::new();
     for (number, shift) in (0..).zip(which) {
@@ -94,7 +94,7 @@ fn tori(folder: &Path, side: i32, which: &[i32]) -> PathBuf {
             text += &format!("f {a} {b} {c}\nf {a} {c} {d}\n");
         }
     }
-    let path = folder.join(format!("tori{which:?}.obj"));
+    let path = directory.join(format!("tori{which:?}.obj"));
     std::fs::write(&path, text).unwrap();
     path
 }
@@ -106,16 +106,16 @@ fn options(memory: u64, set: impl FnOnce(&mut ExactOptions)) -> ExactOptions {
     options
 }
 
-fn build(mesh: &Path, options: &ExactOptions, folder: &Path, progress: &dyn Progress) -> Result<()> {
+fn build(mesh: &Path, options: &ExactOptions, directory: &Path, progress: &dyn Progress) -> Result<()> {
     let models = open_all(&[mesh.to_path_buf()], PLENTY)?;
-    import_exact(models, options, Output::create(&folder.join("model.goblin"))?, progress).map(|_| ())
+    import_exact(models, options, Output::create(&directory.join("model.goblin"))?, progress).map(|_| ())
 }
 
 /// Returns models of the first and the second torus.
-fn models(folder: &Path, side: i32) -> [ExactModel; 2] {
+fn models(directory: &Path, side: i32) -> [ExactModel; 2] {
     [0, 1].map(|shift| {
-        let mesh = tori(folder, side, &[shift]);
-        let path = folder.join(format!("{shift}.goblin"));
+        let mesh = tori(directory, side, &[shift]);
+        let path = directory.join(format!("{shift}.goblin"));
         let models = open_all(&[mesh], PLENTY).unwrap();
         import_exact(models, &options(MEMORY, |_| ()), Output::create(&path).unwrap(), &()).unwrap();
         ExactModel::open(&path, &OpenOptions::new()).unwrap()
@@ -123,37 +123,37 @@ fn models(folder: &Path, side: i32) -> [ExactModel; 2] {
 }
 
 #[test]
-fn builds_and_repairs_are_interrupted_and_leave_nothing() {
+fn cancelled_builds_and_repairs_leave_no_files() {
     let input = tempfile::tempdir().unwrap();
     // The first torus's faces take 1.7 times the words that a sorted run holds in memory.
     let (one, both) = (tori(input.path(), 36, &[0]), tori(input.path(), 24, &[0, 1]));
     let plain = options(MEMORY / 4, |_| ());
-    check("build", 10, &|folder, progress| build(&one, &plain, folder, progress));
+    check("build", 10, &|directory, progress| build(&one, &plain, directory, progress));
     let repair = options(PLENTY, |options| options.repair = true);
-    check("repair", 100, &|folder, progress| build(&both, &repair, folder, progress));
+    check("repair", 100, &|directory, progress| build(&both, &repair, directory, progress));
     let positive = options(PLENTY, |options| (options.repair, options.inside) = (true, InsideRule::Positive));
-    check("positive repair", 100, &|folder, progress| build(&both, &positive, folder, progress));
+    check("positive repair", 100, &|directory, progress| build(&both, &positive, directory, progress));
     let skip =
         options(PLENTY, |options| (options.repair, options.skip_bad, options.close) = (true, true, true));
-    check("repair of objects", 100, &|folder, progress| build(&both, &skip, folder, progress));
+    check("repair of objects", 100, &|directory, progress| build(&both, &skip, directory, progress));
     // Without the last faces both tori are open.
     let text = std::fs::read_to_string(&one).unwrap();
     let open = input.path().join("open.obj");
     std::fs::write(&open, text.rsplit_once("f ").unwrap().0).unwrap();
     let close = options(MEMORY / 4, |options| options.close = true);
-    check("closing", 10, &|folder, progress| build(&open, &close, folder, progress));
+    check("closing", 10, &|directory, progress| build(&open, &close, directory, progress));
 }
 
 #[test]
-fn operations_on_models_are_interrupted_and_leave_nothing() {
+fn cancelled_operations_on_models_leave_no_files() {
     let input = tempfile::tempdir().unwrap();
     let models = models(input.path(), 50);
     let [a, b] = models.map(ModelView::from);
     let (view, a, b) = (&a, a.file(), b.file());
-    let file = |folder: &Path, name: &str| Output::create(&folder.join(name));
+    let file = |directory: &Path, name: &str| Output::create(&directory.join(name));
     for operation in [SetOperation::Difference, SetOperation::Union] {
-        check("combine", 50, &|folder, progress| {
-            let output = file(folder, "made.goblin")?;
+        check("combine", 50, &|directory, progress| {
+            let output = file(directory, "made.goblin")?;
             combine(operation, &[a, b], output, Codec::Packed, PLENTY, progress).map(|_| ())
         });
     }
@@ -163,29 +163,37 @@ fn operations_on_models_are_interrupted_and_leave_nothing() {
     for turn in [0.0, 0.3] {
         let motion = Motion::from_rows(rows(turn)).unwrap();
         let how = TransformOptions::new(MEMORY);
-        check("transform", 10, &|folder, progress| {
-            transform(a, &motion, &how, file(folder, "made.goblin")?, progress).map(|_| ())
+        check("transform", 10, &|directory, progress| {
+            transform(a, &motion, &how, file(directory, "made.goblin")?, progress).map(|_| ())
         });
     }
     for format in [MeshFormat::Ply, MeshFormat::Obj, MeshFormat::Stl, MeshFormat::CityJson] {
-        check("export", 4, &|folder, progress| {
-            export_exact(a, format, file(folder, "made")?, progress).map(|_| ())
+        check("export", 4, &|directory, progress| {
+            export_exact(a, format, file(directory, "made")?, progress).map(|_| ())
         });
     }
     let planes: Vec<SectionPlanes> = vec!["z=-90..90/3".parse().unwrap()];
-    check("section", 100, &|folder, progress| {
-        export_section(view, &planes, false, file(folder, "made.geojson")?, VectorFormat::GeoJson, progress)
-            .map(|_| ())
+    check("section", 100, &|directory, progress| {
+        export_section(
+            view,
+            &planes,
+            false,
+            file(directory, "made.geojson")?,
+            VectorFormat::GeoJson,
+            progress,
+        )
+        .map(|_| ())
     });
-    check("stats --each", 4, &|folder, progress| {
-        export_objects(view, None, file(folder, "made.csv")?, VectorFormat::Csv, MEMORY, progress).map(|_| ())
+    check("stats --each", 4, &|directory, progress| {
+        export_objects(view, None, file(directory, "made.csv")?, VectorFormat::Csv, MEMORY, progress)
+            .map(|_| ())
     });
     check("section of two", 20, &|_, progress| surface_intersection(a, b, PLENTY, progress).map(|_| ()));
     check("verify", 10, &|_, progress| a.verify(MEMORY, progress).map(|_| ()));
 }
 
 #[test]
-fn searches_for_contacts_are_interrupted() {
+fn searches_for_contacts_are_cancelled() {
     let input = tempfile::tempdir().unwrap();
     let mesh = tori(input.path(), 40, &[0, 1]);
     check("contacts", 100, &|_, progress| {
@@ -201,10 +209,10 @@ fn progress_comes_to_its_end() {
     let both = tori(input.path(), 60, &[0, 1]);
     let [a, b] = models(input.path(), 60);
     let complete = |what: &str, least: usize, work: &Work<'_>| {
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         let progress = Impatient::new(u64::MAX);
-        work(folder.path(), &progress).unwrap();
-        let (done, totals) = progress.told.into_inner().unwrap();
+        work(directory.path(), &progress).unwrap();
+        let (done, totals) = progress.reported.into_inner().unwrap();
         let total = totals[0];
         assert!(totals.iter().all(|other| *other == total), "{what}: {totals:?}");
         assert!(totals.len() >= least, "{what}: {} reports", totals.len());
@@ -212,21 +220,21 @@ fn progress_comes_to_its_end() {
     };
     for inside in [InsideRule::Nonzero, InsideRule::Positive] {
         let repair = options(PLENTY, |options| (options.repair, options.inside) = (true, inside));
-        complete("repair", 10, &|folder, progress| build(&both, &repair, folder, progress));
+        complete("repair", 10, &|directory, progress| build(&both, &repair, directory, progress));
     }
     let skip = options(PLENTY, |options| (options.repair, options.skip_bad) = (true, true));
-    complete("repair of objects", 10, &|folder, progress| build(&both, &skip, folder, progress));
-    complete("combine", 5, &|folder, progress| {
-        let output = Output::create(&folder.join("made.goblin"))?;
+    complete("repair of objects", 10, &|directory, progress| build(&both, &skip, directory, progress));
+    complete("combine", 5, &|directory, progress| {
+        let output = Output::create(&directory.join("made.goblin"))?;
         combine(SetOperation::Union, &[&a, &b], output, Codec::Plain, PLENTY, progress).map(|_| ())
     });
     let motion =
         Motion::from_rows([[2.0, 0.0, 0.0, 0.0], [0.0, 2.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]]).unwrap();
     assert!(a.len() > 4096);
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let progress = Impatient::new(u64::MAX);
-    let output = Output::create(&folder.path().join("made.goblin")).unwrap();
+    let output = Output::create(&directory.path().join("made.goblin")).unwrap();
     transform(&a, &motion, &TransformOptions::new(PLENTY), output, &progress).unwrap();
-    let (done, totals) = progress.told.into_inner().unwrap();
+    let (done, totals) = progress.reported.into_inner().unwrap();
     assert!(totals.iter().all(|total| *total == 3 * a.len()) && done == 3 * a.len(), "{done} of {totals:?}");
 }

@@ -53,12 +53,12 @@ fn import(path: &Path, options: &ExactOptions) -> Result<(ExactModel, ExactRepor
 
 /// One valid object, one open, one inside out, one that intersects itself, and two that intersect
 /// each other.
-fn street(folder: &Path) -> PathBuf {
+fn street(directory: &Path) -> PathBuf {
     let at = |x: i32, size: i32| cuboid([x, 0, 0], [x + size, 10, 10]);
     let building = |height: i32| json!({ "type": "Building", "attributes": { "height": height } });
     let mut open = at(100, 10);
     open.pop();
-    let path = folder.join("street.city.json");
+    let path = directory.join("street.city.json");
     city(
         &path,
         &[
@@ -80,8 +80,8 @@ fn names(model: &ExactModel) -> Vec<&str> {
 
 #[test]
 fn errors_name_objects() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = street(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let path = street(directory.path());
     let error = import(&path, &ExactOptions::new()).err().unwrap().to_string();
     assert!(error.contains("of open") && error.contains("--skip-bad"), "{error}");
     let mut options = ExactOptions::new();
@@ -93,8 +93,8 @@ fn errors_name_objects() {
 
 #[test]
 fn objects_that_are_no_bodies_are_left_out() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = street(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let path = street(directory.path());
     let mut options = ExactOptions::new();
     options.skip_bad = true;
     options.parts = Some(BTreeSet::from([0, 1, 2, 3, 4, 6]));
@@ -103,10 +103,10 @@ fn objects_that_are_no_bodies_are_left_out() {
     };
     let (model, report) = import(&path, &options).unwrap();
     assert_eq!(names(&model), ["right", "left", "wing"]);
-    let told = left_out(&report);
-    assert!(told[0].starts_with("open: open: 4 edges have a face on one side only, at "), "{told:?}");
-    assert!(told[1].starts_with("inside-out: a place that the surface goes around -1 times"), "{told:?}");
-    assert!(told[2].starts_with("through: ") && told.len() == 3, "{told:?}");
+    let lines = left_out(&report);
+    assert!(lines[0].starts_with("open: open: 4 edges have a face on one side only, at "), "{lines:?}");
+    assert!(lines[1].starts_with("inside-out: winding number -1, expected 0 or 1, at "), "{lines:?}");
+    assert!(lines[2].starts_with("through: ") && lines.len() == 3, "{lines:?}");
     // Repairable or closable objects are not bad; intersecting objects become one solid.
     options.parts = None;
     options.repair = true;
@@ -127,15 +127,26 @@ fn objects_that_are_no_bodies_are_left_out() {
     options.parts = Some(BTreeSet::from([1, 2]));
     let error = import(&path, &options).err().unwrap();
     assert!(
-        matches!(&error, Error::NotASolid { what, places, .. } if what.contains("none") && places.len() == 2),
+        matches!(&error, Error::NotASolid { what, locations, .. } if what.contains("none") && locations.len() == 2),
         "{error}"
     );
+    // Only options that are not set are advised.
+    assert!(error.to_string().contains("--close, or resolve intersections with --repair"), "{error}");
+    options.close = true;
+    options.parts = Some(BTreeSet::from([2]));
+    let error = import(&path, &options).err().unwrap().to_string();
+    assert!(error.contains("--repair, or build cells") && !error.contains("--close"), "{error}");
+    // (Without any closed object, none would remain.)
+    options = ExactOptions::new();
+    options.parts = Some(BTreeSet::from([1]));
+    let error = import(&path, &options).err().unwrap().to_string();
+    assert!(error.contains("--close") && !error.contains("--skip-bad"), "{error}");
 }
 
 #[test]
 fn objects_are_chosen_with_their_parts() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = street(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let path = street(directory.path());
     let models = open_all(&[path], 64 << 20).unwrap();
     let (names, about) = parts_of(&models);
     for (filter, expected) in [
@@ -155,8 +166,8 @@ fn objects_are_chosen_with_their_parts() {
 /// Each object has its own volume, area, box and closedness.
 #[test]
 fn objects_are_measured_one_by_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.city.json");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.city.json");
     let hollow = [cuboid([0; 3], [10; 3]), turned(cuboid([2; 3], [5; 3]))].concat();
     // Two halves of a box, both open.
     let mut front = cuboid([20, 0, 0], [30, 10, 10]);
@@ -165,15 +176,15 @@ fn objects_are_measured_one_by_one() {
     city(&path, &[("hollow", kind, hollow), ("front", json!({}), front), ("back", json!({}), back)]);
     let (model, _) = import(&path, &ExactOptions::new()).unwrap();
     let parts = model.part_measures(1 << 20, &()).unwrap();
-    let told: Vec<(u32, bool, u64)> =
+    let measured: Vec<(u32, bool, u64)> =
         parts.iter().map(|part| (part.part, part.is_closed, part.measures.faces)).collect();
-    assert_eq!(told, [(0, true, 12), (1, false, 3), (2, false, 3)]);
+    assert_eq!(measured, [(0, true, 12), (1, false, 3), (2, false, 3)]);
     assert_eq!(parts[0].measures.volume, 1000.0 - 27.0);
     assert_eq!(parts[0].measures.area, 600.0 + 54.0);
     assert_eq!(parts[0].measures.bounds, Some([[0.0; 3], [10.0; 3]]));
     assert!(matches!(model.part_measures(2 << 10, &()), Err(Error::TooLarge { .. })));
     let view = ModelView::from(model);
-    let table = folder.path().join("t.csv");
+    let table = directory.path().join("t.csv");
     let output = Output::create(&table).unwrap();
     assert_eq!(export_objects(&view, None, output, VectorFormat::Csv, 1 << 20, &()).unwrap(), 3);
     let text = std::fs::read_to_string(&table).unwrap();
@@ -193,20 +204,20 @@ fn objects_are_measured_one_by_one() {
 /// Selected objects are exported unchanged, with their attributes.
 #[test]
 fn some_objects_are_exported() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = street(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let path = street(directory.path());
     let mut options = ExactOptions::new();
     (options.skip_bad, options.repair, options.close) = (true, true, true);
     let (model, _) = import(&path, &options).unwrap();
     let filter: FeatureFilter = "type=Building,height>=20".parse().unwrap();
     let chosen = choose_objects(&filter, model.parts(), &|part| model.part_attributes(part)).unwrap();
     let some = ChosenParts::of(&model, &chosen).unwrap();
-    let mesh = folder.path().join("some.city.json");
+    let mesh = directory.path().join("some.city.json");
     export_exact(&some, MeshFormat::CityJson, Output::create(&mesh).unwrap(), &()).unwrap();
     let (again, report) = import(&mesh, &ExactOptions::new()).unwrap();
     assert_eq!((names(&again), report.objects), (vec!["open", "inside-out", "through"], 3));
-    let told = again.part_attributes(1).unwrap().unwrap();
-    assert!(told.contains("\"height\":30") && told.contains("\"Building\""), "{told}");
+    let attributes = again.part_attributes(1).unwrap().unwrap();
+    assert!(attributes.contains("\"height\":30") && attributes.contains("\"Building\""), "{attributes}");
     let volumes: Vec<f64> =
         again.part_measures(1 << 20, &()).unwrap().iter().map(|part| part.measures.volume).collect();
     assert_eq!(volumes, [1000.0, 1000.0, 1500.0]);
@@ -216,8 +227,8 @@ fn some_objects_are_exported() {
 /// All buildings of Delft become separate solids, whose volumes add up to that of the model.
 #[test]
 fn a_city_becomes_a_model() {
-    let Some(folder) = shared_data() else { return };
-    let path = folder.join("mesh/cityjson/delft.json");
+    let Some(directory) = shared_data() else { return };
+    let path = directory.join("mesh/cityjson/delft.json");
     let there = tempfile::tempdir().unwrap();
     let target = there.path().join("delft.goblin");
     let models = open_all(&[path], 64 << 20).unwrap();

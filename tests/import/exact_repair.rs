@@ -50,8 +50,8 @@ fn repaired(faces: &Solid, width: f64) -> Result<(ExactModel, ExactReport), Erro
 
 /// Repairs faces by a rule.
 fn repaired_by(faces: &Solid, width: f64, rule: InsideRule) -> Result<(ExactModel, ExactReport), Error> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.off");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.off");
     write(faces, &path);
     let mut options = options(Some(width));
     options.inside = rule;
@@ -89,7 +89,7 @@ fn bodies_that_overlap_become_one() {
         ("through", join(&[cube.clone(), cuboid([20, 20, -50], [40, 40, 150])]), 1e6 + 400.0 * 100.0),
         ("an edge in common", join(&[cube.clone(), cuboid([100, 100, 0], [150, 150, 100])]), 1.25e6),
         ("inside out", turned(cube.clone()), 1e6),
-        ("inside out beside", join(&[cube.clone(), turned(cuboid([200; 3], [220; 3]))]), 1e6 + 8000.0),
+        ("inside out, disjoint", join(&[cube.clone(), turned(cuboid([200; 3], [220; 3]))]), 1e6 + 8000.0),
         ("inside out across", join(&[cube.clone(), turned(cuboid([50; 3], [150; 3]))]), 2e6 - 50f64.powi(3)),
         (
             "inside out, with a cavity",
@@ -134,7 +134,7 @@ fn bodies_that_overlap_become_one() {
 }
 
 #[test]
-fn what_is_in_order_stays_as_it_is() {
+fn repairs_keep_valid_models_unchanged() {
     let solid =
         [cuboid([0; 3], [300; 3]), turned(cuboid([50; 3], [250; 3])), cuboid([100; 3], [200; 3])].concat();
     let (model, report) = repaired(&solid, 1.0).unwrap();
@@ -145,7 +145,7 @@ fn what_is_in_order_stays_as_it_is() {
 }
 
 #[test]
-fn nothing_inside_is_told() {
+fn surfaces_without_an_interior_are_reported() {
     // A plate without thickness, and a duplicated cube under the even-odd rule.
     let plate =
         vec![vec![vec![[0, 0, 0], [9, 0, 0], [0, 9, 0]]], vec![vec![[0, 0, 0], [0, 9, 0], [9, 0, 0]]]];
@@ -163,7 +163,7 @@ fn nothing_inside_is_told() {
 /// A cube, one overlapping its corner, a smaller one inside with the same orientation, and one with
 /// the opposite orientation: by all rules.
 #[test]
-fn rules_take_other_places() {
+fn inside_rules_select_other_regions() {
     use InsideRule::{Nonzero, Odd, Positive};
     let cube = cuboid([0; 3], [100; 3]);
     let faces = [cube, cuboid([90; 3], [110; 3]), cuboid([10; 3], [30; 3]), turned(cuboid([50; 3], [60; 3]))]
@@ -231,11 +231,11 @@ fn a_pentagram_is_its_outline() {
     let points =
         [[0.0, 0.0, 0.0], [0.0, 600.0, 0.0], [0.0, -500.0, 0.0], [400.0, 250.0, 50.0], [600.0, -100.0, 0.0]];
     let expected = [true, true, false, true, false];
-    let mut asked = Vec::new();
+    let mut located = Vec::new();
     for point in points {
-        asked.push(model.locate(point).unwrap() == Location::Inside);
+        located.push(model.locate(point).unwrap() == Location::Inside);
     }
-    assert_eq!(asked, expected);
+    assert_eq!(located, expected);
     volume(&model);
 }
 
@@ -297,8 +297,8 @@ fn points_are_where_the_surface_goes_around_them() {
 
 #[test]
 fn colours_and_parts_stay_with_their_faces() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.ply");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.ply");
     // Two tetrahedra, one red and one black to white along x.
     let mut text =
         String::from("ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\n");
@@ -346,8 +346,8 @@ fn bytes_do_not_depend_on_threads() {
         triangles(faces).iter().map(|rings| vec![rings[0].iter().map(map).collect()]).collect()
     };
     let faces = lean(&faces);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.off");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.off");
     write(&faces, &path);
     let bytes = [1, 4].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -358,13 +358,13 @@ fn bytes_do_not_depend_on_threads() {
 }
 
 #[test]
-fn too_little_memory_is_told() {
+fn insufficient_memory_is_reported() {
     let mut faces = Solid::new();
     for i in 0..400 {
         faces.extend(triangles(&cuboid([i, 2 * i, 3 * i], [i + 1000, 2 * i + 1000, 3 * i + 1000])));
     }
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.off");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.off");
     write(&faces, &path);
     let mut options = options(Some(1.0));
     options.memory = 1 << 20;
@@ -376,9 +376,9 @@ fn too_little_memory_is_told() {
 /// exact arithmetic (libigl 2.6.3, the union of a mesh with an empty one).
 #[test]
 fn dirty_models_become_bodies() {
-    let Some(folder) = shared_data() else { return };
+    let Some(directory) = shared_data() else { return };
     for (name, expected) in DIRTY {
-        let path = folder.join("mesh").join(name);
+        let path = directory.join("mesh").join(name);
         let there = tempfile::tempdir().unwrap();
         let target = there.path().join("x.goblin");
         let models = open_all(&[path], 64 << 20).unwrap();

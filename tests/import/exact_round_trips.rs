@@ -30,16 +30,22 @@ fn faces(model: &ExactModel) -> Vec<(Vec<[i32; 3]>, Vec<usize>)> {
 
 /// Exports a model in a format and imports it again, optionally with a given grid. Returns the
 /// second model.
-fn again(model: &ExactModel, folder: &Path, format: MeshFormat, name: &str, grid: Option<f64>) -> ExactModel {
-    let mesh = folder.join(name);
+fn again(
+    model: &ExactModel,
+    directory: &Path,
+    format: MeshFormat,
+    name: &str,
+    grid: Option<f64>,
+) -> ExactModel {
+    let mesh = directory.join(name);
     export_exact(model, format, Output::create(&mesh).unwrap(), &()).unwrap();
     let mut options = ExactOptions::new();
     options.snap = grid;
-    import(&mesh, &folder.join("again.goblin"), &options).unwrap().0
+    import(&mesh, &directory.join("again.goblin"), &options).unwrap().0
 }
 
 /// Checks that a round trip preserves the model.
-fn check(name: &str, model: &ExactModel, folder: &Path, grid: Option<f64>) {
+fn check(name: &str, model: &ExactModel, directory: &Path, grid: Option<f64>) {
     let topology = Topology::of(model, &TopologyOptions::default(), &()).unwrap();
     let euler = topology.euler();
     assert!(euler.boundaries == 0 && euler.genus.is_some(), "{name}: {euler:?}");
@@ -56,7 +62,7 @@ fn check(name: &str, model: &ExactModel, folder: &Path, grid: Option<f64>) {
     // For large models, every second format.
     let step = if model.len() > 50_000 { 2 } else { 1 };
     for (format, file) in formats.into_iter().step_by(step) {
-        let second = again(model, folder, format, file, grid);
+        let second = again(model, directory, format, file, grid);
         assert_eq!(second.grid(), model.grid(), "{name} {file}");
         assert!(faces(&second) == expected, "{name} {file}: other faces");
         assert_eq!(second.nodes(), model.nodes(), "{name} {file}");
@@ -66,27 +72,27 @@ fn check(name: &str, model: &ExactModel, folder: &Path, grid: Option<f64>) {
 
 /// All closed meshes of the test data.
 #[test]
-fn closed_meshes_come_back() {
+fn closed_meshes_round_trip() {
     let Some(data) = shared_data() else { return println!("skipped: no test data") };
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     for name in ["fandisk.ply", "rocker-arm.obj", "spot.ply", "armadillo.ply", "bunny_hr.ply"] {
         let mesh = data.join("mesh").join(name);
         let (model, report) =
-            import(&mesh, &folder.path().join("model.goblin"), &ExactOptions::new()).unwrap();
+            import(&mesh, &directory.path().join("model.goblin"), &ExactOptions::new()).unwrap();
         assert_eq!((report.cut, report.slivers, report.collapsed), (0, 0, 0), "{name}");
         assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
-        check(name, &model, folder.path(), None);
+        check(name, &model, directory.path(), None);
     }
 }
 
 /// One part of a model.
-struct Part {
+struct PartModel {
     model: Box<dyn Model>,
     info: ModelInfo,
     part: u32,
 }
 
-impl Model for Part {
+impl Model for PartModel {
     fn info(&self) -> &ModelInfo {
         &self.info
     }
@@ -101,17 +107,17 @@ impl Model for Part {
 
 /// Buildings as separate solids: on the file's own grid no vertex moves, and all faces are planar.
 #[test]
-fn buildings_come_back() {
+fn buildings_round_trip() {
     let Some(data) = shared_data() else { return println!("skipped: no test data") };
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let path: PathBuf = data.join("mesh/cityjson/DH_01_subs.city.json");
     let parts = mesh::open(&path, 64 << 20).unwrap().info().parts.len() as u32;
     let mut built = 0;
     for part in 0..parts {
         let model = mesh::open(&path, 64 << 20).unwrap();
         let info = ModelInfo { parts: vec!["building".into()], ..model.info().clone() };
-        let goblin = folder.path().join("building.goblin");
-        let only: Vec<Box<dyn Model>> = vec![Box::new(Part { model, info, part })];
+        let goblin = directory.path().join("building.goblin");
+        let only: Vec<Box<dyn Model>> = vec![Box::new(PartModel { model, info, part })];
         let report = match import_exact(only, &ExactOptions::new(), Output::create(&goblin).unwrap(), &()) {
             // Some objects are groups of others, without faces.
             Err(Error::Corrupt { .. }) => continue,
@@ -122,7 +128,7 @@ fn buildings_come_back() {
         check(
             &format!("part {part}"),
             &ExactModel::open(&goblin, &OpenOptions::new()).unwrap(),
-            folder.path(),
+            directory.path(),
             Some(0.001),
         );
     }
@@ -131,7 +137,7 @@ fn buildings_come_back() {
 
 /// A face with holes remains one face with holes, whether or not the format supports holes.
 #[test]
-fn holes_come_back() {
+fn holes_round_trip() {
     let square =
         |low: i32, high: i32| format!("[{low},{low},0],[{high},{low},0],[{high},{high},0],[{low},{high},0]");
     // A plate of 9 x 9 with two square through holes: vertices of the bottom, then of the top.
@@ -163,10 +169,11 @@ fn holes_come_back() {
         corners(0),
         corners(2)
     );
-    let folder = tempfile::tempdir().unwrap();
-    let mesh = folder.path().join("plate.city.json");
+    let directory = tempfile::tempdir().unwrap();
+    let mesh = directory.path().join("plate.city.json");
     std::fs::write(&mesh, text).unwrap();
-    let (model, report) = import(&mesh, &folder.path().join("plate.goblin"), &ExactOptions::new()).unwrap();
+    let (model, report) =
+        import(&mesh, &directory.path().join("plate.goblin"), &ExactOptions::new()).unwrap();
     assert_eq!((report.faces, report.cut, report.fanned), (14, 0, 0));
     let volume = MassProperties::of(&model, &()).unwrap().volume;
     assert_eq!(volume, 2.0 * (81.0 - 4.0 - 9.0));
@@ -183,7 +190,7 @@ fn holes_come_back() {
         [(MeshFormat::CityJson, "p.city.json"), (MeshFormat::Ply, "p.ply"), (MeshFormat::Obj, "p.obj")]
     {
         // Formats without a grid of their own get a finer one.
-        let second = again(&model, folder.path(), format, name, None);
+        let second = again(&model, directory.path(), format, name, None);
         assert_eq!(holes(&second), expected, "{name}");
         assert_eq!(MassProperties::of(&second, &()).unwrap().volume, volume, "{name}");
     }
@@ -192,17 +199,17 @@ fn holes_come_back() {
 /// An open surface is rejected with its boundaries, or closed.
 #[test]
 fn open_surfaces_are_refused_or_closed() {
-    let folder = tempfile::tempdir().unwrap();
-    let mesh = folder.path().join("open.off");
+    let directory = tempfile::tempdir().unwrap();
+    let mesh = directory.path().join("open.off");
     // A box of 2 x 3 x 4 without its lid.
     let text = "OFF\n8 5 0\n0 0 0\n2 0 0\n2 3 0\n0 3 0\n0 0 4\n2 0 4\n2 3 4\n0 3 4\n\
                 4 3 2 1 0\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";
     std::fs::write(&mesh, text).unwrap();
-    let path = folder.path().join("box.goblin");
+    let path = directory.path().join("box.goblin");
     let mut options = ExactOptions::new();
     match import(&mesh, &path, &options).map(|_| ()) {
-        Err(Error::NotASolid { places, count: 1, .. }) => {
-            assert!(places[0].contains("4 edges"), "{places:?}")
+        Err(Error::NotASolid { locations, count: 1, .. }) => {
+            assert!(locations[0].contains("4 edges"), "{locations:?}")
         }
         other => panic!("{other:?}"),
     }
@@ -216,16 +223,16 @@ fn open_surfaces_are_refused_or_closed() {
 /// An exact model can be the input of other models: cells, and the same model again.
 #[test]
 fn models_are_built_of_models() {
-    let folder = tempfile::tempdir().unwrap();
-    let mesh = folder.path().join("box.off");
+    let directory = tempfile::tempdir().unwrap();
+    let mesh = directory.path().join("box.off");
     let text = "OFF\n8 6 0\n0 0 0\n2 0 0\n2 2 0\n0 2 0\n0 0 2\n2 0 2\n2 2 2\n0 2 2\n\
                 4 3 2 1 0\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n4 4 5 6 7\n";
     std::fs::write(&mesh, text).unwrap();
-    let first = folder.path().join("first.goblin");
+    let first = directory.path().join("first.goblin");
     let (model, _) = import(&mesh, &first, &ExactOptions::new()).unwrap();
-    let (second, _) = import(&first, &folder.path().join("second.goblin"), &ExactOptions::new()).unwrap();
+    let (second, _) = import(&first, &directory.path().join("second.goblin"), &ExactOptions::new()).unwrap();
     assert!(faces(&second) == faces(&model) && second.grid() == model.grid());
-    let cells = folder.path().join("cells.goblin");
+    let cells = directory.path().join("cells.goblin");
     let plan = spinney::import::mesh::plan_models(
         open_all(&[first], 64 << 20).unwrap(),
         &spinney::import::mesh::SolidOptions::new(),

@@ -66,8 +66,8 @@ fn nearest_points_are_those_of_all_faces() {
     for (name, list, model) in models() {
         let grid = list.grid();
         let mut random = Random(1);
-        let (mut looked_at, rounds) = (0, 300);
-        for _ in 0..rounds {
+        let (mut faces_read, cases) = (0, 300);
+        for _ in 0..cases {
             let to = point(grid, &mut random);
             let expected = faces(&list)
                 .map(|face| nearest_on_face(&face, grid.to_grid(to)))
@@ -77,7 +77,7 @@ fn nearest_points_are_those_of_all_faces() {
             assert_eq!(found.face, expected.face, "{name} {to:?}");
             let distance = expected.distance_squared.sqrt() * grid.width();
             assert_eq!(found.distance, distance, "{name} {to:?}");
-            looked_at += found.visited.faces;
+            faces_read += found.visited.faces;
             let sign = if model.locate(to).unwrap() == Location::Inside { -1.0 } else { 1.0 };
             assert_eq!(model.signed_distance(to).unwrap(), sign * distance, "{name} {to:?}");
             assert_eq!(model.nearest_within(to, distance * 1.001).unwrap().unwrap().face, expected.face);
@@ -85,23 +85,23 @@ fn nearest_points_are_those_of_all_faces() {
                 assert_eq!(model.nearest_within(to, distance * 0.999).unwrap(), None);
             }
         }
-        assert!(looked_at < rounds * (10 + list.len() / 5), "{name}: {looked_at} faces");
+        assert!(faces_read < cases * (10 + list.len() / 5), "{name}: {faces_read} faces");
         assert_eq!(model.nearest([f64::NAN; 3]).unwrap(), None);
     }
 }
 
 #[test]
-fn rays_meet_what_they_meet_of_all_faces() {
+fn rays_hit_the_same_faces_as_a_full_scan() {
     for (name, list, model) in models() {
         let grid = list.grid();
         let mut random = Random(2);
-        let (mut met, mut looked_at, rounds) = (0, 0, 400);
+        let (mut met, mut faces_read, cases) = (0, 0, 400);
         // Rays share cached reads, which must not change results.
-        let (mut rays, mut asked, mut answers) = (model.rays(), Vec::new(), Vec::new());
-        for round in 0..rounds {
+        let (mut rays, mut queries, mut results) = (model.rays(), Vec::new(), Vec::new());
+        for case in 0..cases {
             let (mut from, mut to) = (point(grid, &mut random), point(grid, &mut random));
             // Also exactly along edges and through vertices.
-            if round % 2 == 0 {
+            if case % 2 == 0 {
                 let corners = faces(&list).nth(random.below(list.len()) as usize).unwrap().points;
                 let corner = |random: &mut Random| corners[random.below(corners.len() as u64) as usize];
                 let (a, b) = (corner(&mut random), corner(&mut random));
@@ -130,15 +130,15 @@ fn rays_meet_what_they_meet_of_all_faces() {
                 model.ray_crossings(from, direction).unwrap().first().map(|hit| hit.share),
                 found.map(|hit| hit.share)
             );
-            asked.push([from, direction]);
-            answers.push(found);
+            queries.push([from, direction]);
+            results.push(found);
             if let Some(hit) = found {
                 let (face, normal) = rays.face(hit.face).unwrap();
                 assert_eq!(face.number, hit.face);
                 let along: f64 = (0..3).map(|axis| normal[axis] as f64 * direction[axis]).sum();
                 assert!(along == 0.0 || hit.is_entry == (along < 0.0), "{name} {from:?} {to:?}");
             }
-            looked_at += visited.faces;
+            faces_read += visited.faces;
             met += u64::from(found.is_some());
             let all = expected(Line::between(grid, grid.to_grid(from), grid.to_grid(to)));
             let found = model.crossings(from, to).unwrap();
@@ -149,11 +149,11 @@ fn rays_meet_what_they_meet_of_all_faces() {
             let winding: i32 = found.iter().map(|hit| if hit.is_entry { 1 } else { -1 }).sum();
             assert!((-1..=1).contains(&winding));
         }
-        asked.push([[f64::NAN; 3], [1.0; 3]]);
-        answers.push(None);
-        assert_eq!(rays.first_of(&asked).unwrap(), answers, "{name}");
-        assert!(met > rounds / 5, "{name}: {met}");
-        assert!(looked_at < rounds * (12 + list.len() / 5), "{name}: {looked_at} faces");
+        queries.push([[f64::NAN; 3], [1.0; 3]]);
+        results.push(None);
+        assert_eq!(rays.first_of(&queries).unwrap(), results, "{name}");
+        assert!(met > cases / 5, "{name}: {met}");
+        assert!(faces_read < cases * (12 + list.len() / 5), "{name}: {faces_read} faces");
     }
 }
 
@@ -171,10 +171,10 @@ fn boxes_are_inside_or_outside_or_cut() {
         let mut random = Random(3);
         let mut counts = [0; 3];
         let mut triangulator = Triangulator::new();
-        for round in 0..600 {
+        for case in 0..600 {
             // Walls half way between grid points keep the computation exact.
             let side = 1u64 << random.below(u64::from(grid.bits));
-            let min = if round % 4 == 0 {
+            let min = if case % 4 == 0 {
                 // Near a vertex, where small boxes are cut.
                 let points = faces(&list).nth(random.below(list.len()) as usize).unwrap().points;
                 points[0].map(|at| at + random.below(side + 3) as i32 - side as i32 - 1)
@@ -217,10 +217,10 @@ fn coverage_of_cells_is_that_of_all_faces() {
         let grid = list.grid();
         let mut random = Random(4);
         let mut partly = 0;
-        for round in 0..400 {
+        for case in 0..400 {
             let level = random.below(u64::from(grid.bits) + 1) as u8;
             let mut position = [0; 3].map(|_| random.below(1 << level) as u32);
-            if round % 2 == 0 {
+            if case % 2 == 0 {
                 let points = faces(&list).nth(random.below(list.len()) as usize).unwrap().points;
                 position = points[0].map(|at| at as u32 >> (grid.bits - level));
             }

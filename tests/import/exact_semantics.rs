@@ -56,9 +56,9 @@ fn city() -> Value {
             "transformationMatrix": [1, 0, 0, x, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}]})
     };
     let template = json!({"type": "MultiSurface", "lod": "2", "boundaries": sides(0),
-        "semantics": {"surfaces": [{"type": "+Bark"}, {"type": "+Crown"}], "values": [0, 1, 0, 0, null, 0]}});
-    let places = [([0, 0, 0], 10), ([2, 2, 2], 4), ([20, 0, 0], 5), ([30, 0, 0], 5), ([40, 0, 0], 5)];
-    let mut vertices: Vec<[i32; 3]> = places.iter().flat_map(|(low, size)| corners(*low, *size)).collect();
+        "semantics": {"surfaces": [{"type": "+Bark"}, {"type": "+Leaves"}], "values": [0, 1, 0, 0, null, 0]}});
+    let cubes = [([0, 0, 0], 10), ([2, 2, 2], 4), ([20, 0, 0], 5), ([30, 0, 0], 5), ([40, 0, 0], 5)];
+    let mut vertices: Vec<[i32; 3]> = cubes.iter().flat_map(|(low, size)| corners(*low, *size)).collect();
     vertices.push([50, 0, 0]);
     json!({"type": "CityJSON", "version": "2.0", "transform": {"scale": [1, 1, 1], "translate": [0, 0, 0]},
         "CityObjects": {"house": house, "twins": twins, "plain": plain, "tree 1": place(0), "tree 2": place(10)},
@@ -99,9 +99,9 @@ fn semantics(file: &Value, name: &str) -> Value {
 }
 
 #[test]
-fn semantics_come_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+fn semantics_round_trip() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     std::fs::write(at("a.city.json"), city().to_string()).unwrap();
     let (model, report) = import(&at("a.city.json"), &at("a.goblin"), &ExactOptions::new());
     assert_eq!((report.lost_values, model.len()), (0, 42));
@@ -111,7 +111,7 @@ fn semantics_come_back() {
     let twins = [
         wall, roof, wall, wall, wall, wall, "+Outside", roof, "+Outside", "+Outside", "+Outside", "+Outside",
     ];
-    let tree = ["+Bark", "+Crown", "+Bark", "+Bark", "-", "+Bark"];
+    let tree = ["+Bark", "+Leaves", "+Bark", "+Bark", "-", "+Bark"];
     let expected = [&house[..], &["-"; 6], &twins, &["-"; 6], &tree, &tree].concat();
     assert_eq!(types(&model), expected);
     assert_eq!(model.face_value(2, 1).unwrap().as_deref(), Some("{\"slope\":0.5,\"colour\":\"re\\\"d\"}"));
@@ -129,7 +129,7 @@ fn semantics_come_back() {
     assert_eq!(semantics(&file, "twins"), twins);
     assert_eq!(semantics(&file, "plain"), Value::Null);
     let tree =
-        json!({"surfaces": [{"type": "+Bark"}, {"type": "+Crown"}], "values": [[0, 1, 0, 0, null, 0]]});
+        json!({"surfaces": [{"type": "+Bark"}, {"type": "+Leaves"}], "values": [[0, 1, 0, 0, null, 0]]});
     assert_eq!([semantics(&file, "tree 1"), semantics(&file, "tree 2")], [tree.clone(), tree]);
 
     // The exported file is read as the same, and models of models keep it.
@@ -152,8 +152,8 @@ fn semantics_come_back() {
 /// Faces that a repair splits keep their values.
 #[test]
 fn repairs_keep_semantics() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     let mut city = city();
     // The second twin overlaps the first one.
     let vertices = city["vertices"].as_array_mut().unwrap();
@@ -251,8 +251,8 @@ fn tool(path: &Path, is_one: bool) -> ExactModel {
 }
 
 /// Returns a city, a tool (with one source for all faces if `is_one`), and the city minus the tool.
-fn cut_city(folder: &Path, is_one: bool) -> ([ExactModel; 3], CombineReport) {
-    let at = |name: &str| folder.join(name);
+fn cut_city(directory: &Path, is_one: bool) -> ([ExactModel; 3], CombineReport) {
+    let at = |name: &str| directory.join(name);
     std::fs::write(at("a.city.json"), city().to_string()).unwrap();
     let mut options = ExactOptions::new();
     options.snap = Some(0.001);
@@ -266,9 +266,9 @@ fn cut_city(folder: &Path, is_one: bool) -> ([ExactModel; 3], CombineReport) {
 /// results of results.
 #[test]
 fn operations_keep_values_of_faces() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let ([city, tool, cut], report) = cut_city(folder.path(), false);
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    let ([city, tool, cut], report) = cut_city(directory.path(), false);
     assert!(report.divided > 0 && cut.exact_faces().0 > 0, "{report:?}");
     assert_eq!((report.lost_columns, report.lost_values), (0, 0));
     assert!(check_values(&cut, &[&city, &tool]) > 20);
@@ -305,9 +305,9 @@ fn operations_keep_values_of_faces() {
 
 /// If faces of one source have different values, those that are split have none, which is reported.
 #[test]
-fn values_that_cannot_be_told_apart_are_not_kept() {
-    let folder = tempfile::tempdir().unwrap();
-    let ([_, tool, cut], report) = cut_city(folder.path(), true);
+fn values_that_cannot_be_distinguished_are_dropped() {
+    let directory = tempfile::tempdir().unwrap();
+    let ([_, tool, cut], report) = cut_city(directory.path(), true);
     let of_tool = values(&cut).into_iter().filter(|(part, ..)| cut.parts()[*part as usize] == "tool");
     let of_tool: Vec<Values> = of_tool.map(|(.., own)| own).collect();
     assert!(
@@ -316,18 +316,18 @@ fn values_that_cannot_be_told_apart_are_not_kept() {
     );
     assert!(!of_tool.is_empty());
     // Faces that are not near the other operand keep theirs.
-    let (apart, report) = operation(SetOperation::First, &[&tool], &folder.path().join("d.goblin"));
-    assert_eq!((report.lost_values, values(&apart)), (0, values(&tool)));
+    let (copied, report) = operation(SetOperation::First, &[&tool], &directory.path().join("d.goblin"));
+    assert_eq!((report.lost_values, values(&copied)), (0, values(&tool)));
 }
 
 /// Surfaces of real files are preserved: the same number of each type in each object.
 #[test]
-fn semantics_of_real_files_come_back() {
+fn semantics_of_real_files_round_trip() {
     let Some(path) = shared_data().map(|data| data.join("mesh/cityjson/DH_01_subs.city.json")) else {
         return;
     };
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     let mut options = ExactOptions::new();
     (options.close, options.skip_bad, options.repair) = (true, true, true);
     let (model, report) = import(&path, &at("a.goblin"), &options);
@@ -356,9 +356,9 @@ fn semantics_of_real_files_come_back() {
 
 /// Many surfaces of interleaved parts are preserved, and non-semantic values are reported.
 #[test]
-fn many_semantics_come_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+fn many_semantics_round_trip() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     let grid = Grid { bits: 9, origin: [0; 3], step: 1.0, divisor: 1.0 };
     let about = |face: u64| format!("{{\"face\":{face},\"text\":\"{}\"}}", "x".repeat(600));
     let build = |name: &str, cells: i32, value: &dyn Fn(u64) -> Vec<(&'static str, String)>| {
@@ -435,9 +435,9 @@ fn many_semantics_come_back() {
 
 /// Faces are read whatever the semantics are, or an error explains what is invalid.
 #[test]
-fn odd_semantics_do_no_harm() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.city.json");
+fn invalid_semantics_are_harmless() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.city.json");
     let text = city().to_string().into_bytes();
     let starts: Vec<usize> =
         (0..text.len()).filter(|at| text[*at..].starts_with(b"\"semantics\"")).map(|at| at + 11).collect();

@@ -27,8 +27,8 @@ fn read(path: &Path) -> (FeatureSchema, Vec<Feature>) {
     read_with(path, &FeatureOptions::default()).unwrap()
 }
 
-fn written(folder: &TempDir, name: &str, text: &str) -> PathBuf {
-    let path = folder.path().join(name);
+fn written(directory: &TempDir, name: &str, text: &str) -> PathBuf {
+    let path = directory.path().join(name);
     std::fs::write(&path, text).unwrap();
     path
 }
@@ -66,9 +66,9 @@ fn square(x: f64, y: f64, size: f64) -> Vec<[f64; 2]> {
 }
 
 /// A geometry of any number of parts.
-struct Parts(Vec<Vec<[f64; 3]>>);
+struct MultiLine(Vec<Vec<[f64; 3]>>);
 
-impl Geometry for Parts {
+impl Geometry for MultiLine {
     fn parts(&self) -> usize {
         self.0.len()
     }
@@ -83,8 +83,8 @@ impl Geometry for Parts {
 }
 
 #[test]
-fn what_our_writers_write_is_read_again() {
-    let folder = tempfile::tempdir().unwrap();
+fn files_of_all_our_writers_are_read() {
+    let directory = tempfile::tempdir().unwrap();
     let [outer, hole] = [square(500_000.0, 5_200_000.0, 100.5), square(500_010.0, 5_200_010.0, 7.25)];
     let line: Vec<[f64; 2]> = (0..40).map(|i| [f64::from(i), f64::from(i * i) / 8.0]).collect();
     let of = |kind: GeometryKind| match kind {
@@ -104,7 +104,7 @@ fn what_our_writers_write_is_read_again() {
                 if ending == "shp" && kind == GeometryKind::Point {
                     continue;
                 }
-                let path = folder.path().join(format!("{kind:?}{has_z}.{ending}"));
+                let path = directory.path().join(format!("{kind:?}{has_z}.{ending}"));
                 let layer = VectorLayer {
                     name: "things".into(),
                     kind: Some(kind),
@@ -123,40 +123,40 @@ fn what_our_writers_write_is_read_again() {
                     let lift =
                         |part: &Vec<[f64; 2]>| part.iter().map(|[x, y]| [*x, *y, 7.0]).collect::<Vec<_>>();
                     let parts: Vec<Vec<[f64; 3]>> = parts.iter().map(lift).collect();
-                    writer.write(&Parts(parts), &[size, name]).unwrap();
+                    writer.write(&MultiLine(parts), &[size, name]).unwrap();
                 }
                 writer.finish(&()).unwrap();
                 let (schema, mut features) = read(&path);
                 // A spatial index reorders features.
                 features.sort_by_key(|feature| feature.attributes[0] == FeatureAttribute::None);
-                let told = format!("{ending} {kind:?} {has_z}");
+                let case = format!("{ending} {kind:?} {has_z}");
                 let kinds = [("size".into(), AttributeType::Number), ("name".into(), AttributeType::Text)];
-                assert_eq!(schema.attributes, kinds, "{told}");
+                assert_eq!(schema.attributes, kinds, "{case}");
                 match ending {
                     // CSV stores none.
                     "csv" => assert_eq!(schema.crs, None),
-                    "shp" => assert!(schema.crs.unwrap().to_wkt2().unwrap().contains("UTM"), "{told}"),
-                    _ => assert_eq!(schema.crs, Some(Crs::epsg(25832)), "{told}"),
+                    "shp" => assert!(schema.crs.unwrap().to_wkt2().unwrap().contains("UTM"), "{case}"),
+                    _ => assert_eq!(schema.crs, Some(Crs::epsg(25832)), "{case}"),
                 }
-                assert_eq!(features.len(), 2, "{told}");
+                assert_eq!(features.len(), 2, "{case}");
                 for (feature, parts) in features.iter().zip(of(kind)) {
                     let expected = match kind {
                         GeometryKind::Polygon => FeatureGeometry::Polygons(vec![parts]),
                         GeometryKind::Line => FeatureGeometry::Lines(parts),
                         GeometryKind::Point => FeatureGeometry::Points(parts.concat()),
                     };
-                    assert_eq!(plain(&feature.geometry), plain(&Some(expected)), "{told}");
+                    assert_eq!(plain(&feature.geometry), plain(&Some(expected)), "{case}");
                 }
-                assert_eq!(features[0].attributes[0], FeatureAttribute::Number(0.1), "{told}");
+                assert_eq!(features[0].attributes[0], FeatureAttribute::Number(0.1), "{case}");
                 assert_eq!(
                     features[0].attributes[1],
                     FeatureAttribute::Text("Zürich, \"東京\"".into()),
-                    "{told}"
+                    "{case}"
                 );
                 assert_eq!(
                     features[1].attributes,
                     [FeatureAttribute::None, FeatureAttribute::None],
-                    "{told}"
+                    "{case}"
                 );
             }
         }
@@ -224,12 +224,12 @@ fn common(value: &FeatureAttribute) -> FeatureAttribute {
 }
 
 #[test]
-fn what_gdal_writes_is_read_alike() {
-    let folder = tempfile::tempdir().unwrap();
+fn files_of_gdal_are_read_alike() {
+    let directory = tempfile::tempdir().unwrap();
     let plane = r#""crs":{"type":"name","properties":{"name":"urn:ogc:def:crs:EPSG::25832"}},"#;
     for kind in [GeometryKind::Polygon, GeometryKind::Line, GeometryKind::Point] {
-        let own = written(&folder, &format!("{kind:?}.json"), &source(kind, plane));
-        let degrees = written(&folder, &format!("{kind:?}degrees.json"), &source(kind, ""));
+        let own = written(&directory, &format!("{kind:?}.json"), &source(kind, plane));
+        let degrees = written(&directory, &format!("{kind:?}degrees.json"), &source(kind, ""));
         let (schema, expected) = read(&own);
         assert_eq!((schema.name.as_str(), schema.count, schema.kind), ("things", Some(3), Some(kind)));
         assert_eq!(schema.crs, Some(Crs::epsg(25832)));
@@ -254,38 +254,38 @@ fn what_gdal_writes_is_read_alike() {
         .into_iter()
         .enumerate()
         {
-            let told = format!("{driver} {more:?} {kind:?}");
+            let case = format!("{driver} {more:?} {kind:?}");
             if more.contains(&"GEOMETRY=AS_XY") && kind != GeometryKind::Point {
                 continue;
             }
-            let path = folder.path().join(format!("{kind:?}{number}.{ending}"));
+            let path = directory.path().join(format!("{kind:?}{number}.{ending}"));
             let from = if driver == "GeoJSONSeq" { &degrees } else { &own };
             let words = ["-f", driver, path.to_str().unwrap(), from.to_str().unwrap()];
             if ogr2ogr(&[&words[..], more].concat()).is_none() {
                 return;
             }
             let (schema, mut features) = read(&path);
-            let place = |name: &str| schema.position(name).unwrap_or_else(|| panic!("{told}: no {name}"));
-            features.sort_by_key(|feature| format!("{:?}", feature.attributes[place("n")]));
+            let index_of = |name: &str| schema.position(name).unwrap_or_else(|| panic!("{case}: no {name}"));
+            features.sort_by_key(|feature| format!("{:?}", feature.attributes[index_of("n")]));
             // GDAL omits features without a geometry from FlatGeobuf.
             let count = if driver == "FlatGeobuf" { 2 } else { 3 };
-            assert_eq!(features.len(), count, "{told}");
+            assert_eq!(features.len(), count, "{case}");
             match (driver, &schema.crs) {
-                ("GeoJSONSeq", crs) => assert_eq!(*crs, Some(Crs::epsg(4326)), "{told}"),
-                ("CSV", crs) => assert_eq!(*crs, None, "{told}"),
+                ("GeoJSONSeq", crs) => assert_eq!(*crs, Some(Crs::epsg(4326)), "{case}"),
+                ("CSV", crs) => assert_eq!(*crs, None, "{case}"),
                 ("ESRI Shapefile", crs) => {
-                    assert!(crs.as_ref().unwrap().to_wkt2().unwrap().contains("UTM"), "{told}");
+                    assert!(crs.as_ref().unwrap().to_wkt2().unwrap().contains("UTM"), "{case}");
                 }
-                (_, crs) => assert_eq!(*crs, Some(Crs::epsg(25832)), "{told}"),
+                (_, crs) => assert_eq!(*crs, Some(Crs::epsg(25832)), "{case}"),
             }
             for (feature, wanted) in features.iter().zip(&expected) {
-                assert_eq!(plain(&feature.geometry), plain(&wanted.geometry), "{told}");
+                assert_eq!(plain(&feature.geometry), plain(&wanted.geometry), "{case}");
                 if has_ids(driver) {
-                    assert_eq!(feature.id, wanted.id, "{told}");
+                    assert_eq!(feature.id, wanted.id, "{case}");
                 }
                 for (index, (name, _)) in self::schema_of(&own).attributes.iter().enumerate() {
-                    let (found, wanted) = (&feature.attributes[place(name)], &wanted.attributes[index]);
-                    assert_eq!(common(found), common(wanted), "{told}: {name}");
+                    let (found, wanted) = (&feature.attributes[index_of(name)], &wanted.attributes[index]);
+                    assert_eq!(common(found), common(wanted), "{case}: {name}");
                 }
             }
             // Zones do not depend on the format.
@@ -297,7 +297,7 @@ fn what_gdal_writes_is_read_alike() {
                     None => 0,
                 };
                 let parts: Vec<usize> = layer.features.iter().map(parts).collect();
-                assert_eq!(parts, [1, 2, 0], "{told}");
+                assert_eq!(parts, [1, 2, 0], "{case}");
             }
         }
     }
@@ -309,10 +309,10 @@ fn schema_of(path: &Path) -> FeatureSchema {
 
 #[test]
 fn layers_of_geopackages_are_named() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let [first, second] = [GeometryKind::Point, GeometryKind::Line]
-        .map(|kind| written(&folder, &format!("{kind:?}.json"), &source(kind, "")));
-    let path = folder.path().join("both.gpkg");
+        .map(|kind| written(&directory, &format!("{kind:?}.json"), &source(kind, "")));
+    let path = directory.path().join("both.gpkg");
     let gpkg = path.to_str().unwrap();
     for (from, name) in [(first, "springs"), (second, "brooks: small")] {
         let words = ["-f", "GPKG", "-update", "-append", gpkg, from.to_str().unwrap(), "-nln", name];
@@ -321,19 +321,19 @@ fn layers_of_geopackages_are_named() {
             return;
         }
     }
-    let told = read_with(&path, &FeatureOptions::default()).unwrap_err().to_string();
-    assert!(told.contains("springs") && told.contains("brooks: small"), "{told}");
+    let message = read_with(&path, &FeatureOptions::default()).unwrap_err().to_string();
+    assert!(message.contains("springs") && message.contains("brooks: small"), "{message}");
     assert_eq!(read(Path::new(&format!("{gpkg}:springs"))).0.kind, Some(GeometryKind::Point));
     assert_eq!(read(Path::new(&format!("{gpkg}:brooks: small"))).0.kind, None);
     let named = FeatureOptions { layer: Some("springs".into()), ..FeatureOptions::default() };
     assert_eq!(read_with(&path, &named).unwrap().1.len(), 3);
-    let told = read_with(Path::new(&format!("{gpkg}:nothing")), &named).unwrap_err().to_string();
-    assert!(told.contains("nothing") && told.contains("springs"), "{told}");
+    let message = read_with(Path::new(&format!("{gpkg}:nothing")), &named).unwrap_err().to_string();
+    assert!(message.contains("nothing") && message.contains("springs"), "{message}");
 }
 
 #[test]
 fn documents_of_all_kinds_are_features() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let feature = |code: &str| {
         format!(
             r#"{{"geometry":{{"coordinates":[1,2,9],"type":"Point"}},"properties":{{"code":{code}}},"type":"Feature"}}"#
@@ -355,13 +355,13 @@ fn documents_of_all_kinds_are_features() {
             mixed,
         ),
     ] {
-        let (schema, features) = read(&written(&folder, "a.geojson", &text));
+        let (schema, features) = read(&written(&directory, "a.geojson", &text));
         assert_eq!((features.len(), schema.count), (count, Some(count as u64)), "{text}");
         assert_eq!(schema.attributes, [("code".into(), kind)], "{text}");
         assert_eq!(features[0].geometry, Some(FeatureGeometry::Points(vec![[1.0, 2.0]])));
     }
     let collection = r#"{"type":"GeometryCollection","geometries":[{"type":"Point","coordinates":[1,2]},{"type":"GeometryCollection","geometries":[{"type":"LineString","coordinates":[[1,2],[3,4]]}]}]}"#;
-    let (_, features) = read(&written(&folder, "a.geojson", collection));
+    let (_, features) = read(&written(&directory, "a.geojson", collection));
     assert_eq!(features.len(), 2);
     let lines = FeatureGeometry::Lines(vec![vec![[1.0, 2.0], [3.0, 4.0]]]);
     assert_eq!(features[1].geometry, Some(FeatureGeometry::Collection(vec![lines])));
@@ -371,7 +371,7 @@ fn documents_of_all_kinds_are_features() {
     let text = [r#"{"a":1,"b":"x"}"#, "null", r#"{"b":2,"c":[1, {"d":2}],"e":18446744073709551615}"#]
         .map(with)
         .join("\n");
-    let (schema, features) = read(&written(&folder, "a.geojson", &text));
+    let (schema, features) = read(&written(&directory, "a.geojson", &text));
     let kinds: Vec<_> = schema.attributes.iter().map(|(name, kind)| (name.as_str(), *kind)).collect();
     let json = AttributeType::Json;
     assert_eq!(kinds, [("a", AttributeType::Integer), ("b", AttributeType::Mixed), ("c", json), ("e", json)]);
@@ -382,14 +382,14 @@ fn documents_of_all_kinds_are_features() {
 
 #[test]
 fn tables_have_geometries_in_many_ways() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let point = |x: f64, y: f64| Some(FeatureGeometry::Points(vec![[x, y]]));
     let text =
         "code;The_Geom;\"note\"\r\n007;POINT(1 2);\"a;\r\n\"\"b\"\"\"\r\n\r\n08;;\r\n9;\"SRID=0;x\"\r\n";
-    let told =
-        read_with(&written(&folder, "a.csv", text), &FeatureOptions::default()).unwrap_err().to_string();
-    assert!(told.contains("feature 3") && told.contains("coordinate system"), "{told}");
-    let (schema, features) = read(&written(&folder, "a.csv", &text[..text.find("9;").unwrap()]));
+    let message =
+        read_with(&written(&directory, "a.csv", text), &FeatureOptions::default()).unwrap_err().to_string();
+    assert!(message.contains("feature 3") && message.contains("coordinate system"), "{message}");
+    let (schema, features) = read(&written(&directory, "a.csv", &text[..text.find("9;").unwrap()]));
     assert_eq!(
         schema.attributes,
         [("code".into(), AttributeType::Text), ("note".into(), AttributeType::Text)]
@@ -401,7 +401,7 @@ fn tables_have_geometries_in_many_ways() {
     assert_eq!((&features[0].geometry, &features[1].geometry), (&point(1.0, 2.0), &None));
     assert_eq!(features[1].attributes[1], FeatureAttribute::None);
     // Points whose coordinates are in two columns, recognized as degrees by their names.
-    let (schema, features) = read(&written(&folder, "b.csv", "id,Lon,Lat\n1,9.5,47\n2,,\n3,-1e1,0"));
+    let (schema, features) = read(&written(&directory, "b.csv", "id,Lon,Lat\n1,9.5,47\n2,,\n3,-1e1,0"));
     assert_eq!(
         (schema.crs, schema.kind, schema.count),
         (Some(Crs::epsg(4326)), Some(GeometryKind::Point), Some(3))
@@ -412,25 +412,25 @@ fn tables_have_geometries_in_many_ways() {
         features[2].attributes,
         [FeatureAttribute::Integer(3), FeatureAttribute::Number(-10.0), FeatureAttribute::Integer(0)]
     );
-    let (schema, features) = read(&written(&folder, "c.tsv", "x\ty\tv\n1\t2\t0.5\n"));
+    let (schema, features) = read(&written(&directory, "c.tsv", "x\ty\tv\n1\t2\t0.5\n"));
     assert_eq!((schema.crs, &features[0].geometry), (None, &point(1.0, 2.0)));
     // Hexadecimal WKB with a coordinate system; and a sidecar file with one.
     let (schema, features) =
-        read(&written(&folder, "d.csv", "wkb\n0101000020E8640000000000000000F03F0000000000000040\n"));
+        read(&written(&directory, "d.csv", "wkb\n0101000020E8640000000000000000F03F0000000000000040\n"));
     assert_eq!((schema.crs, &features[0].geometry), (Some(Crs::epsg(25832)), &point(1.0, 2.0)));
-    written(&folder, "b.prj", "EPSG:2056");
-    let path = written(&folder, "b.csv", "x,y\n1,2\n");
+    written(&directory, "b.prj", "EPSG:2056");
+    let path = written(&directory, "b.csv", "x,y\n1,2\n");
     assert_eq!(read(&path).0.crs, Some(Crs::epsg(2056)));
-    let told = read_with(&written(&folder, "e.csv", "a,b\n1,2\n"), &FeatureOptions::default())
+    let message = read_with(&written(&directory, "e.csv", "a,b\n1,2\n"), &FeatureOptions::default())
         .unwrap_err()
         .to_string();
-    assert!(told.contains("the columns a, b") && told.contains("the_geom"), "{told}");
+    assert!(message.contains("the columns a, b") && message.contains("the_geom"), "{message}");
 }
 
 #[test]
 fn features_and_attributes_are_chosen() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = written(&folder, "a.csv", "x,y,code,kind\n1,2,3,wood\n3,4,10,lake\n5,6,,wood\n");
+    let directory = tempfile::tempdir().unwrap();
+    let path = written(&directory, "a.csv", "x,y,code,kind\n1,2,3,wood\n3,4,10,lake\n5,6,,wood\n");
     let chosen = |filter: &str, attributes: Option<&[&str]>| {
         let attributes = attributes.map(|names| names.iter().map(ToString::to_string).collect());
         let filter = if filter.is_empty() { Default::default() } else { filter.parse().unwrap() };
@@ -445,18 +445,21 @@ fn features_and_attributes_are_chosen() {
     assert_eq!(features[1].attributes, [FeatureAttribute::None, FeatureAttribute::Integer(5)]);
     assert!(chosen("", Some(&[])).unwrap().1[0].attributes.is_empty());
     for (filter, attributes) in [("height>3", None), ("", Some(&["height"][..]))] {
-        let told = chosen(filter, attributes).unwrap_err().to_string();
-        assert!(told.contains("height, which no feature has") && told.contains("code, kind, x, y"), "{told}");
+        let message = chosen(filter, attributes).unwrap_err().to_string();
+        assert!(
+            message.contains("height, which no feature has") && message.contains("code, kind, x, y"),
+            "{message}"
+        );
     }
 }
 
 #[test]
-fn what_cannot_be_used_is_told_with_its_number() {
-    let folder = tempfile::tempdir().unwrap();
+fn unusable_features_are_reported_with_their_numbers() {
+    let directory = tempfile::tempdir().unwrap();
     let feature = |geometry: &str| format!(r#"{{"type":"Feature","properties":{{}},"geometry":{geometry}}}"#);
     let good = feature(r#"{"type":"Point","coordinates":[1,2]}"#);
-    for (geometry, told) in [
-        (r#"{"type":"Polygon","coordinates":[[[0,0],[1,1]]]}"#, "a ring of 2 corners"),
+    for (geometry, expected) in [
+        (r#"{"type":"Polygon","coordinates":[[[0,0],[1,1]]]}"#, "a ring of 2 vertices"),
         (r#"{"type":"LineString","coordinates":[[0,0]]}"#, "a line of one point"),
         (r#"{"type":"Point","coordinates":[1,"x"]}"#, "invalid type"),
         (r#"{"type":"Point","coordinates":[1e999,0]}"#, "out of range"),
@@ -465,29 +468,34 @@ fn what_cannot_be_used_is_told_with_its_number() {
         ("7", "expected"),
     ] {
         let text = format!("{good}\n{}\n", feature(geometry));
-        let error = read_with(&written(&folder, "a.geojson", &text), &FeatureOptions::default()).unwrap_err();
+        let error =
+            read_with(&written(&directory, "a.geojson", &text), &FeatureOptions::default()).unwrap_err();
         let said = error.to_string();
-        assert!(said.contains("feature 2") && said.contains(told) && said.contains("a.geojson"), "{said}");
+        assert!(
+            said.contains("feature 2") && said.contains(expected) && said.contains("a.geojson"),
+            "{said}"
+        );
     }
     let rows = "wkt\nPOINT (1 2)\n\"POLYGON ((0 0,1 1))\"\n";
-    let error = read_with(&written(&folder, "a.csv", rows), &FeatureOptions::default()).unwrap_err();
-    assert!(error.to_string().contains("feature 2: found a ring of 2 corners"), "{error}");
+    let error = read_with(&written(&directory, "a.csv", rows), &FeatureOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("feature 2: found a ring of 2 vertices"), "{error}");
     // Points and lines are not zones.
-    let path = written(&folder, "a.geojson", &good);
-    let told = read_polygons(&path, &FeatureOptions::default()).unwrap_err().to_string();
+    let path = written(&directory, "a.geojson", &good);
+    let expected = read_polygons(&path, &FeatureOptions::default()).unwrap_err().to_string();
     assert!(
-        told.contains("feature 1, a geometry of type `Point`") && told.contains("zones are polygons"),
-        "{told}"
+        expected.contains("feature 1, a geometry of type `Point`") && expected.contains("zones are polygons"),
+        "{expected}"
     );
     // Formats that no feature reader supports.
-    let told =
-        read_with(&written(&folder, "a.kml", "<kml>"), &FeatureOptions::default()).unwrap_err().to_string();
-    assert!(told.contains("a.kml"), "{told}");
+    let expected = read_with(&written(&directory, "a.kml", "<kml>"), &FeatureOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(expected.contains("a.kml"), "{expected}");
 }
 
 #[test]
 fn memory_is_bounded_by_feature() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let ring: Vec<String> = (0..20_000).map(|i| format!("{},{}", i, i * i % 1009)).collect();
     let of =
         |separator: &str, ring: &[String]| ring.iter().map(|c| c.replace(',', separator)).collect::<Vec<_>>();
@@ -496,16 +504,16 @@ fn memory_is_bounded_by_feature() {
     let feature = |count: usize| {
         let line = line(count);
         format!(
-            r#"{{"type":"Feature","properties":{{"n":1}},"geometry":{{"type":"LineString","coordinates":[{line}]}}}}"#
+            r#"{{"type":"Feature","crs":null,"properties":{{"n":1}},"geometry":{{"type":"LineString","coordinates":[{line}]}}}}"#
         )
     };
     let json =
-        written(&folder, "a.geojson", &format!("{}\n{}\n{}", feature(9), feature(10), feature(20_000)));
+        written(&directory, "a.geojson", &format!("{}\n{}\n{}", feature(9), feature(10), feature(20_000)));
     let row = |count: usize| format!("1,\"LINESTRING ({})\"\n", of(" ", &ring[..count]).join(","));
-    let table = written(&folder, "a.csv", &format!("n,wkt\n{}{}{}", row(9), row(10), row(20_000)));
+    let table = written(&directory, "a.csv", &format!("n,wkt\n{}{}{}", row(9), row(10), row(20_000)));
     let mut paths = vec![json.clone(), table];
     for (driver, ending) in [("GPKG", "gpkg"), ("FlatGeobuf", "fgb"), ("ESRI Shapefile", "shp")] {
-        let path = folder.path().join(format!("b.{ending}"));
+        let path = directory.path().join(format!("b.{ending}"));
         let words = ["-f", driver, path.to_str().unwrap(), json.to_str().unwrap()];
         let plain = ["-lco", "SPATIAL_INDEX=NO"];
         if ogr2ogr(&[&words[..], &plain].concat()).is_some() {
@@ -521,7 +529,7 @@ fn memory_is_bounded_by_feature() {
         }
     }
     let squares: Vec<String> = (0..100).map(|i| format!("{i},\"POLYGON ((0 0,1 0,1 1))\"\n")).collect();
-    let path = written(&folder, "c.csv", &format!("n,wkt\n{}", squares.concat()));
+    let path = written(&directory, "c.csv", &format!("n,wkt\n{}", squares.concat()));
     let zones = |memory: u64| read_polygons(&path, &FeatureOptions { memory, ..FeatureOptions::default() });
     assert_eq!(zones(1 << 20).unwrap().features.len(), 100);
     assert!(matches!(zones(20_000), Err(Error::TooLarge { .. })));

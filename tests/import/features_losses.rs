@@ -13,9 +13,9 @@ use spinney::{Output, Progress};
 
 /// Progress that collects warnings.
 #[derive(Default)]
-struct Told(Mutex<Vec<String>>);
+struct Warnings(Mutex<Vec<String>>);
 
-impl Progress for Told {
+impl Progress for Warnings {
     fn warn(&self, file: &Path, text: &str) {
         assert!(file.exists(), "{text}");
         self.0.lock().unwrap().push(text.into());
@@ -46,9 +46,9 @@ fn written(
         let geometry = has_geometry.then_some((GeometryKind::Polygon, &square as &dyn Geometry));
         writer.write_feature(&VectorFeature { id: id.as_ref(), geometry, attributes }).unwrap();
     }
-    let told = Told::default();
-    writer.finish(&told).unwrap();
-    told.0.into_inner().unwrap()
+    let warnings = Warnings::default();
+    writer.finish(&warnings).unwrap();
+    warnings.0.into_inner().unwrap()
 }
 
 /// Returns the attribute names, and all features' attributes.
@@ -62,9 +62,9 @@ fn read(path: &Path) -> (Vec<String>, Vec<Vec<FeatureAttribute>>) {
 }
 
 #[test]
-fn what_shapefiles_cut_is_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.shp");
+fn truncation_in_shapefiles_is_reported() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.shp");
     let attributes = [
         ("population_total", AttributeType::Text),
         ("population_density", AttributeType::Text),
@@ -81,14 +81,14 @@ fn what_shapefiles_cut_is_told() {
             AttributeValue::Text("d "),
         ],
     ];
-    let told = written(&path, &attributes, &[(None, true, &rows[0]), (Some(2), false, &rows[1])]);
+    let warnings = written(&path, &attributes, &[(None, true, &rows[0]), (Some(2), false, &rows[1])]);
     assert_eq!(
-        told,
+        warnings,
         [
-            "attributes have other names there: `population_total` is `population`, `population_density` is `populati_2`, `name` is `name_2`",
-            "ids that are left out, since the format has none: 1",
-            "texts that are cut to 254 bytes: 2",
-            "texts that are empty or end with blanks, which the format cannot tell: 2",
+            "attributes are renamed: `population_total` is `population`, `population_density` is `populati_2`, `name` is `name_2`",
+            "dropped ids, since the format has none: 1",
+            "strings truncated to 254 bytes: 2",
+            "empty strings or trailing blanks that the format cannot distinguish: 2",
         ]
     );
     let (names, features) = read(&path);
@@ -99,7 +99,7 @@ fn what_shapefiles_cut_is_told() {
 /// Numbers, booleans and dates are preserved in all formats, without warnings.
 #[test]
 fn numbers_are_not_lost() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let attributes = [
         ("whole", AttributeType::Integer),
         ("number", AttributeType::Number),
@@ -135,7 +135,7 @@ fn numbers_are_not_lost() {
         .collect();
     let features: Vec<_> = rows.iter().map(|row| (None, true, &row[..])).collect();
     for ending in ["geojson", "csv", "gpkg", "fgb", "shp"] {
-        let path = folder.path().join(format!("a.{ending}"));
+        let path = directory.path().join(format!("a.{ending}"));
         assert_eq!(written(&path, &attributes, &features), Vec::<String>::new(), "{ending}");
         let (_, mut found) = read(&path);
         let key = |row: &Vec<FeatureAttribute>| match row[0] {
@@ -167,8 +167,8 @@ fn numbers_are_not_lost() {
 }
 
 #[test]
-fn what_other_formats_cannot_tell_is_told() {
-    let folder = tempfile::tempdir().unwrap();
+fn losses_of_other_formats_are_reported() {
+    let directory = tempfile::tempdir().unwrap();
     let attributes =
         [("fid", AttributeType::Number), ("a b", AttributeType::Text), ("a_b", AttributeType::Integer)];
     let row = [
@@ -177,26 +177,26 @@ fn what_other_formats_cannot_tell_is_told() {
         AttributeValue::Integer(i64::MAX),
     ];
     let infinite = [AttributeValue::Number(f64::INFINITY), AttributeValue::None, AttributeValue::None];
-    let told = |ending: &str| {
-        let path = folder.path().join(format!("a.{ending}"));
-        let told = written(&path, &attributes, &[(None, true, &row), (None, false, &infinite)]);
-        told.join("; ")
+    let warnings = |ending: &str| {
+        let path = directory.path().join(format!("a.{ending}"));
+        let warnings = written(&path, &attributes, &[(None, true, &row), (None, false, &infinite)]);
+        warnings.join("; ")
     };
-    let infinite = "infinite numbers that are left out: 1";
-    let rounded = |count: u64| format!("whole numbers beyond 2^53 that are rounded: {count}");
-    let control = "texts whose control characters have become blanks: 1";
-    let other = "attributes have other names there: ";
-    assert_eq!(told("geojson"), infinite);
-    assert_eq!(told("csv"), infinite);
-    assert_eq!(told("fgb"), format!("{infinite}; {}", rounded(1)));
-    assert_eq!(told("gpkg"), format!("{other}`fid` is `fid_2`; {infinite}; {}", rounded(1)));
+    let infinite = "dropped infinite numbers: 1";
+    let rounded = |count: u64| format!("rounded integers beyond 2^53: {count}");
+    let control = "strings with control characters replaced by blanks: 1";
+    let other = "attributes are renamed: ";
+    assert_eq!(warnings("geojson"), infinite);
+    assert_eq!(warnings("csv"), infinite);
+    assert_eq!(warnings("fgb"), format!("{infinite}; {}", rounded(1)));
+    assert_eq!(warnings("gpkg"), format!("{other}`fid` is `fid_2`; {infinite}; {}", rounded(1)));
     let names = format!("{other}`a b` is `a_b`, `a_b` is `a_b_2`");
-    assert_eq!(told("svg"), format!("{names}; {infinite}; {control}"));
-    assert_eq!(told("obj"), format!("{infinite}; {control}"));
-    let texts = "attributes that are not numbers are left out: `a b`";
-    assert_eq!(told("ply"), format!("{names}; {texts}; {infinite}; {}", rounded(2)));
+    assert_eq!(warnings("svg"), format!("{names}; {infinite}; {control}"));
+    assert_eq!(warnings("obj"), format!("{infinite}; {control}"));
+    let dropped = "attributes that are not numbers are dropped: `a b`";
+    assert_eq!(warnings("ply"), format!("{names}; {dropped}; {infinite}; {}", rounded(2)));
     // A point or an empty geometry has no edges to carry attributes.
-    let path = folder.path().join("b.ply");
-    let told = written(&path, &attributes[2..], &[(None, false, &row[2..])]);
-    assert!(told.iter().any(|text| text.contains("since they have no edges: 1")), "{told:?}");
+    let path = directory.path().join("b.ply");
+    let warnings = written(&path, &attributes[2..], &[(None, false, &row[2..])]);
+    assert!(warnings.iter().any(|text| text.contains("since they have no edges: 1")), "{warnings:?}");
 }

@@ -53,8 +53,8 @@ fn stars(random: &mut Random, count: usize) -> Vec<Star> {
     (0..count).map(|_| one(random)).collect()
 }
 
-fn document(folder: &Path, stars: &[Star]) -> PathBuf {
-    let path = folder.join("stars.geojson");
+fn document(directory: &Path, stars: &[Star]) -> PathBuf {
+    let path = directory.join("stars.geojson");
     let feature = |(number, (value, rings)): (usize, &Star)| {
         let closed: Vec<Vec<[f64; 2]>> = rings.iter().map(|ring| [&ring[..], &ring[..1]].concat()).collect();
         let geometry = format!(r#"{{"type":"Polygon","coordinates":{closed:?}}}"#);
@@ -128,9 +128,9 @@ fn byte(number: u64) -> Option<Value> {
 
 #[test]
 fn features_fill_the_cells_that_they_have_in_one_commit() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let stars = stars(&mut Random(3), 14);
-    let (file, path) = (document(folder.path(), &stars), folder.path().join("map.autumn"));
+    let (file, path) = (document(directory.path(), &stars), directory.path().join("map.autumn"));
     let mut cells = ground(&path, 1);
     let all = at_centres(&stars);
     let mut commits = 1;
@@ -185,11 +185,11 @@ fn features_fill_the_cells_that_they_have_in_one_commit() {
 
 #[test]
 fn features_among_operands_are_what_trees_of_them_would_be() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = document(folder.path(), &stars(&mut Random(5), 9));
+    let directory = tempfile::tempdir().unwrap();
+    let file = document(directory.path(), &stars(&mut Random(5), 9));
     let [map, coarse, built, expected, found] =
         ["map.goblin", "coarse.goblin", "built.goblin", "expected.goblin", "found.goblin"]
-            .map(|name| folder.path().join(name));
+            .map(|name| directory.path().join(name));
     ground(&map, 2);
     // A tree of cells four times as large, over a larger area.
     let wide = Cells::random(form(), 7, [200, 150, 1], 5, true);
@@ -225,7 +225,7 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         let edge = edges[number % 3];
         let operation = CombineOperation::named(operation, Prefer::First).unwrap();
         // On the grid of the combined trees, as the union of the trees has it.
-        let union = folder.path().join("union.goblin");
+        let union = directory.path().join("union.goblin");
         let create = |path: &Path| Output::create(path).unwrap();
         combine(
             CombineOperation::Over,
@@ -284,17 +284,17 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
 
 #[test]
 fn searches_stay_within_features() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let stars = stars(&mut Random(8), 12);
-    let file = document(folder.path(), &stars);
+    let file = document(directory.path(), &stars);
     let all = at_centres(&stars);
     for name in ["map.goblin", "map.autumn"] {
-        let path = folder.path().join(name);
+        let path = directory.path().join(name);
         let cells = ground(&path, 4);
         let tree = opened(&path);
         let zones = overlay(&file, &over(&tree, |_| {}));
         for bounds in [None, Some(Bounds { min: [100, 50, 0], max: [400, 300, 1] })] {
-            let within = bounds.unwrap_or(Bounds::picture(EXTENT));
+            let within = bounds.unwrap_or(Bounds::of_extent(EXTENT));
             let mut found = vec![false; all.len()];
             let wanted = u64::from(cells.cells.iter().flatten().next().unwrap().to_bytes()[0]);
             tree.find_within(Condition::Equal(wanted.into()), &zones, bounds, &(), &mut |block| {
@@ -322,12 +322,12 @@ fn searches_stay_within_features() {
 }
 
 #[test]
-fn texts_are_the_classes_of_the_tree_and_what_does_not_fit_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("map.autumn");
+fn strings_are_classes_of_the_tree_and_misfits_are_rejected() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("map.autumn");
     ground(&path, 1);
     let tree = opened(&path);
-    let file = folder.path().join("named.geojson");
+    let file = directory.path().join("named.geojson");
     let square = r#"{"type":"Polygon","coordinates":[[[10,10],[20,10],[20,20],[10,20],[10,10]]]}"#;
     let crs = r#"{"type":"name","properties":{"name":"urn:ogc:def:crs:EPSG::32633"}}"#;
     let with = |value: &str| {

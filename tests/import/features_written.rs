@@ -97,8 +97,8 @@ fn read(path: &Path) -> Vec<Feature> {
 }
 
 /// Returns a feature as a format can store it.
-fn told(path: &Path, feature: &Feature) -> Feature {
-    let mut told = feature.clone();
+fn as_stored(path: &Path, feature: &Feature) -> Feature {
+    let mut as_stored = feature.clone();
     let ending = path.extension().unwrap().to_str().unwrap();
     let as_text = |attribute: &FeatureAttribute| match attribute {
         FeatureAttribute::None => FeatureAttribute::None,
@@ -107,29 +107,29 @@ fn told(path: &Path, feature: &Feature) -> Feature {
     match ending {
         "gpkg" => {
             // JSON is a string there.
-            told.attributes[4] = as_text(&feature.attributes[4]);
+            as_stored.attributes[4] = as_text(&feature.attributes[4]);
         }
-        "fgb" => told.id = None,
+        "fgb" => as_stored.id = None,
         "csv" | "shp" => {
-            told.id = None;
-            told.attributes[4] = as_text(&feature.attributes[4]);
+            as_stored.id = None;
+            as_stored.attributes[4] = as_text(&feature.attributes[4]);
             if ending == "csv" {
-                told.attributes[3] = as_text(&feature.attributes[3]);
+                as_stored.attributes[3] = as_text(&feature.attributes[3]);
             }
         }
         _ => {}
     }
-    told
+    as_stored
 }
 
 #[test]
-fn polygons_come_back_from_every_format_as_they_were() {
-    let folder = tempfile::tempdir().unwrap();
+fn polygons_round_trip_through_every_format() {
+    let directory = tempfile::tempdir().unwrap();
     for ending in ["geojson", "csv", "gpkg", "fgb", "shp"] {
-        let path = folder.path().join(format!("things.{ending}"));
+        let path = directory.path().join(format!("things.{ending}"));
         let features = polygons();
         written(&path, Some(GeometryKind::Polygon), &features).unwrap();
-        let mut wanted: Vec<Feature> = features.iter().map(|feature| told(&path, feature)).collect();
+        let mut wanted: Vec<Feature> = features.iter().map(|feature| as_stored(&path, feature)).collect();
         if ending == "shp" {
             // Outer rings are clockwise there.
             for parts in wanted.iter_mut().filter_map(|feature| feature.geometry.as_mut()) {
@@ -142,8 +142,8 @@ fn polygons_come_back_from_every_format_as_they_were() {
 }
 
 #[test]
-fn features_of_several_kinds_come_back_too() {
-    let folder = tempfile::tempdir().unwrap();
+fn features_of_several_geometry_types_round_trip() {
+    let directory = tempfile::tempdir().unwrap();
     let line = vec![[0.0, 0.0], [3.0, 4.5]];
     let geometries = [
         FeatureGeometry::Points(vec![[1.0, 2.0]]),
@@ -159,7 +159,7 @@ fn features_of_several_kinds_come_back_too() {
     ];
     let features: Vec<Feature> = (1..).zip(geometries).map(|(id, own)| feature(id, Some(own))).collect();
     for ending in ["geojson", "csv", "gpkg", "fgb"] {
-        let path = folder.path().join(format!("things.{ending}"));
+        let path = directory.path().join(format!("things.{ending}"));
         written(&path, None, &features).unwrap();
         let mut found = read(&path);
         // Formats with an index have their own order.
@@ -167,19 +167,19 @@ fn features_of_several_kinds_come_back_too() {
             FeatureAttribute::Integer(number) => number,
             _ => 0,
         });
-        let wanted: Vec<Feature> = features.iter().map(|feature| told(&path, feature)).collect();
+        let wanted: Vec<Feature> = features.iter().map(|feature| as_stored(&path, feature)).collect();
         assert_eq!(found, wanted, "{ending}");
     }
-    let path = folder.path().join("things.shp");
-    assert!(written(&path, None, &features).unwrap_err().to_string().contains("several kinds"));
+    let path = directory.path().join("things.shp");
+    assert!(written(&path, None, &features).unwrap_err().to_string().contains("several geometry types"));
 }
 
 /// A FlatGeobuf index over many features: nodes contain their children, and leaves store the
 /// features' offsets.
 #[test]
 fn an_index_of_flatgeobuf_is_around_its_features() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("many.fgb");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("many.fgb");
     for count in [1usize, 15, 16, 17, 256, 257, 5000] {
         let layer = VectorLayer {
             name: "many".into(),
@@ -192,9 +192,9 @@ fn an_index_of_flatgeobuf_is_around_its_features() {
         };
         let mut writer =
             VectorWriter::create(Output::create(&path).unwrap(), VectorFormat::FlatGeobuf, layer).unwrap();
-        let place = |number: usize| [(number * 37 % 101) as f64, (number * 53 % 97) as f64];
+        let point_of = |number: usize| [(number * 37 % 101) as f64, (number * 53 % 97) as f64];
         for number in 0..count {
-            let [x, y] = place(number);
+            let [x, y] = point_of(number);
             writer.write(&[vec![[x, y, 0.0]]], &[AttributeValue::Integer(number as i64)]).unwrap();
         }
         writer.finish(&()).unwrap();
@@ -204,7 +204,7 @@ fn an_index_of_flatgeobuf_is_around_its_features() {
         for feature in &features {
             let FeatureAttribute::Integer(number) = feature.attributes[0] else { panic!("{feature:?}") };
             let number = number as usize;
-            assert_eq!(feature.geometry, Some(FeatureGeometry::Points(vec![place(number)])));
+            assert_eq!(feature.geometry, Some(FeatureGeometry::Points(vec![point_of(number)])));
             seen.push(number);
         }
         seen.sort_unstable();
@@ -262,11 +262,11 @@ fn check_index(bytes: &[u8], count: usize) {
 
 /// Heights are ignored, which is reported for each feature.
 #[test]
-fn heights_are_told_of() {
-    let folder = tempfile::tempdir().unwrap();
+fn dropped_heights_are_reported() {
+    let directory = tempfile::tempdir().unwrap();
     for ending in ["geojson", "csv", "gpkg", "fgb", "shp"] {
         for has_z in [false, true] {
-            let path = folder.path().join(format!("lines{has_z}.{ending}"));
+            let path = directory.path().join(format!("lines{has_z}.{ending}"));
             let layer = VectorLayer {
                 name: "lines".into(),
                 kind: Some(GeometryKind::Line),

@@ -6,12 +6,12 @@ use std::path::Path;
 use serde_json::Value as Json;
 use spinney::export::{GltfOptions, MeshRequest, export_glb, export_tileset};
 use spinney::raw::export::mesh::{TilesetSummary, surface_mesh};
-use spinney::raw::io::OutputFolder;
+use spinney::raw::io::OutputDirectory;
 use spinney::raw::store::{build_tree, depth_for};
 use spinney::raw::value::Palette;
 use spinney::{Crs, DataKind, Dataset, Error, Frame, Metadata, Output, Progress, Rule, SampleType, Value};
 
-use crate::common::gltf_file::{Glb, Mesh, Place, Tiles};
+use crate::common::gltf_file::{Glb, Mesh, TilePosition, Tiles};
 use crate::common::mesh_file::{cross, dot};
 use crate::common::{Cells, OCT, QUAD, byte, dataset, made, oct, opened, options, value, with};
 
@@ -46,8 +46,8 @@ fn balls(side: u64) -> Cells {
     })
 }
 
-fn write_tileset(tree: &Dataset, request: &MeshRequest, folder: &Path) -> TilesetSummary {
-    let output = OutputFolder::create(folder).unwrap();
+fn write_tileset(tree: &Dataset, request: &MeshRequest, directory: &Path) -> TilesetSummary {
+    let output = OutputDirectory::create(directory).unwrap();
     export_tileset(tree, request, &GltfOptions::new(), output, &()).unwrap()
 }
 
@@ -56,14 +56,14 @@ fn read_json(path: &Path) -> Json {
 }
 
 /// Returns all files below a directory with their bytes.
-fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+fn files(directory: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut files = BTreeMap::new();
-    let mut pending = vec![folder.to_path_buf()];
+    let mut pending = vec![directory.to_path_buf()];
     while let Some(path) = pending.pop() {
         if path.is_dir() {
             pending.extend(std::fs::read_dir(path).unwrap().map(|entry| entry.unwrap().path()));
         } else {
-            let name = path.strip_prefix(folder).unwrap().to_str().unwrap().to_owned();
+            let name = path.strip_prefix(directory).unwrap().to_str().unwrap().to_owned();
             files.insert(name, std::fs::read(path).unwrap());
         }
     }
@@ -111,30 +111,30 @@ fn check_closed(triangles: impl Iterator<Item = [[i64; 3]; 3]>, smooth: bool, wh
 
 /// Checks a tileset of one unit per cell against the tree. Returns its tiles.
 fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path().join("tiles");
-    let summary = write_tileset(tree, &request(smooth), &folder);
-    let tileset = read_json(&folder.join("tileset.json"));
-    let tiles = Tiles::read(&folder, &tileset);
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path().join("tiles");
+    let summary = write_tileset(tree, &request(smooth), &directory);
+    let tileset = read_json(&directory.join("tileset.json"));
+    let tiles = Tiles::read(&directory, &tileset);
     // Files and listed contents are the same sets.
-    let name = |[level, x, y, z]: Place| format!("content/{level}/{x}/{y}/{z}.glb");
-    let contents: BTreeSet<Place> =
-        tiles.tiles.iter().filter(|(_, has)| **has).map(|(place, _)| *place).collect();
-    let mut expected: BTreeSet<String> = contents.iter().map(|place| name(*place)).collect();
+    let name = |[level, x, y, z]: TilePosition| format!("content/{level}/{x}/{y}/{z}.glb");
+    let contents: BTreeSet<TilePosition> =
+        tiles.tiles.iter().filter(|(_, has)| **has).map(|(tile, _)| *tile).collect();
+    let mut expected: BTreeSet<String> = contents.iter().map(|tile| name(*tile)).collect();
     expected.extend(tiles.files.iter().cloned());
     expected.insert("tileset.json".into());
-    assert_eq!(files(&folder).into_keys().collect::<BTreeSet<_>>(), expected, "{what}");
+    assert_eq!(files(&directory).into_keys().collect::<BTreeSet<_>>(), expected, "{what}");
     assert_eq!(summary.tiles, contents.len() as u64, "{what}");
     let levels = tileset["root"]["children"][0]["implicitTiling"]["availableLevels"].as_u64().unwrap() as u32;
     assert_eq!(u32::from(summary.levels), levels);
     // Every tile has content or descendants with content.
-    for (place, has_content) in &tiles.tiles {
-        let [level, x, y, z] = *place;
+    for (tile, has_content) in &tiles.tiles {
+        let [level, x, y, z] = *tile;
         let is_parent = (0..8).any(|step: u32| {
             let [x, y, z] = [x << 1 | step & 1, y << 1 | step >> 1 & 1, z << 1 | step >> 2];
             tiles.tiles.contains_key(&[level + 1, x, y, z])
         });
-        assert!(*has_content || is_parent || level == 0, "{what}: {place:?}");
+        assert!(*has_content || is_parent || level == 0, "{what}: {tile:?}");
     }
     let depth = u32::from(tree.depth());
     let mut triangles = 0;
@@ -145,14 +145,14 @@ fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
             cell
         );
         let mut meshes = Vec::new();
-        for place in contents.iter().filter(|place| place[0] == level) {
-            let glb = Glb::read(&folder.join(name(*place)));
+        for tile in contents.iter().filter(|tile| tile[0] == level) {
+            let glb = Glb::read(&directory.join(name(*tile)));
             // With y upwards.
             let turned = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
             assert_eq!(glb.matrix, turned);
             let side = f64::from(1u32 << (depth - level));
-            let [_, at @ ..] = *place;
-            let (centre, half) = match tiles.boxes.get(place) {
+            let [_, at @ ..] = *tile;
+            let (centre, half) = match tiles.boxes.get(tile) {
                 Some([centre, half]) => (*centre, *half),
                 None => (at.map(|at| (f64::from(at) + 0.5) * side), [side / 2.0; 3]),
             };
@@ -161,11 +161,8 @@ fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
             for mesh in &glb.meshes {
                 for corner in &mesh.corners {
                     for axis in 0..3 {
-                        assert!(
-                            (corner.at[axis] - all(axis)).abs() <= all(3 + 4 * axis),
-                            "{what}: {place:?}"
-                        );
-                        assert!((corner.at[axis] - centre[axis]).abs() <= half[axis], "{what}: {place:?}");
+                        assert!((corner.at[axis] - all(axis)).abs() <= all(3 + 4 * axis), "{what}: {tile:?}");
+                        assert!((corner.at[axis] - centre[axis]).abs() <= half[axis], "{what}: {tile:?}");
                     }
                 }
             }
@@ -192,11 +189,11 @@ fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
     }
     assert_eq!(triangles, summary.triangles);
     // A bounding box contains those of all descendants.
-    for (place, [centre, half]) in tiles.boxes.iter().filter(|(place, _)| place[0] > 0) {
-        let [level, x, y, z] = *place;
+    for (tile, [centre, half]) in tiles.boxes.iter().filter(|(tile, _)| tile[0] > 0) {
+        let [level, x, y, z] = *tile;
         let [above, outer] = tiles.boxes[&[level - 1, x / 2, y / 2, z / 2]];
         for axis in 0..3 {
-            assert!((centre[axis] - above[axis]).abs() + half[axis] <= outer[axis], "{what}: {place:?}");
+            assert!((centre[axis] - above[axis]).abs() + half[axis] <= outer[axis], "{what}: {tile:?}");
         }
     }
     tiles
@@ -239,7 +236,7 @@ fn subtrees_below_subtrees() {
     let cells = made(OCT, [1024, 8, 4], |[x, y, z]| (x % 100 < 3 && y < 6 && z < 3).then(|| byte(255)));
     let tree = dataset(&cells, Rule::Occupancy, DataKind::Continuous);
     let tiles = check_tileset(&tree, false, "long");
-    assert_eq!(tiles.files.len(), 1 + tiles.tiles.keys().filter(|place| place[0] == 4).count());
+    assert_eq!(tiles.files.len(), 1 + tiles.tiles.keys().filter(|tile| tile[0] == 4).count());
     check_tileset(&tree, true, "long and smooth");
 }
 
@@ -249,8 +246,8 @@ fn an_empty_tree_has_a_root() {
     let tree = dataset(&cells, Rule::Occupancy, DataKind::Continuous);
     let tiles = check_tileset(&tree, false, "empty");
     assert_eq!(tiles.tiles, BTreeMap::from([([0; 4], false)]));
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("empty.glb");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("empty.glb");
     let classes = dataset(&cells, Rule::Majority, DataKind::Categorical);
     for (tree, smooth) in [(&tree, false), (&tree, true), (&classes, false), (&classes, true)] {
         let output = Output::create(&path).unwrap();
@@ -265,8 +262,8 @@ fn models_have_no_parts_without_triangles() {
     // most of which have no surface.
     let cells = made(OCT, [192; 3], |cell| cell.iter().all(|at| *at < 128).then(|| byte(255)));
     let tree = dataset(&cells, Rule::Occupancy, DataKind::Continuous);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("cube.glb");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("cube.glb");
     for smooth in [false, true] {
         let output = Output::create(&path).unwrap();
         let count = export_glb(&tree, &request(smooth), &GltfOptions::new(), output, &()).unwrap();
@@ -282,13 +279,13 @@ fn models_have_no_parts_without_triangles() {
 }
 
 #[test]
-fn normals_look_out_of_the_solid() {
+fn normals_point_out_of_the_solid() {
     let side = 100;
     let cells = balls(side);
     let tree = dataset(&cells, Rule::Occupancy, DataKind::Continuous);
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     for smooth in [false, true] {
-        let path = folder.path().join("ball.glb");
+        let path = directory.path().join("ball.glb");
         let output = Output::create(&path).unwrap();
         let count = export_glb(&tree, &request(smooth), &GltfOptions::new(), output, &()).unwrap();
         let glb = Glb::read(&path);
@@ -325,7 +322,7 @@ fn normals_look_out_of_the_solid() {
 }
 
 #[test]
-fn classes_are_features_and_colours_stand_at_corners() {
+fn classes_are_features_and_colours_are_per_vertex() {
     let cells =
         made(OCT, [80, 20, 20], |[x, y, _]| (y < 15).then(|| value(OCT.value, if x < 70 { 3 } else { 7 })));
     let mut colours = vec![[0u8; 4]; 256];
@@ -336,8 +333,8 @@ fn classes_are_features_and_colours_stand_at_corners() {
         ..Metadata::default()
     };
     let tree = tree_with(&cells, Rule::Majority, DataKind::Categorical, metadata);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("classes.glb");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("classes.glb");
     for smooth in [false, true] {
         export_glb(&tree, &request(smooth), &GltfOptions::new(), Output::create(&path).unwrap(), &())
             .unwrap();
@@ -374,10 +371,10 @@ fn classes_are_features_and_colours_stand_at_corners() {
 #[test]
 fn files_do_not_depend_on_threads() {
     let tree = dataset(&balls(200), Rule::Occupancy, DataKind::Continuous);
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let written = [1, 2, 5].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let (tiles, glb) = (folder.path().join(format!("{threads}")), folder.path().join("x.glb"));
+        let (tiles, glb) = (directory.path().join(format!("{threads}")), directory.path().join("x.glb"));
         pool.install(|| {
             write_tileset(&tree, &request(true), &tiles);
             let output = Output::create(&glb).unwrap();
@@ -396,13 +393,13 @@ fn known_systems_are_put_onto_the_globe() {
     frame.crs = Some(Crs::epsg(32632));
     let metadata = Metadata { frame, ..Metadata::default() };
     let tree = tree_with(&cells, Rule::Occupancy, DataKind::Continuous, metadata);
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path().join("tiles");
-    let summary = write_tileset(&tree, &request(false), &folder);
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path().join("tiles");
+    let summary = write_tileset(&tree, &request(false), &directory);
     assert!(summary.deviation.unwrap() < 0.01);
-    let tileset = read_json(&folder.join("tileset.json"));
+    let tileset = read_json(&directory.join("tileset.json"));
     let m: [f64; 16] = std::array::from_fn(|at| tileset["root"]["transform"][at].as_f64().unwrap());
-    let glb = Glb::read(&folder.join("content/0/0/0/0.glb"));
+    let glb = Glb::read(&directory.join("content/0/0/0/0.glb"));
     // Cell (100, 0, 0) of the finest level, through glTF's matrix with y upwards: 500 200, 5 150
     // 000, 1000; by PROJ.
     let turned = [100.0 * glb.matrix[0], 100.0 * glb.matrix[1], 100.0 * glb.matrix[2]];
@@ -426,27 +423,27 @@ impl Progress for Impatient {
 use std::sync::atomic::Ordering::Relaxed;
 
 #[test]
-fn what_fails_leaves_nothing() {
+fn failures_leave_no_files() {
     let tree = dataset(&balls(200), Rule::Occupancy, DataKind::Continuous);
-    let folder = tempfile::tempdir().unwrap();
-    let left = || std::fs::read_dir(folder.path()).unwrap().count();
+    let directory = tempfile::tempdir().unwrap();
+    let left = || std::fs::read_dir(directory.path()).unwrap().count();
     let (request, options) = (MeshRequest::new(), GltfOptions::new());
     for patience in [0, 1, 30, 60] {
         let impatient = Impatient(patience.into());
-        let output = OutputFolder::create(&folder.path().join("a")).unwrap();
+        let output = OutputDirectory::create(&directory.path().join("a")).unwrap();
         let ended = export_tileset(&tree, &request, &options, output, &impatient);
         assert!(matches!(ended, Err(Error::Interrupted)), "{patience}");
-        let output = Output::create(&folder.path().join("a.glb")).unwrap();
+        let output = Output::create(&directory.path().join("a.glb")).unwrap();
         let ended = export_glb(&tree, &request, &options, output, &Impatient(patience.into()));
         assert!(matches!(ended, Err(Error::Interrupted)), "{patience}");
         assert_eq!(left(), 0, "{patience}");
     }
-    let picture =
+    let quadtree =
         dataset(&Cells::random(QUAD, 1, [20, 20, 1], 3, true), Rule::Majority, DataKind::Categorical);
-    let output = OutputFolder::create(&folder.path().join("a")).unwrap();
-    assert!(export_tileset(&picture, &request, &options, output, &()).is_err());
+    let output = OutputDirectory::create(&directory.path().join("a")).unwrap();
+    assert!(export_tileset(&quadtree, &request, &options, output, &()).is_err());
     let deep = with(MeshRequest::new(), |it| it.level = Some(12));
-    let output = OutputFolder::create(&folder.path().join("a")).unwrap();
+    let output = OutputDirectory::create(&directory.path().join("a")).unwrap();
     assert!(export_tileset(&tree, &deep, &options, output, &()).is_err());
     assert_eq!(left(), 0);
 }
@@ -455,8 +452,8 @@ fn what_fails_leaves_nothing() {
 #[test]
 fn compressed_files_say_so_and_are_smaller() {
     let tree = dataset(&balls(100), Rule::Occupancy, DataKind::Continuous);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.glb");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.glb");
     let sizes = [false, true].map(|meshopt| {
         let options = with(GltfOptions::new(), |it| it.meshopt = meshopt);
         export_glb(&tree, &request(true), &options, Output::create(&path).unwrap(), &()).unwrap();
@@ -475,9 +472,9 @@ fn compressed_files_say_so_and_are_smaller() {
 #[test]
 fn compression_that_is_not_built_in_is_refused() {
     let tree = dataset(&balls(100), Rule::Occupancy, DataKind::Continuous);
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let options = with(GltfOptions::new(), |it| it.meshopt = true);
-    let output = Output::create(&folder.path().join("x.glb")).unwrap();
+    let output = Output::create(&directory.path().join("x.glb")).unwrap();
     let error = export_glb(&tree, &request(true), &options, output, &()).unwrap_err();
     assert!(error.to_string().contains("meshopt"), "{error}");
 }

@@ -46,8 +46,8 @@ fn cells_of(file: &Goblin) -> (Vec<u8>, Vec<bool>) {
     let mut bytes = vec![0; width * height * size];
     let mut valid = vec![false; width * height];
     let mut pending = vec![(Code::root(form.dimension), file.root().unwrap())];
-    while let Some((code, place)) = pending.pop() {
-        match place {
+    while let Some((code, subtree)) = pending.pop() {
+        match subtree {
             Child::Void => {}
             Child::Inner { node, .. } => {
                 let children = children(file, &node).into_iter().enumerate();
@@ -56,7 +56,7 @@ fn cells_of(file: &Goblin) -> (Vec<u8>, Vec<bool>) {
             Child::Leaf(value) => {
                 let side = 1 << (file.depth() - code.level());
                 let [x, y, _] = code.cell().map(|cell| cell as usize * side);
-                assert!(x < width && y < height, "outside of the picture all is VOID");
+                assert!(x < width && y < height, "a cell outside of the raster has a value");
                 for row in y..(y + side).min(height) {
                     let row = row * width + x..row * width + (x + side).min(width);
                     valid[row.clone()].fill(true);
@@ -78,7 +78,7 @@ const LARGEST: u64 = 10_000_000;
 
 /// Builds a tree from a file and compares all pixels. Returns `false` if the file cannot be read at
 /// all, or is too large.
-fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
+fn comes_back(path: &Path, directory: &Path, memory: Option<u64>) -> bool {
     let opened = |bands: &Option<Vec<Band>>| {
         let raster = raster::open(path, &RasterOptions::default())?;
         match bands {
@@ -98,7 +98,7 @@ fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
             .map(|error| error.to_string());
         assert!(refused.is_some_and(|error| error.contains("--band")), "{}", path.display());
     }
-    let target = folder.join("t.goblin");
+    let target = directory.join("t.goblin");
     let options = with(ImportOptions::new(), |it| {
         it.bands = bands.clone();
         it.page = page;
@@ -108,7 +108,11 @@ fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
     let (value, metadata) = (import.value_type(), import.options().metadata.clone());
     let built = import.build(Output::create(&target).unwrap(), &());
     let Ok((mut bytes, valid)) = opened(&bands).and_then(|mut raster| pixels_of(&mut *raster)) else {
-        assert!(built.is_err() && std::fs::read_dir(folder).unwrap().next().is_none(), "{}", path.display());
+        assert!(
+            built.is_err() && std::fs::read_dir(directory).unwrap().next().is_none(),
+            "{}",
+            path.display()
+        );
         return false;
     };
     built.unwrap_or_else(|error| panic!("{}: {error}", path.display()));
@@ -127,30 +131,30 @@ fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
 }
 
 #[test]
-fn every_pixel_of_every_file_comes_back() {
-    let Some(folder) = shared_data().map(|folder| folder.join("raster")) else { return };
+fn every_pixel_of_every_file_round_trips() {
+    let Some(directory) = shared_data().map(|directory| directory.join("raster")) else { return };
     let temp = tempfile::tempdir().unwrap();
-    let table = std::fs::read_to_string(folder.join("expected.tsv")).unwrap();
+    let table = std::fs::read_to_string(directory.join("expected.tsv")).unwrap();
     let mut count = 0;
     for line in table.lines().skip(1) {
         let file = line.split('\t').next().unwrap();
-        count += usize::from(comes_back(&folder.join(file), temp.path(), None));
+        count += usize::from(comes_back(&directory.join(file), temp.path(), None));
     }
     assert!(count > 300, "{count}");
 }
 
 #[test]
-fn little_memory_does_for_wide_pictures() {
-    let Some(folder) = shared_data() else { return };
+fn wide_rasters_need_little_memory() {
+    let Some(directory) = shared_data() else { return };
     let temp = tempfile::tempdir().unwrap();
     // In strips 4320 pixels wide: bands exceed 8 MiB.
-    let path = folder.join("raster/large/relief_4320x2160_i16.tif");
+    let path = directory.join("raster/large/relief_4320x2160_i16.tif");
     assert!(comes_back(&path, temp.path(), Some(8 << 20)));
 }
 
 /// Writes a grey 16-bit image.
-fn picture(folder: &Path, name: &str, [width, height]: [u32; 2]) -> PathBuf {
-    let path = folder.join(name);
+fn write_grey_image(directory: &Path, name: &str, [width, height]: [u32; 2]) -> PathBuf {
+    let path = directory.join(name);
     let file = std::fs::File::create(&path).unwrap();
     let samples: Vec<u16> = (0..width * height).map(|i| (i % width / 9 + i / width / 7) as u16).collect();
     let mut encoder = tiff::encoder::TiffEncoder::new(file).unwrap();
@@ -161,7 +165,7 @@ fn picture(folder: &Path, name: &str, [width, height]: [u32; 2]) -> PathBuf {
 #[test]
 fn options_overrule_the_file() {
     let temp = tempfile::tempdir().unwrap();
-    let path = picture(temp.path(), "p.tif", [300, 200]);
+    let path = write_grey_image(temp.path(), "p.tif", [300, 200]);
     let options = with(ImportOptions::new(), |it| {
         it.nodata = Some(7.0.into());
         it.depth = Some(12);

@@ -40,8 +40,8 @@ fn options(width: LineWidth) -> RasterizeOptions {
 
 /// Returns whether each cell, row by row, is covered by the lines.
 fn cells(lines: &[(Line, &str)], width: LineWidth) -> Vec<bool> {
-    let folder = tempfile::tempdir().unwrap();
-    let (path, output) = (folder.path().join("lines.geojson"), folder.path().join("lines.goblin"));
+    let directory = tempfile::tempdir().unwrap();
+    let (path, output) = (directory.path().join("lines.geojson"), directory.path().join("lines.goblin"));
     written(&path, lines);
     let plan = plan_features(&[path], &options(width), &()).unwrap();
     plan.build(Output::create(&output).unwrap(), &()).unwrap();
@@ -134,12 +134,12 @@ fn widths_are_attributes_too_and_what_makes_no_sense_is_refused() {
         near.filter(|row| found[(row * COLUMNS + 75) as usize]).count()
     };
     assert_eq!((rows(101.0), rows(201.0), rows(301.0)), (5, 1, 1));
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("lines.geojson");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("lines.geojson");
     for width in ["-1", "\"wide\""] {
         written(&path, &[(line(101.0), "3"), (line(201.0), width)]);
         let plan = plan_features(std::slice::from_ref(&path), &options(by_name()), &()).unwrap();
-        let output = Output::create(&folder.path().join("x.goblin")).unwrap();
+        let output = Output::create(&directory.path().join("x.goblin")).unwrap();
         let said = plan.build(output, &()).unwrap_err().to_string();
         assert!(said.contains("feature 2") && said.contains("width"), "{said}");
     }
@@ -151,7 +151,7 @@ fn widths_are_attributes_too_and_what_makes_no_sense_is_refused() {
     oblong.grid = FeatureGrid::Like(WarpGrid { frame, extent: [COLUMNS, ROWS, 1] });
     written(&path, &[(line(101.0), "3")]);
     let plan = plan_features(&[path], &oblong, &()).unwrap();
-    let output = Output::create(&folder.path().join("x.goblin")).unwrap();
+    let output = Output::create(&directory.path().join("x.goblin")).unwrap();
     assert!(plan.build(output, &()).unwrap_err().to_string().contains("square"));
     for wrong in ["", "0", "-2", "inf"] {
         assert!(wrong.parse::<LineWidth>().is_err(), "{wrong}");

@@ -23,7 +23,7 @@ mod exact_interrupts;
 #[cfg(feature = "mesh")]
 mod exact_objects;
 #[cfg(feature = "mesh")]
-mod exact_questions;
+mod exact_queries;
 #[cfg(feature = "mesh")]
 mod exact_repair;
 #[cfg(feature = "mesh")]
@@ -35,12 +35,14 @@ mod exact_semantics;
 #[cfg(all(feature = "flatgeobuf", feature = "mbtiles"))]
 mod features;
 #[cfg(all(feature = "flatgeobuf", feature = "mbtiles"))]
-mod features_hostile;
+mod features_corrupt;
 mod features_losses;
 #[cfg(feature = "vector")]
 mod features_over;
 mod features_written;
 mod gltf;
+#[cfg(feature = "raster")]
+mod images;
 mod import;
 #[cfg(feature = "vector")]
 mod line_widths;
@@ -60,12 +62,10 @@ mod mesh_prisms;
 mod mesh_readers;
 mod mesh_real;
 mod mesh_solids;
-#[cfg(feature = "raster")]
-mod pictures;
 #[cfg(feature = "vector")]
 mod polygons;
 mod raster_tiff;
-mod raster_tiff_hostile;
+mod raster_tiff_corrupt;
 #[cfg(feature = "vector")]
 mod rasterize;
 #[cfg(feature = "vector")]

@@ -98,11 +98,11 @@ fn write(faces: &dyn Faces, path: &Path) -> ExactSummary {
 
 /// Writes all formats and reads them again.
 fn round_trip(faces: &dyn Faces) {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let has_colours = all(faces, true, false).iter().any(|face| face.rings[0][0].1.is_some());
     let holes = all(faces, false, false).iter().map(|face| face.rings.len() as u64 - 1).sum();
     for name in NAMES {
-        let path = folder.path().join(name);
+        let path = directory.path().join(name);
         let summary = write(faces, &path);
         let found = read(&path, faces.grid());
         let (is_json, is_obj) = (name.ends_with("json"), name.ends_with("obj"));
@@ -121,7 +121,7 @@ fn round_trip(faces: &dyn Faces) {
         assert_eq!(summary.bridged_holes, if is_json { 0 } else { holes }, "{name}");
         assert_eq!(summary.lost_parts, faces.parts().len() > 1 && !with_parts, "{name}");
         // Writing again gives the same bytes.
-        let again = folder.path().join(format!("again-{name}"));
+        let again = directory.path().join(format!("again-{name}"));
         write(&found, &again);
         if !is_json || faces.parts().len() == 1 {
             let same = std::fs::read(&again).unwrap().len() == std::fs::read(&path).unwrap().len();
@@ -141,7 +141,7 @@ fn hole(x: i32, y: i32, side: i32) -> Vec<[i32; 2]> {
 }
 
 #[test]
-fn faces_come_back() {
+fn faces_round_trip() {
     let mut list = FaceList::new(whole_grid(), vec!["mesh".into()]);
     for rings in prism(&[square(0, 0, 90), hole(10, 10, 9), hole(50, 5, 30), hole(7, 60, 20)], 0, 33) {
         push(&mut list, &rings, 0, None);
@@ -166,7 +166,7 @@ impl With for FaceList {
 }
 
 #[test]
-fn colours_and_parts_come_back() {
+fn colours_and_parts_round_trip() {
     let names = ["roof", "wall \"south\"", "Dach \u{e4}\u{4e2d}", "empty", "last one"];
     let mut list = FaceList::new(whole_grid(), names.iter().map(|name| name.to_string()).collect());
     let part = [0, 1, 2, 4];
@@ -194,13 +194,13 @@ fn names_that_make_trouble() {
         let at = 10 * part as i32;
         push(&mut list, &[vec![[at, 0, 0], [at + 5, 0, 0], [at, 5, 0]]], part, None);
     }
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.city.json");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.city.json");
     write(&list, &path);
     let found = read(&path, list.grid());
     assert_eq!(found.parts(), ["", "a", "a (2)", "back\\", "two\nlines", "a (2) (2)"]);
     assert_eq!(all(&found, false, false), all(&list, false, false));
-    let path = folder.path().join("a.obj");
+    let path = directory.path().join("a.obj");
     write(&list, &path);
     let found = read(&path, list.grid());
     assert_eq!(found.parts(), ["", "a", "back_", "two_lines", "a (2)"]);
@@ -209,7 +209,7 @@ fn names_that_make_trouble() {
 
 /// Grids of decimals, of powers of two, and far from the origin.
 #[test]
-fn coordinates_come_back() {
+fn coordinates_round_trip() {
     for (bounds, width) in [
         ([[84_000.001, 446_000.123, -3.7], [84_900.5, 446_999.25, 120.0]], Some(0.001)),
         ([[-0.435, -0.57, -0.38], [0.4, 0.42, 0.38]], None),
@@ -218,7 +218,7 @@ fn coordinates_come_back() {
         let grid = Grid::over(bounds, width).unwrap();
         let mut random = Random(9);
         let mut list = FaceList::new(grid.clone(), vec!["mesh".into()]);
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         for _ in 0..500 {
             let mut point = || {
                 [0, 1, 2].map(|axis| {
@@ -232,7 +232,7 @@ fn coordinates_come_back() {
             }
         }
         for name in NAMES {
-            let path = folder.path().join(name);
+            let path = directory.path().join(name);
             write(&list, &path);
             assert_eq!(all(&read(&path, &grid), false, false), all(&list, false, false), "{name}");
             // Bit-exact, except for CityJSON.
@@ -272,18 +272,18 @@ fn vertices_are_shared() {
     for (i, rings) in cuboid([0; 3], [9; 3]).iter().enumerate() {
         push(&mut list, rings, 0, Some([i as u8, 0, 0]));
     }
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let vertices: BTreeMap<&str, u64> =
-        NAMES.iter().map(|name| (*name, write(&list, &folder.path().join(name)).vertices)).collect();
+        NAMES.iter().map(|name| (*name, write(&list, &directory.path().join(name)).vertices)).collect();
     // PLY and OFF store colours per face, OBJ per vertex.
     assert_eq!(vertices, BTreeMap::from([("a.ply", 8), ("a.obj", 24), ("a.off", 8), ("a.city.json", 8)]));
-    let text = std::fs::read_to_string(folder.path().join("a.city.json")).unwrap();
+    let text = std::fs::read_to_string(directory.path().join("a.city.json")).unwrap();
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(json["CityObjects"]["mesh"]["geometry"][0]["type"], "Solid");
     let mut open = FaceList::new(whole_grid(), vec!["mesh".into()]);
     cuboid([0; 3], [9; 3])[1..].iter().for_each(|rings| push(&mut open, rings, 0, None));
-    write(&open, &folder.path().join("b.json"));
-    let text = std::fs::read_to_string(folder.path().join("b.json")).unwrap();
+    write(&open, &directory.path().join("b.json"));
+    let text = std::fs::read_to_string(directory.path().join("b.json")).unwrap();
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(json["CityObjects"]["mesh"]["geometry"][0]["type"], "MultiSurface");
 }
@@ -299,8 +299,8 @@ fn stl_is_closed() {
     faces[2][0].splice(1..1, middle);
     faces.push(vec![vec![a, b, middle[2], middle[1], middle[0]]]);
     let list = FaceList::new(whole_grid(), vec!["mesh".into()]).with(&faces);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.stl");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.stl");
     let summary = write(&list, &path);
     assert_eq!((summary.moved, summary.farthest, summary.collapsed), (0, 0.0, 0));
     let found = read(&path, list.grid());
@@ -316,27 +316,27 @@ fn stl_is_closed() {
 }
 
 #[test]
-fn stl_tells_what_it_moves() {
+fn stl_reports_moved_vertices() {
     let grid = Grid::over([[1e6, 0.0, 0.0], [1e6 + 1.0, 1.0, 1.0]], Some(0.001)).unwrap();
     let mut list = FaceList::new(grid, vec!["a".into(), "b".into()]);
     // Single precision has a resolution of one sixteenth there.
     push(&mut list, &[vec![[0, 0, 0], [501, 0, 0], [0, 1000, 0]]], 0, Some([1; 3]));
     push(&mut list, &[vec![[0, 0, 0], [1, 0, 0], [0, 1000, 0]]], 1, Some([1; 3]));
-    let folder = tempfile::tempdir().unwrap();
-    let summary = write(&list, &folder.path().join("a.stl"));
+    let directory = tempfile::tempdir().unwrap();
+    let summary = write(&list, &directory.path().join("a.stl"));
     assert_eq!((summary.faces, summary.collapsed, summary.moved), (1, 1, 1));
     assert!((summary.farthest - 0.001).abs() < 1e-9, "{}", summary.farthest);
     assert!(summary.lost_colours && summary.lost_parts);
 }
 
 #[test]
-fn real_models_come_back() {
+fn real_models_round_trip() {
     for name in ["fandisk.ply", "spot.obj", "cityjson/DH_01_subs.city.json", "cityjson/rotterdam_subset.json"]
     {
         let Some(faces) = snapped(name, &|_| true) else { continue };
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         for to in NAMES {
-            let path = folder.path().join(to);
+            let path = directory.path().join(to);
             let summary = write(&faces, &path);
             println!("{name} to {to}: {summary:?}");
             let found = read(&path, faces.grid());
@@ -362,25 +362,25 @@ impl Progress for Stop {
 }
 
 #[test]
-fn interruption_leaves_nothing() {
+fn cancellation_leaves_no_files() {
     let list = FaceList::new(whole_grid(), vec!["mesh".into()]).with(&cuboid([0; 3], [9; 3]));
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     for name in ["a.ply", "a.obj", "a.off", "a.city.json", "a.stl"] {
-        let path = folder.path().join(name);
-        let mut questions = 0;
+        let path = directory.path().join(name);
+        let mut checks = 0;
         loop {
             let output = Output::create(&path).unwrap();
             let format = MeshFormat::of(&path).unwrap();
-            let result: Result<_> = export_exact(&list, format, output, &Stop(questions.into()));
+            let result: Result<_> = export_exact(&list, format, output, &Stop(checks.into()));
             match result {
                 Ok(_) => break,
                 Err(Error::Interrupted) => assert!(!path.exists()),
                 Err(error) => panic!("{error}"),
             }
-            questions += 1;
+            checks += 1;
         }
-        assert!(questions > 0 && path.exists());
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        assert!(checks > 0 && path.exists());
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
         std::fs::remove_file(&path).unwrap();
     }
 }

@@ -36,8 +36,8 @@ impl Job {
 
     fn run(&self, tree: &Dataset, format: MeshFormat) -> Read {
         let mut blocks = tree.cell_blocks(self.level, self.carry).unwrap();
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("mesh");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("mesh");
         let request = with(MeshRequest::new(), |it| {
             it.level = None;
             it.smooth = self.smooth;
@@ -88,11 +88,11 @@ fn expected(size: [u64; 3], solid: impl Fn([u64; 3]) -> bool) -> (f64, [f64; 6])
                 if solid([x, y, z]) {
                     volume += 1.0;
                     for side in 0..6 {
-                        let mut beside = [x, y, z];
+                        let mut neighbour = [x, y, z];
                         let by = if side % 2 == 0 { u64::MAX } else { 1 };
-                        beside[side / 2] = beside[side / 2].wrapping_add(by);
-                        let inside = (0..3).all(|axis| beside[axis] < size[axis]);
-                        areas[side] += f64::from(u8::from(!inside || !solid(beside)));
+                        neighbour[side / 2] = neighbour[side / 2].wrapping_add(by);
+                        let inside = (0..3).all(|axis| neighbour[axis] < size[axis]);
+                        areas[side] += f64::from(u8::from(!inside || !solid(neighbour)));
                     }
                 }
             }
@@ -220,7 +220,7 @@ fn levels_and_coverage() {
 }
 
 #[test]
-fn frames_turn_nothing_inside_out() {
+fn mirrored_frames_keep_faces_outward() {
     let solid = |[x, y, z]: [u64; 3]| x < 20 && y < 3 + x && z < 37 && !(x == 7 && z == 9);
     let cells = made(OCT, [40; 3], |cell| solid(cell).then(|| byte(255)));
     let tree = tree_of(6, &cells, Rule::Occupancy);
@@ -257,21 +257,21 @@ fn frames_turn_nothing_inside_out() {
         }
     }
     let mut blocks = tree.cell_blocks(6, BlockAttribute::Nothing).unwrap();
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let flat = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0; 4]];
-    for (matrix, words) in [(frames[4], "single precision"), (flat, "flat")] {
+    for (matrix, words) in [(frames[4], "single precision"), (flat, "an invertible matrix")] {
         let error = export_blocks(
             &mut *blocks,
             FaceAttribute::None,
             &Frame { matrix, ..Frame::identity() },
             &MeshRequest::default(),
-            Output::create(&folder.path().join("a.stl")).unwrap(),
+            Output::create(&directory.path().join("a.stl")).unwrap(),
             MeshFormat::Stl,
             &(),
         );
         assert!(error.unwrap_err().to_string().contains(words));
     }
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
 }
 
 #[test]
@@ -353,8 +353,8 @@ fn smooth_surfaces_that_single_precision_cannot_hold_are_refused() {
     let mut frame = Frame::identity();
     frame.matrix[0][3] = 3_000_000.0;
     let write = |smooth: bool, format: MeshFormat| {
-        let folder = tempfile::tempdir().unwrap();
-        let output = Output::create(&folder.path().join("mesh")).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let output = Output::create(&directory.path().join("mesh")).unwrap();
         let mut blocks = tree.cell_blocks(3, BlockAttribute::Nothing).unwrap();
         let request = with(MeshRequest::new(), |it| it.smooth = smooth);
         export_blocks(&mut *blocks, FaceAttribute::None, &frame, &request, output, format, &())
@@ -373,8 +373,8 @@ fn smooth_surfaces_that_single_precision_cannot_hold_are_refused() {
             job.run(&tree, format).check_manifold(&format!("{size}, {format:?}"));
         }
         let mut blocks = tree.cell_blocks(3, BlockAttribute::Nothing).unwrap();
-        let folder = tempfile::tempdir().unwrap();
-        let output = Output::create(&folder.path().join("mesh")).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let output = Output::create(&directory.path().join("mesh")).unwrap();
         let (none, request) = (FaceAttribute::None, MeshRequest::new());
         let error = export_blocks(&mut *blocks, none, &frame, &request, output, MeshFormat::Stl, &());
         assert!(error.is_err_and(|error| error.to_string().contains("single precision")), "{size}");
@@ -382,7 +382,7 @@ fn smooth_surfaces_that_single_precision_cannot_hold_are_refused() {
 }
 
 #[test]
-fn colours_and_values_stand_at_faces() {
+fn colours_and_values_are_per_face() {
     let cells = made(oct(SampleType::U8, 3), [40, 8, 8], |[x, y, z]| {
         let solid = y + z < 12;
         solid.then(|| Value::from(if x < 35 { [10u8, 20, 30] } else { [200, 100, 50] }))
@@ -394,9 +394,9 @@ fn colours_and_values_stand_at_faces() {
         for format in [MeshFormat::Ply, MeshFormat::Off] {
             let read = job.run(&tree, format);
             read.check_closed("colours");
-            for (face, told) in read.faces.iter().zip(&read.told) {
+            for (face, extra_numbers) in read.faces.iter().zip(&read.extra_numbers) {
                 let x = face.iter().map(|i| read.points[*i][0]).sum::<f64>() / face.len() as f64;
-                assert_eq!(*told, if x < 35.0 { [10, 20, 30] } else { [200, 100, 50] }, "at {x}");
+                assert_eq!(*extra_numbers, if x < 35.0 { [10, 20, 30] } else { [200, 100, 50] }, "at {x}");
             }
         }
     }
@@ -407,21 +407,21 @@ fn colours_and_values_stand_at_faces() {
     read.check_closed("values");
     let (volume, areas) = expected(cells.size, |cell| cells.get(cell).is_some());
     assert_eq!((read.volume(), read.areas()), (volume, areas));
-    for (face, told) in read.faces.iter().zip(&read.told) {
+    for (face, extra_numbers) in read.faces.iter().zip(&read.extra_numbers) {
         // Just inside the face, near its first vertex.
         let [a, b, c] = [0, 1, face.len() - 1].map(|i| read.points[face[i]]);
         let (u, v) = (minus(b, a), minus(c, a));
         let normal = cross(u, v);
         let unit = |v: [f64; 3], i: usize| v[i] / dot(v, v).sqrt() / 2.0;
         let cell = [0, 1, 2].map(|i| (a[i] + unit(u, i) + unit(v, i) - unit(normal, i)).floor() as u64);
-        assert_eq!(Some(Value::from([told[0]])), cells.get(cell), "{cell:?}");
+        assert_eq!(Some(Value::from([extra_numbers[0]])), cells.get(cell), "{cell:?}");
     }
 }
 
 #[test]
 fn files_and_views_on_the_command_line() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let cells = made(OCT, [90, 70, 50], |cell| in_ball(cell, 25.0, 22.0).then(|| byte(255)));
     let file = path("ball.goblin");
     let bytes = goblin_bytes(&cells, Rule::Occupancy, DataKind::Continuous);
@@ -462,7 +462,7 @@ fn files_and_views_on_the_command_line() {
     let same = path("same.ply");
     std::fs::copy(&file, &same).unwrap();
     let none = path("none.ply");
-    let files = std::fs::read_dir(folder.path()).unwrap().count();
+    let files = std::fs::read_dir(directory.path()).unwrap().count();
     let says = |arguments: &[&str], code: i32, words: &[&str]| {
         let failed = spinney(arguments).code(code);
         let text = String::from_utf8(failed.get_output().stderr.clone()).unwrap();
@@ -474,14 +474,14 @@ fn files_and_views_on_the_command_line() {
     says(&["export", &file, &path("none.txt")], 1, &["unknown format", ".stl"]);
     says(&["export", &file, "-"], 1, &["--format"]);
     says(&["export", &path("missing.goblin"), &none], 1, &["missing.goblin"]);
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), files);
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), files);
     assert_eq!(std::fs::read(&same).unwrap(), bytes);
 }
 
 #[test]
-fn trees_say_what_ply_tells() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.ply");
+fn ply_properties_follow_the_tree_type() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.ply");
     let export = |tree: &Dataset, format| {
         let output = Output::create(&path).unwrap();
         export_mesh(tree, &MeshRequest::default(), output, format, &()).unwrap();
@@ -493,8 +493,13 @@ fn trees_say_what_ply_tells() {
         dataset(&Cells::random(oct(SampleType::U8, 3), 2, size, 4, true), Rule::Mean, DataKind::Continuous);
     assert!(header(&export(&tree, MeshFormat::Ply)).contains("uchar red\nproperty uchar green\n"));
     read_obj(&export(&tree, MeshFormat::Obj)).check_closed("obj");
-    assert!(read_off(&export(&tree, MeshFormat::Off)).told.iter().all(|told| told.len() == 3));
-    let json = Output::create(&folder.path().join("a.city.json")).unwrap();
+    assert!(
+        read_off(&export(&tree, MeshFormat::Off))
+            .extra_numbers
+            .iter()
+            .all(|extra_numbers| extra_numbers.len() == 3)
+    );
+    let json = Output::create(&directory.path().join("a.city.json")).unwrap();
     let error = export_mesh(&tree, &MeshRequest::default(), json, MeshFormat::CityJson, &()).unwrap_err();
     assert!(error.to_string().contains("PLY, OBJ, STL or OFF"), "{error}");
     let tree = dataset(&Cells::random(OCT, 2, size, 4, true), Rule::Majority, DataKind::Categorical);

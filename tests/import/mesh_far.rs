@@ -83,8 +83,8 @@ fn cells_of_decimal_widths_far_from_the_origin_fill_the_box() {
 #[test]
 fn exact_models_far_from_the_origin_have_the_same_volume() {
     let volume = |triangles: &[Triangle]| {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("x.goblin");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("x.goblin");
         let mut options = ExactOptions::new();
         options.repair = true;
         let output = Output::create(&path).unwrap();

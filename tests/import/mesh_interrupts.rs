@@ -13,22 +13,22 @@ use crate::common::{OCT, Random, byte, goblin_bytes, made, with};
 /// Cancels after a number of checks.
 struct Impatient {
     patience: u64,
-    asked: AtomicU64,
+    checks: AtomicU64,
 }
 
 impl Impatient {
     fn new(patience: u64) -> Impatient {
-        Impatient { patience, asked: AtomicU64::new(0) }
+        Impatient { patience, checks: AtomicU64::new(0) }
     }
 
-    fn asked(&self) -> u64 {
-        self.asked.load(Ordering::Relaxed)
+    fn checks(&self) -> u64 {
+        self.checks.load(Ordering::Relaxed)
     }
 }
 
 impl Progress for Impatient {
     fn interrupted(&self) -> bool {
-        self.asked.fetch_add(1, Ordering::Relaxed) >= self.patience
+        self.checks.fetch_add(1, Ordering::Relaxed) >= self.patience
     }
 }
 
@@ -37,21 +37,21 @@ impl Progress for Impatient {
 fn check(work: &dyn Fn(&dyn Progress) -> Result<()>, least: u64, what: &str) {
     let patient = Impatient::new(u64::MAX);
     work(&patient).unwrap();
-    let all = patient.asked();
-    assert!(all >= least, "{what}: asked {all} times, not {least}");
+    let all = patient.checks();
+    assert!(all >= least, "{what}: {all} checks, expected at least {least}");
     for quarter in 0..4 {
         let patience = all * quarter / 4;
         let impatient = Impatient::new(patience);
         assert!(matches!(work(&impatient), Err(Error::Interrupted)), "{what} after {patience} of {all}");
-        assert_eq!(impatient.asked(), patience + 1, "{what}");
+        assert_eq!(impatient.checks(), patience + 1, "{what}");
     }
 }
 
 fn build(triangles: &[Triangle], options: &SolidOptions, progress: &dyn Progress) -> Result<SolidReport> {
-    let folder = tempfile::tempdir().unwrap();
-    let output = Output::create(&folder.path().join("solid.goblin")).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let output = Output::create(&directory.path().join("solid.goblin")).unwrap();
     let built = plan_models(vec![plain(triangles)], options).unwrap().build(output, progress);
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), usize::from(built.is_ok()));
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), usize::from(built.is_ok()));
     built
 }
 
@@ -80,11 +80,16 @@ fn division_of_space_is_interrupted_at_each_triangle() {
     let patient = Impatient::new(u64::MAX);
     work(&patient).unwrap();
     // The root's triangles are visited twice, those of its children once more.
-    assert!(patient.asked() > 3 * triangles.len() as u64, "{}", patient.asked());
+    assert!(patient.checks() > 3 * triangles.len() as u64, "{}", patient.checks());
     // Blocks that were begun at the same time end at their first check.
-    let impatient = Impatient::new(patient.asked() / 2);
+    let impatient = Impatient::new(patient.checks() / 2);
     assert!(matches!(work(&impatient), Err(Error::Interrupted)));
-    assert!(impatient.asked() <= patient.asked() / 2 + 64, "{} of {}", impatient.asked(), patient.asked());
+    assert!(
+        impatient.checks() <= patient.checks() / 2 + 64,
+        "{} of {}",
+        impatient.checks(),
+        patient.checks()
+    );
 }
 
 /// An operation that can be cancelled.
@@ -93,8 +98,8 @@ type Work<'a> = dyn Fn(&Impatient) -> spinney::Result<()> + Sync + 'a;
 #[test]
 fn measures_of_solids_are_interrupted() {
     let cells = made(OCT, [64; 3], |[x, y, z]| ((3 * x + 5 * y + 7 * z) % 5 < 2).then(|| byte(255)));
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("solid.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("solid.goblin");
     std::fs::write(&path, goblin_bytes(&cells, Rule::Occupancy, DataKind::Continuous)).unwrap();
     let tree = spinney::open(&path).unwrap();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
@@ -106,10 +111,10 @@ fn measures_of_solids_are_interrupted() {
     for (work, least) in works {
         let patient = Impatient::new(u64::MAX);
         pool.install(|| work(&patient)).unwrap();
-        assert!(patient.asked() >= least, "{}", patient.asked());
-        let impatient = Impatient::new(patient.asked() / 2);
+        assert!(patient.checks() >= least, "{}", patient.checks());
+        let impatient = Impatient::new(patient.checks() / 2);
         assert!(matches!(pool.install(|| work(&impatient)), Err(Error::Interrupted)));
         // Each shared task checks once more.
-        assert!(impatient.asked() < patient.asked() / 2 + 600, "{}", impatient.asked());
+        assert!(impatient.checks() < patient.checks() / 2 + 600, "{}", impatient.checks());
     }
 }

@@ -22,8 +22,8 @@ use crate::common::{OCT, byte, made, oct, opened, options, shared_data, value, w
 
 /// Builds a model at 16 cells and opens the tree.
 fn build(model: PathBuf, options: &SolidOptions) -> (Dataset, SolidReport) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("solid.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("solid.goblin");
     let models = open_all(&[model], 64 << 20).unwrap();
     let report = plan_models(models, options).unwrap().build(Output::create(&path).unwrap(), &()).unwrap();
     (spinney::open(&path).unwrap(), report)
@@ -35,8 +35,8 @@ fn sixteen() -> SolidOptions {
 
 /// Builds a model from a string.
 fn build_text(name: &str, text: &str) -> (Dataset, SolidReport) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
     std::fs::write(&path, text).unwrap();
     build(path, &sixteen())
 }
@@ -87,14 +87,14 @@ fn only_what_faces_use_sets_the_cells() {
 }
 
 #[test]
-fn solids_without_an_inside_are_told() {
+fn solids_without_an_interior_are_reported() {
     let doubled = format!("{TETRAHEDRON}f 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n");
     let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_string();
     for (text, inside) in [(doubled, InsideTest::Closed), (triangle, InsideTest::Open)] {
         let (_, report) = build_text("a.obj", &text);
         assert_eq!((report.cells, report.inside), (0, inside));
-        let folder = tempfile::tempdir().unwrap();
-        let model = folder.path().join("a.obj");
+        let directory = tempfile::tempdir().unwrap();
+        let model = directory.path().join("a.obj");
         std::fs::write(&model, text).unwrap();
         let (_, report) = build(model, &with(sixteen(), |it| it.shell = true));
         assert!(report.cells > 0);
@@ -103,9 +103,9 @@ fn solids_without_an_inside_are_told() {
 
 #[test]
 fn files_that_lost_something() {
-    let Some(folder) = shared_data().map(|folder| folder.join("hostile/mesh")) else { return };
+    let Some(directory) = shared_data().map(|directory| directory.join("hostile/mesh")) else { return };
     let measure = |name: &str| {
-        let path = folder.join(name);
+        let path = directory.join(name);
         if !Path::new(&path).is_file() {
             eprintln!("skipped: {} is not there", path.display());
             return None;
@@ -140,25 +140,25 @@ fn large_coordinates_are_coordinates() {
         let (_, report) = build_text("a.obj", &format!("{}v -3.4e38 3.4e38 1e300\n", of_size(size)));
         assert_eq!(report.cells, expected.cells, "{size}");
     }
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.obj");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.obj");
     let error_of = |text: &str| {
         std::fs::write(&path, text).unwrap();
         let plan = plan_models(open_all(std::slice::from_ref(&path), 64 << 20).unwrap(), &sixteen());
-        let output = Output::create(&folder.path().join("x.goblin")).unwrap();
+        let output = Output::create(&directory.path().join("x.goblin")).unwrap();
         plan.and_then(|plan| plan.build(output, &())).unwrap_err().to_string()
     };
     // A very long face: relative to its length, all other faces are lines or points. The file is
     // valid, and the error does not call it corrupt.
     let far = format!("{TETRAHEDRON}v 3e38 -3e38 3e38\nf 1 2 5\n");
     let error = error_of(&far);
-    for text in ["points or lines", "3e38", "far away"] {
-        assert!(error.contains(text) && !error.contains("damaged"), "{error}");
+    for text in ["points or lines", "3e38", "outliers"] {
+        assert!(error.contains(text) && !error.contains("corrupt"), "{error}");
     }
     let models = open_all(std::slice::from_ref(&path), 64 << 20).unwrap();
-    let output = Output::create(&folder.path().join("x.goblin")).unwrap();
+    let output = Output::create(&directory.path().join("x.goblin")).unwrap();
     let error = import_exact(models, &ExactOptions::new(), output, &()).unwrap_err().to_string();
-    assert!(error.contains("points or lines") && !error.contains("damaged"), "{error}");
+    assert!(error.contains("points or lines") && !error.contains("corrupt"), "{error}");
     // Two such faces with an area: the other faces are counted as collapsed.
     let (_, report) = build_text("a.obj", &format!("{far}v 0 3e38 3e38\nf 1 5 6\n"));
     assert_eq!((report.faces, report.collapsed, report.triangles), (6, 5, 1));
@@ -171,25 +171,25 @@ fn large_coordinates_are_coordinates() {
 
 /// Collects warnings.
 #[derive(Default)]
-struct Told(Mutex<Vec<String>>);
+struct Warnings(Mutex<Vec<String>>);
 
-impl Progress for Told {
+impl Progress for Warnings {
     fn warn(&self, _: &Path, text: &str) {
         self.0.lock().unwrap().push(text.into());
     }
 }
 
 /// Returns the warning issued for a file: empty, or one line.
-fn told(write: impl FnOnce(Output, &Told)) -> String {
-    let (folder, told) = (tempfile::tempdir().unwrap(), Told::default());
-    write(Output::create(&folder.path().join("mesh")).unwrap(), &told);
-    let lines = told.0.into_inner().unwrap();
+fn warnings(write: impl FnOnce(Output, &Warnings)) -> String {
+    let (directory, warnings) = (tempfile::tempdir().unwrap(), Warnings::default());
+    write(Output::create(&directory.path().join("mesh")).unwrap(), &warnings);
+    let lines = warnings.0.into_inner().unwrap();
     assert!(lines.len() <= 1, "{lines:?}");
     lines.concat()
 }
 
 /// Checks that a line lists exactly the expected losses of all possible ones.
-fn check_told(line: &str, expected: &[&str], all: &[&str], what: &str) {
+fn check_reported(line: &str, expected: &[&str], all: &[&str], what: &str) {
     for text in all {
         assert_eq!(line.contains(text), expected.contains(text), "{what}, `{text}`: {line}");
     }
@@ -199,7 +199,7 @@ fn check_told(line: &str, expected: &[&str], all: &[&str], what: &str) {
 const MESHES: [MeshFormat; 4] = [MeshFormat::Ply, MeshFormat::Obj, MeshFormat::Stl, MeshFormat::Off];
 
 #[test]
-fn meshes_of_trees_tell_what_they_lose() {
+fn losses_of_meshes_of_trees_are_reported() {
     const ALL: [&str; 6] =
         ["colours", "values of cells", "names of classes", "the palette", "EPSG:28992", "length mm"];
     let [colours, values, names, palette, crs, unit] = ALL;
@@ -245,16 +245,16 @@ fn meshes_of_trees_tell_what_they_lose() {
             ("numbers", &numbers, vec![values, crs, unit]),
         ];
         for (what, tree, expected) in cases {
-            let line = told(|output, told| {
-                export_mesh(tree, &MeshRequest::new(), output, format, told).unwrap();
+            let line = warnings(|output, warnings| {
+                export_mesh(tree, &MeshRequest::new(), output, format, warnings).unwrap();
             });
-            check_told(&line, &expected, &ALL, &format!("{what}, {format:?}"));
+            check_reported(&line, &expected, &ALL, &format!("{what}, {format:?}"));
         }
-        let line = told(|output, told| {
+        let line = warnings(|output, warnings| {
             let request = ContourRequest::new(ContourLevels::At(vec![0.5]));
-            export_isosurfaces(&numbers, &request, output, format, told).unwrap();
+            export_isosurfaces(&numbers, &request, output, format, warnings).unwrap();
         });
-        check_told(&line, &[crs, unit], &ALL, &format!("isosurface, {format:?}"));
+        check_reported(&line, &[crs, unit], &ALL, &format!("isosurface, {format:?}"));
     }
     // Palettes become colours there, and names are in a table.
     let of_models: [(&Dataset, Vec<&str>); 5] = [
@@ -265,20 +265,20 @@ fn meshes_of_trees_tell_what_they_lose() {
         (&numbers, vec![values, crs, unit]),
     ];
     for (tree, expected) in of_models {
-        let line = told(|output, told| {
-            export_glb(tree, &MeshRequest::new(), &GltfOptions::new(), output, told).unwrap();
+        let line = warnings(|output, warnings| {
+            export_glb(tree, &MeshRequest::new(), &GltfOptions::new(), output, warnings).unwrap();
         });
-        check_told(&line, &expected, &ALL, "glb");
+        check_reported(&line, &expected, &ALL, "glb");
     }
 }
 
 #[test]
-fn meshes_of_exact_models_tell_what_they_lose() {
-    const ALL: [&str; 6] = ["colours", "parts", "the part's name", "holes", "EPSG:28992", "length mm"];
+fn losses_of_meshes_of_exact_models_are_reported() {
+    const ALL: [&str; 6] = ["colours", "parts", "the name of the part", "holes", "EPSG:28992", "length mm"];
     let [colours, parts, name, holes, crs, unit] = ALL;
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let model = |text: &str, is_placed: bool| {
-        let (path, file) = (folder.path().join("a.obj"), folder.path().join("a.goblin"));
+        let (path, file) = (directory.path().join("a.obj"), directory.path().join("a.goblin"));
         std::fs::write(&path, text).unwrap();
         let mut options = ExactOptions::new();
         if is_placed {
@@ -309,10 +309,10 @@ fn meshes_of_exact_models_tell_what_they_lose() {
         for (what, model, expected) in
             [("two parts", &two, of_two), ("named", &named, of_named), ("plain", &plain, &[])]
         {
-            let line = told(|output, told| {
-                export_exact(model, format, output, told).unwrap();
+            let line = warnings(|output, warnings| {
+                export_exact(model, format, output, warnings).unwrap();
             });
-            check_told(&line, expected, &ALL, &format!("{what}, {format:?}"));
+            check_reported(&line, expected, &ALL, &format!("{what}, {format:?}"));
         }
     }
     // A face with a hole, which is a single ring in most formats.
@@ -322,9 +322,9 @@ fn meshes_of_exact_models_tell_what_they_lose() {
     for (format, expected) in
         [(MeshFormat::Ply, &[holes][..]), (MeshFormat::CityJson, &[]), (MeshFormat::Stl, &[])]
     {
-        let line = told(|output, told| {
-            export_exact(&faces, format, output, told).unwrap();
+        let line = warnings(|output, warnings| {
+            export_exact(&faces, format, output, warnings).unwrap();
         });
-        check_told(&line, expected, &ALL, &format!("a hole, {format:?}"));
+        check_reported(&line, expected, &ALL, &format!("a hole, {format:?}"));
     }
 }

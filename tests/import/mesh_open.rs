@@ -35,7 +35,9 @@ fn at(index: usize) -> [usize; 3] {
 
 #[test]
 fn one_open_object_changes_only_itself() {
-    for (step, attribute) in [(8.0, Attribute::Part), (8.0, Attribute::Colour), (6.0, Attribute::Part)] {
+    for (step, attribute) in
+        [(8.0, Attribute::PartNumber), (8.0, Attribute::Colour), (6.0, Attribute::PartNumber)]
+    {
         for edge in [EdgeRule::Centre, EdgeRule::Touch] {
             let options = with(unit_cells(6), |it| {
                 it.attribute = attribute;
@@ -78,10 +80,10 @@ fn check_objects(objects: &[Vec<Triangle>], found: &[Option<Value>], side: usize
     for (index, cell) in found.iter().enumerate() {
         let at = [index % side, index / side % side, index / side / side].map(|x| x as f64);
         let field = |object: usize| {
-            let is_beside = (0..3)
+            let is_outside = (0..3)
                 .any(|axis| at[axis] >= boxes[object][axis][1] || at[axis] + 1.0 <= boxes[object][axis][0]);
             let point = [at[0] + 0.5 + 1e-6, at[1] + 0.5 + 1e-8, at[2] + 0.5 + 1e-10];
-            if is_beside { 0.0 } else { winding(&objects[object], point).abs() }
+            if is_outside { 0.0 } else { winding(&objects[object], point).abs() }
         };
         let fields: Vec<f64> = (0..objects.len()).map(field).collect();
         if fields.iter().any(|field| (field - 0.5).abs() <= BOUND) {
@@ -95,8 +97,8 @@ fn check_objects(objects: &[Vec<Triangle>], found: &[Option<Value>], side: usize
 }
 
 #[test]
-fn open_objects_share_nothing() {
-    let options = with(unit_cells(6), |it| it.attribute = Attribute::Part);
+fn open_objects_are_independent() {
+    let options = with(unit_cells(6), |it| it.attribute = Attribute::PartNumber);
     // Boxes without a wall, next to each other with and without common edges, and nested.
     let box_of = |low: Point, high: Point, without: &[usize]| -> Vec<Triangle> {
         let faces = cuboid(low, high).into_iter().enumerate();
@@ -143,9 +145,9 @@ fn groups_are_of_one_object_and_objects_are_not() {
         }
         text
     };
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let [as_groups, as_objects] = ["g", "o"].map(|word| {
-        let (path, output) = (folder.path().join("a.obj"), folder.path().join("a.goblin"));
+        let (path, output) = (directory.path().join("a.obj"), directory.path().join("a.goblin"));
         std::fs::write(&path, text(word)).unwrap();
         let options = with(SolidOptions::new(), |it| it.resolution = Resolution::Cell(0.5));
         let models = open_all(&[path], 64 << 20).unwrap();
@@ -158,8 +160,9 @@ fn groups_are_of_one_object_and_objects_are_not() {
 
 #[test]
 #[cfg(feature = "mesh")]
-fn houses_of_a_city_share_nothing() {
-    let Some(path) = shared_data().map(|folder| folder.join("mesh/cityjson/rotterdam_subset.json")) else {
+fn houses_of_a_city_are_independent() {
+    let Some(path) = shared_data().map(|directory| directory.join("mesh/cityjson/rotterdam_subset.json"))
+    else {
         return;
     };
     if !path.is_file() {
@@ -186,7 +189,7 @@ fn houses_of_a_city_share_nothing() {
             Ok(())
         })
         .unwrap();
-    let options = with(unit_cells(7), |it| it.attribute = Attribute::Part);
+    let options = with(unit_cells(7), |it| it.attribute = Attribute::PartNumber);
     let (tree, report) = build(Polygons::of_triangles(faces), &options);
     assert_eq!(report.inside, InsideTest::Open);
     check_objects(&objects, &cells(&tree), 128, "Rotterdam");
@@ -194,7 +197,7 @@ fn houses_of_a_city_share_nothing() {
 
 #[test]
 fn a_flipped_object_changes_no_labels() {
-    let options = with(unit_cells(6), |it| it.attribute = Attribute::Part);
+    let options = with(unit_cells(6), |it| it.attribute = Attribute::PartNumber);
     let closed = row(7, 8.0);
     let (expected, _) = labels(closed.clone(), &options);
     let mut faces = closed.clone();
@@ -210,14 +213,14 @@ fn a_flipped_object_changes_no_labels() {
 
 #[test]
 fn threads_do_not_change_the_bytes() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let mut faces = row(7, 6.0);
     faces[1].drain(2..4);
     faces[2].drain(2..4);
     faces[5].drain(0..1);
     let options = with(unit_cells(7), |it| it.attribute = Attribute::Colour);
     let bytes = [1, 3].map(|threads| {
-        let path = folder.path().join("solid.goblin");
+        let path = directory.path().join("solid.goblin");
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let import = plan_models(vec![Polygons::of_triangles(faces.concat())], &options).unwrap();
         pool.install(|| import.build(Output::create(&path).unwrap(), &())).unwrap();
@@ -233,7 +236,7 @@ fn ground_and_houses_and_hollow_bodies() {
     let ground: Vec<Triangle> = ground.into_iter().map(|[a, b, c]| [a, c, b]).collect();
     let house = |low: Point, high: Point| cuboid(low, high);
     let faces = vec![object(ground, 0), object(house([20.0, 20.0, 41.0], [30.0, 30.0, 50.0]), 1)];
-    let options = with(unit_cells(6), |it| it.attribute = Attribute::Part);
+    let options = with(unit_cells(6), |it| it.attribute = Attribute::PartNumber);
     let (found, _) = labels(faces, &options);
     assert_eq!(found.iter().filter(|cell| **cell == Some(Value::from([2u8]))).count(), 10 * 10 * 9);
     // A cavity in a solid with a hole in another region of its surface remains a cavity.
@@ -256,9 +259,9 @@ fn ground_and_houses_and_hollow_bodies() {
 #[test]
 #[cfg(feature = "mesh")]
 fn files_with_open_objects() {
-    let Some(folder) = shared_data().map(|folder| folder.join("hostile/mesh")) else { return };
+    let Some(directory) = shared_data().map(|directory| directory.join("hostile/mesh")) else { return };
     let build = |name: &str, attribute: Attribute, resolution: Resolution| -> Option<Dataset> {
-        let path = folder.join(name);
+        let path = directory.join(name);
         if !path.is_file() {
             eprintln!("skipped: {} is not there", path.display());
             return None;
@@ -267,15 +270,15 @@ fn files_with_open_objects() {
             it.attribute = attribute;
             it.resolution = resolution;
         });
-        let folder = tempfile::tempdir().unwrap();
-        let output = folder.path().join("solid.goblin");
+        let directory = tempfile::tempdir().unwrap();
+        let output = directory.path().join("solid.goblin");
         let models = open_all(&[path], 64 << 20).unwrap();
         plan_models(models, &options).unwrap().build(Output::create(&output).unwrap(), &()).unwrap();
         Some(spinney::open(&output).unwrap())
     };
     let classes = |tree: &Dataset| tree.statistics(None, &()).unwrap().classes;
     let [open, closed] = ["parts_open1.obj", "parts_closed.obj"]
-        .map(|name| build(name, Attribute::Part, Resolution::Cell(0.25)));
+        .map(|name| build(name, Attribute::PartNumber, Resolution::Cell(0.25)));
     if let (Some(open), Some(closed)) = (open, closed) {
         let (found, expected) = (classes(&open), classes(&closed));
         assert_eq!((found.len(), expected.len()), (20, 20));
@@ -285,7 +288,7 @@ fn files_with_open_objects() {
         let stats = tree.statistics(None, &()).unwrap();
         assert!(stats.channels.iter().all(|channel| (channel.min, channel.max) == (0.into(), 255.into())));
     }
-    if let Some(tree) = build("DELFSHAVEN.city.json", Attribute::Part, Resolution::Cells(256)) {
+    if let Some(tree) = build("DELFSHAVEN.city.json", Attribute::PartNumber, Resolution::Cells(256)) {
         let labels = classes(&tree).len();
         assert!(labels > 700, "{labels} labels");
     }

@@ -26,8 +26,8 @@ fn volumes(
     faces: &[(Triangle, u32)],
     change: impl FnOnce(&mut ExactOptions),
 ) -> Result<(f64, Option<[f64; 2]>)> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.goblin");
     let polygon = |(triangle, part): &(Triangle, u32)| Polygon {
         rings: vec![triangle.to_vec()],
         part: *part,
@@ -85,8 +85,11 @@ fn bodies_without_volume_are_errors() {
     let solid = cuboid([5.0; 3], [6.0; 3]).into_iter().map(|face| (face, 1));
     let all: Vec<_> = sheet.iter().copied().chain(solid).collect();
     let error = volume(&all, |it| it.close = true).unwrap_err();
-    let Error::NotASolid { places, advice, .. } = &error else { panic!("{error}") };
-    assert!(places.iter().any(|place| place.contains("part 0")) && advice.contains("--skip-bad"), "{error}");
+    let Error::NotASolid { locations, advice, .. } = &error else { panic!("{error}") };
+    assert!(
+        locations.iter().any(|location| location.contains("part 0")) && advice.contains("--skip-bad"),
+        "{error}"
+    );
     assert_eq!(volume(&all, |it| (it.close, it.skip_bad) = (true, true)).unwrap(), 1.0);
 }
 
@@ -133,12 +136,12 @@ fn cavities_that_touch_the_exterior_stay() {
     let found = repaired(&all);
     assert!((found - (512.0 - 256.0 / 3.0)).abs() < 1e-4, "{found}");
     // Solids that touch from outside are oriented separately.
-    let beside = [body.clone(), hollow([8.0, 0.0, 0.0], [10.0, 8.0, 8.0])].concat();
-    assert_eq!(repaired(&beside), 640.0);
+    let adjacent = [body.clone(), hollow([8.0, 0.0, 0.0], [10.0, 8.0, 8.0])].concat();
+    assert_eq!(repaired(&adjacent), 640.0);
 }
 
 #[test]
-fn shells_have_the_cells_behind_faces_in_walls() {
+fn shells_have_the_inner_cells_of_faces_on_cell_walls() {
     let options = with(unit_cells(4), |it| it.shell = true);
     let count = |triangles: &[Triangle]| {
         let (tree, _) = build(plain(triangles), &options);
@@ -162,12 +165,12 @@ fn shells_have_the_cells_behind_faces_in_walls() {
 
 #[test]
 fn reported_models_are_right() {
-    let Some(folder) = crate::common::reported_models() else { return };
+    let Some(directory) = crate::common::reported_models() else { return };
     let of = |name: &str, change: &dyn Fn(&mut ExactOptions)| {
         let out = tempfile::tempdir().unwrap();
         let path = out.path().join("x.goblin");
         let options = with(ExactOptions::new(), |it| change(it));
-        let models = open_all(&[folder.join(Path::new(name))], 64 << 20).unwrap();
+        let models = open_all(&[directory.join(Path::new(name))], 64 << 20).unwrap();
         import_exact(models, &options, Output::create(&path).unwrap(), &()).unwrap();
         MassProperties::of(&ExactModel::open(&path, &Default::default()).unwrap(), &()).unwrap().volume
     };

@@ -234,7 +234,7 @@ fn verdicts_are_counted() {
     stages.count(polygon(&[&square(5, 1, 3)]).cuts(&OCTANT));
     let twice = stages;
     stages.add(&twice);
-    assert_eq!(stages, Stages { apart: [2, 0, 0, 0, 0, 0], cutting: [0, 0, 2, 0, 0, 0] });
+    assert_eq!(stages, Stages { disjoint: [2, 0, 0, 0, 0, 0], cutting: [0, 0, 2, 0, 0, 0] });
 }
 
 /// Returns whether a convex face cuts an octant: the face clipped to the octant is not within a
@@ -444,7 +444,7 @@ fn random_faces_agree_with_their_cells() {
             stages.count(verdict);
         }
     }
-    assert!(stages.apart[..5].iter().enumerate().all(|(i, &times)| times > 0 || i == 2), "{stages:?}");
+    assert!(stages.disjoint[..5].iter().enumerate().all(|(i, &times)| times > 0 || i == 2), "{stages:?}");
     assert!(stages.cutting[2..5].iter().all(|&times| times > 40), "{stages:?}");
 }
 
@@ -491,9 +491,11 @@ fn read_rings(text: &str) -> Vec<Vec<[f64; 2]>> {
 /// plane: valid ones are triangulated, and octants cut them like their triangles.
 #[test]
 fn collected_polygons() {
-    let Some(folder) = common::shared_data() else { return };
-    let mut files: Vec<_> =
-        std::fs::read_dir(folder.join("poly2d/earcut")).unwrap().map(|file| file.unwrap().path()).collect();
+    let Some(directory) = common::shared_data() else { return };
+    let mut files: Vec<_> = std::fs::read_dir(directory.join("poly2d/earcut"))
+        .unwrap()
+        .map(|file| file.unwrap().path())
+        .collect();
     files.sort();
     let mut random = Random(common::Random(9));
     let mut failed = Vec::new();

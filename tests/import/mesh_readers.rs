@@ -5,8 +5,8 @@ mod mesh_files;
 
 #[path = "mesh_files/cityjson.rs"]
 mod cityjson;
-#[path = "mesh_files/hostile.rs"]
-mod hostile;
+#[path = "mesh_files/malicious.rs"]
+mod malicious;
 #[path = "mesh_files/obj.rs"]
 mod obj;
 #[path = "mesh_files/off.rs"]

@@ -11,20 +11,20 @@ use spinney::{Bounds, Crs, Dataset, OpenOptions, Output};
 use crate::common::{shared_data, with};
 
 fn build(inputs: &[PathBuf], options: &SolidOptions) -> (Dataset, SolidReport) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("solid.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("solid.goblin");
     let models = open_all(inputs, options.memory).unwrap();
     let report = plan_models(models, options).unwrap().build(Output::create(&path).unwrap(), &()).unwrap();
     (dataset::open(&path, &OpenOptions::new()).unwrap(), report)
 }
 
 /// Returns the models of `expected.tsv`: name, whether watertight, signed volume and area.
-fn models(folder: &Path) -> Vec<(PathBuf, bool, [f64; 2])> {
-    let table = std::fs::read_to_string(folder.join("expected.tsv")).unwrap();
+fn models(directory: &Path) -> Vec<(PathBuf, bool, [f64; 2])> {
+    let table = std::fs::read_to_string(directory.join("expected.tsv")).unwrap();
     let row = |line: &str| {
         let cells: Vec<&str> = line.split('\t').collect();
         let measures = [7, 8].map(|cell| cells[cell].parse().unwrap());
-        (folder.join(cells[0]), cells[3] == "True" && cells[4] == "True", measures)
+        (directory.join(cells[0]), cells[3] == "True" && cells[4] == "True", measures)
     };
     table.lines().skip(1).map(row).collect()
 }
@@ -89,7 +89,8 @@ fn broken_models_are_filled_as_whole_ones() {
         // Which of 128 x 128 x 128 cells are full.
         let there = |tree: &Dataset| {
             let mut valid = vec![false; 1 << 21];
-            tree.window(7, &Bounds::picture([128; 3]), 0.0, &mut vec![0; 1 << 21], Some(&mut valid)).unwrap();
+            tree.window(7, &Bounds::of_extent([128; 3]), 0.0, &mut vec![0; 1 << 21], Some(&mut valid))
+                .unwrap();
             valid
         };
         let wrong = there(&whole).iter().zip(there(&other)).filter(|(a, b)| **a != *b).count();
@@ -115,7 +116,7 @@ fn buildings_become_parts() {
     let city = data.join("mesh/cityjson/rotterdam_subset.json");
     let options = with(SolidOptions::new(), |it| {
         it.resolution = Resolution::Cell(1.0);
-        it.attribute = Attribute::Part;
+        it.attribute = Attribute::PartNumber;
     });
     let (tree, report) = build(&[city], &options);
     assert!(report.faces > 200, "{report:?}");

@@ -400,7 +400,7 @@ fn parts_and_colours_are_kept() {
     let faces: Vec<_> = coloured(cuboid([2.0; 3], [10.0; 3]), 0, [200, 10, 10])
         .chain(coloured(cuboid([10.0, 2.0, 2.0], [30.0, 10.0, 10.0]), 1, [10, 200, 10]))
         .collect();
-    let options = with(unit_cells(5), |it| it.attribute = Attribute::Part);
+    let options = with(unit_cells(5), |it| it.attribute = Attribute::PartNumber);
     let (tree, _) = build(Polygons::of_triangles(faces.clone()), &options);
     assert_eq!(tree.metadata().class_names[&2.into()], "part 1");
     let options = with(unit_cells(5), |it| it.attribute = Attribute::Colour);
@@ -451,10 +451,10 @@ fn flipped_faces_are_parity_and_holes_a_field() {
 fn memory_and_threads_do_not_change_the_bytes() {
     let mut random = Random(99);
     let triangles = tetrahedra(&mut random, 200, 250.0, 0.37);
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let mut first: Option<Vec<u8>> = None;
     for (memory, threads) in [(256 << 20, 1), (256 << 20, 3), (40_000, 2), (20_000, 1)] {
-        let path = folder.path().join("solid.goblin");
+        let path = directory.path().join("solid.goblin");
         let options = with(unit_cells(8), |it| it.memory = memory);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let import = plan_models(vec![plain(&triangles)], &options).unwrap();

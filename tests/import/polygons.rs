@@ -50,14 +50,14 @@ fn tree(path: &Path, size: [u64; 2], cells: Vec<u16>, frame: Frame) -> Dataset {
 }
 
 /// Checks that a tree level's polygons, read as features, give the level's cells.
-fn comes_back(folder: &Path, map: &Dataset, level: u8) {
-    comes_back_by(folder, map, level, false);
-    comes_back_by(folder, map, level, true);
+fn comes_back(directory: &Path, map: &Dataset, level: u8) {
+    comes_back_by(directory, map, level, false);
+    comes_back_by(directory, map, level, true);
 }
 
 /// Round trip of regions connected by edges, or also across corners.
-fn comes_back_by(folder: &Path, map: &Dataset, level: u8, across_corners: bool) {
-    let (path, again) = (folder.join("regions.geojson"), folder.join("again.goblin"));
+fn comes_back_by(directory: &Path, map: &Dataset, level: u8, across_corners: bool) {
+    let (path, again) = (directory.join("regions.geojson"), directory.join("again.goblin"));
     let mut request = PolygonRequest::new();
     (request.level, request.across_corners) = (Some(level), across_corners);
     let made =
@@ -93,39 +93,39 @@ fn comes_back_by(folder: &Path, map: &Dataset, level: u8, across_corners: bool) 
 
 #[test]
 fn fixtures_become_polygons_and_the_same_cells_again() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let map = spinney::open("fixtures/v1/classes.goblin").unwrap();
     for level in [8, 7, 5, 2] {
-        comes_back(folder.path(), &map, level);
+        comes_back(directory.path(), &map, level);
     }
     let cover = spinney::open("fixtures/v1/stack.goblin:cover").unwrap();
-    comes_back(folder.path(), &cover, cover.depth());
-    let path = folder.path().join("island.goblin");
+    comes_back(directory.path(), &cover, cover.depth());
+    let path = directory.path().join("island.goblin");
     spinney::build("fixtures/island_classes.tif", &path).unwrap();
     let island = spinney::open(&path).unwrap();
-    comes_back(folder.path(), &island, island.depth());
+    comes_back(directory.path(), &island, island.depth());
 }
 
 #[test]
 fn a_thousand_small_maps_become_polygons_and_the_same_cells_again() {
     (0..1000u64).into_par_iter().for_each(|round| {
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         let mut random = Random(round + 1);
         let (size, classes) = ([1 + random.below(9), 1 + random.below(9)], 1 + random.below(4));
         let cells = (0..size[0] * size[1]).map(|_| random.below(classes + 1) as u16).collect();
         let map = tree(
-            &folder.path().join("map.goblin"),
+            &directory.path().join("map.goblin"),
             size,
             cells,
             Frame::planar([1.0, 0.0, 0.0, 0.0, -1.0, 9.0]),
         );
-        comes_back_by(folder.path(), &map, map.depth(), round % 2 > 0);
+        comes_back_by(directory.path(), &map, map.depth(), round % 2 > 0);
     });
 }
 
 #[test]
 fn regions_across_corners_have_several_polygons_and_an_area() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let frame = Frame { crs: Some(Crs::epsg(32633)), ..Frame::planar([10.0, 0.0, 0.0, 0.0, -10.0, 40.0]) };
     #[rustfmt::skip]
     let cells = vec![
@@ -133,20 +133,20 @@ fn regions_across_corners_have_several_polygons_and_an_area() {
         0, 1, 2, 2,
         1, 0, 1, 0,
     ];
-    let map = tree(&folder.path().join("map.goblin"), [4, 3], cells, frame);
-    let path = folder.path().join("regions.geojson");
+    let map = tree(&directory.path().join("map.goblin"), [4, 3], cells, frame);
+    let path = directory.path().join("regions.geojson");
     let mut request = PolygonRequest::new();
     request.across_corners = true;
     let output = Output::create(&path).unwrap();
     let made = export_polygons(&map, &request, output, VectorFormat::GeoJson, &()).unwrap();
     assert_eq!((made.count, made.polygons, made.cells), (2, 6, 8));
     let json: serde_json::Value = serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
-    let told = |feature: &serde_json::Value| {
+    let summary = |feature: &serde_json::Value| {
         let kind = feature["geometry"]["type"].as_str().unwrap().to_string();
         let numbers = ["class", "cells", "area_m2"].map(|name| feature["properties"][name].as_f64().unwrap());
         (kind, numbers)
     };
-    let mut features: Vec<_> = json["features"].as_array().unwrap().iter().map(told).collect();
+    let mut features: Vec<_> = json["features"].as_array().unwrap().iter().map(summary).collect();
     features.sort_by(|a, b| a.1[0].total_cmp(&b.1[0]));
     assert_eq!(features[0], ("MultiPolygon".to_string(), [1.0, 5.0, 500.0]));
     assert_eq!(features[1].1, [2.0, 3.0, 300.0]);
@@ -154,7 +154,7 @@ fn regions_across_corners_have_several_polygons_and_an_area() {
 
 #[test]
 fn random_maps_become_polygons_and_the_same_cells_again() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let mut random = Random(11);
     for round in 0..16 {
         // Some span several tiles; patches of a few sizes, with few and with many classes.
@@ -173,21 +173,21 @@ fn random_maps_become_polygons_and_the_same_cells_again() {
             [3.0, -4.0, 0.0, 4.0, 3.0, 0.0],
         ];
         let frame = Frame { crs: Some(Crs::epsg(32633)), ..Frame::planar(matrix[round % 3]) };
-        let map = tree(&folder.path().join("map.goblin"), size, cells, frame);
-        comes_back(folder.path(), &map, map.depth());
-        comes_back(folder.path(), &map, map.depth() - 2);
+        let map = tree(&directory.path().join("map.goblin"), size, cells, frame);
+        comes_back(directory.path(), &map, map.depth());
+        comes_back(directory.path(), &map, map.depth() - 2);
     }
 }
 
 #[test]
 fn classes_are_chosen_and_what_has_no_regions_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let map = spinney::open("fixtures/v1/classes.goblin").unwrap();
     let statistics = map.statistics(None, &()).unwrap();
     let (class, cells) = statistics.classes[1];
     let mut request = PolygonRequest::new();
     request.classes = Some(vec![class]);
-    let path = folder.path().join("one.csv");
+    let path = directory.path().join("one.csv");
     let made =
         export_polygons(&map, &request, Output::create(&path).unwrap(), VectorFormat::Csv, &()).unwrap();
     assert_eq!(made.cells, cells);
@@ -198,17 +198,17 @@ fn classes_are_chosen_and_what_has_no_regions_is_refused() {
     let cell = |at: [u32; 3]| Some(Value::from([wide[(at[0] + 2 * at[1]) as usize]]));
     let leaves = MemTree::from_cells(form, 1, Rule::Majority, &cell);
     let options = BuildOptions::new(DataKind::Categorical, 1);
-    let path = folder.path().join("wide.goblin");
+    let path = directory.path().join("wide.goblin");
     build_tree(&leaves, [2, 2, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
-    let (wide_map, csv) = (spinney::open(&path).unwrap(), folder.path().join("wide.csv"));
+    let (wide_map, csv) = (spinney::open(&path).unwrap(), directory.path().join("wide.csv"));
     let output = Output::create(&csv).unwrap();
     export_polygons(&wide_map, &PolygonRequest::new(), output, VectorFormat::Csv, &()).unwrap();
     let text = fs::read_to_string(&csv).unwrap();
     assert!(wide.iter().all(|class| text.contains(&class.to_string())), "{text}");
     let heights = spinney::open("fixtures/v1/elevation.goblin").unwrap();
-    let output = Output::create(&folder.path().join("no.csv")).unwrap();
+    let output = Output::create(&directory.path().join("no.csv")).unwrap();
     let refusal =
         export_polygons(&heights, &PolygonRequest::new(), output, VectorFormat::Csv, &()).unwrap_err();
     assert!(refusal.to_string().contains("contours"), "{refusal}");
-    assert!(!folder.path().join("no.csv").exists());
+    assert!(!directory.path().join("no.csv").exists());
 }

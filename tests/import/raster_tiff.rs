@@ -56,14 +56,14 @@ const OTHER_EPSG: [(&str, Option<Epsg>, &str); 6] = [
 ];
 
 fn data() -> Option<PathBuf> {
-    let folder = std::env::var_os("SPINNEY_DATA")
+    let directory = std::env::var_os("SPINNEY_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
-    let folder = folder.join("raster");
-    if !folder.is_dir() {
-        eprintln!("skipped: no test data in {}", folder.display());
+    let directory = directory.join("raster");
+    if !directory.is_dir() {
+        eprintln!("skipped: no test data in {}", directory.display());
         return None;
     }
-    Some(folder)
+    Some(directory)
 }
 
 /// One line of the table of GDAL's results.
@@ -182,15 +182,15 @@ fn differences(expected: &Expected<'_>, path: &Path) -> Result<Vec<String>> {
 
 #[test]
 fn files_read_as_gdal_reads_them() {
-    let Some(folder) = data() else { return };
-    let table = std::fs::read_to_string(folder.join("expected.tsv")).unwrap();
+    let Some(directory) = data() else { return };
+    let table = std::fs::read_to_string(directory.join("expected.tsv")).unwrap();
     let (mut wrong, mut refused) = (Vec::new(), Vec::new());
     for line in table.lines().skip(1) {
         let file = line.split('\t').next().unwrap();
         if !(file.ends_with(".tif") || file.ends_with(".tiff")) {
             continue;
         }
-        let path = folder.join(file);
+        let path = directory.join(file);
         let Some(expected) = Expected::parse(line) else {
             // GDAL fails for these, or they are too large: they must only terminate.
             let read = raster::open(&path, &RasterOptions::default()).and_then(|mut raster| {
@@ -228,7 +228,7 @@ fn whole(bytes: &[u8], memory: u64) -> Result<(RasterInfo, Pixels)> {
 const MEMORY: u64 = 1 << 20;
 
 #[test]
-fn a_mask_tells_what_is_valid() {
+fn a_mask_marks_valid_samples() {
     let mask =
         Ifd::grey(3, 2, vec![0b1010_0000, 0b0110_0000]).short(254, &[4]).short(258, &[1]).short(262, &[4]);
     let overview = Ifd::grey(2, 1, vec![7, 7]).short(254, &[1]);
@@ -252,7 +252,7 @@ fn tiles_that_were_never_written_are_nodata() {
 }
 
 #[test]
-fn whole_numbers_of_64_bits_stay_what_they_are() {
+fn integers_of_64_bits_are_preserved() {
     let image = |number: u64| Ifd::grey(1, 1, number.to_le_bytes().to_vec()).short(258, &[64]);
     for number in [0, 1 << 53, (1 << 53) + 1, (1 << 63) + 3, u64::MAX] {
         let (info, pixels) = whole(&file(&[image(number)]), MEMORY).unwrap();
@@ -284,6 +284,22 @@ fn small_samples_become_the_next_wider_type() {
     let halves = [1f32, -2.0].map(f32::to_le_bytes).concat();
     assert_eq!(image(16, 3, &[0, 0x3c, 0, 0xc0]), ("half".into(), SampleType::F32, halves.clone()));
     assert_eq!(image(24, 3, &[0, 0, 0x3f, 0, 0, 0xc0]), ("float24".into(), SampleType::F32, halves));
+}
+
+#[test]
+fn samples_that_are_not_read_have_a_command_that_converts_them() {
+    for (image, expected) in [
+        (Ifd::grey(1, 1, vec![0; 8]).short(258, &[64]).short(339, &[6]), "DERIVED_SUBDATASET:REAL:"),
+        (Ifd::grey(1, 1, vec![0; 8]).short(258, &[64]).short(339, &[9]), "`gdal_translate -ot Float64 /"),
+        (Ifd::grey(1, 1, vec![0; 2]).short(258, &[16]).short(262, &[6]), "YCbCr other than 3 samples"),
+    ] {
+        let Err(error) = whole(&file(&[image]), MEMORY) else { panic!("read: {expected}") };
+        let text = error.to_string();
+        assert!(
+            text.contains(expected) && text.contains("gdal_translate") && !text.contains("IN "),
+            "{text}"
+        );
+    }
 }
 
 #[test]
@@ -353,6 +369,9 @@ fn missing_data_are_an_error_that_names_the_place() {
     raster.read(Region::new(0, 0, 4, 2), &mut pixels).unwrap();
     assert_eq!(pixels.bytes, [1; 8]);
     let error = raster.read(Region::new(0, 1, 4, 2), &mut pixels).unwrap_err();
-    assert!(matches!(&error, Error::Corrupt { place, .. } if place == "strip at column 0, row 2"), "{error}");
+    assert!(
+        matches!(&error, Error::Corrupt { location: place, .. } if place == "strip at column 0, row 2"),
+        "{error}"
+    );
     assert!(matches!(raster.read(Region::new(1, 0, 4, 1), &mut pixels), Err(Error::Invalid { .. })));
 }

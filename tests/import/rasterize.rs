@@ -25,8 +25,8 @@ fn square(x: f64, y: f64, end_x: f64, end_y: f64) -> String {
 }
 
 /// Writes a file of features in metres.
-fn document(folder: &Path, features: &[String]) -> PathBuf {
-    let path = folder.join("features.geojson");
+fn document(directory: &Path, features: &[String]) -> PathBuf {
+    let path = directory.join("features.geojson");
     let crs = r#"{"type":"name","properties":{"name":"urn:ogc:def:crs:EPSG::32633"}}"#;
     let features = features.join(",");
     fs::write(&path, format!(r#"{{"type":"FeatureCollection","crs":{crs},"features":[{features}]}}"#))
@@ -70,14 +70,14 @@ fn cells(tree: &Dataset) -> Vec<Vec<Option<f64>>> {
 }
 
 #[test]
-fn overlaps_are_what_is_asked_for() {
-    let folder = tempfile::tempdir().unwrap();
+fn overlaps_follow_the_requested_rule() {
+    let directory = tempfile::tempdir().unwrap();
     let features = [
         feature(r#"{"v":5}"#, &square(0.0, 0.0, 6.0, 6.0)),
         feature(r#"{"v":-9}"#, &square(2.0, 2.0, 8.0, 8.0)),
         feature(r#"{"v":7}"#, &square(4.0, 4.0, 10.0, 10.0)),
     ];
-    let path = document(folder.path(), &features);
+    let path = document(directory.path(), &features);
     let squares = [(0, 6, 5.0), (2, 8, -9.0), (4, 10, 7.0)];
     for (overlaps, sample) in [
         (Overlaps::Last, SampleType::I32),
@@ -121,23 +121,23 @@ fn overlaps_are_what_is_asked_for() {
 }
 
 #[test]
-fn texts_are_classes_and_what_is_left_out_is_told() {
-    let folder = tempfile::tempdir().unwrap();
+fn strings_are_classes_and_omissions_are_reported() {
+    let directory = tempfile::tempdir().unwrap();
     let features = [
         feature(r#"{"v":"wood"}"#, &square(0.0, 0.0, 4.0, 4.0)),
         feature(r#"{"v":"lake"}"#, &square(4.0, 4.0, 8.0, 8.0)),
         feature(r#"{"v":null}"#, &square(0.0, 0.0, 10.0, 10.0)),
         feature(r#"{"v":"wood"}"#, "null"),
     ];
-    let path = document(folder.path(), &features);
+    let path = document(directory.path(), &features);
     let plan = plan_features(std::slice::from_ref(&path), &metres(), &()).unwrap();
-    let told: Vec<&str> = plan
+    let lines: Vec<&str> = plan
         .description()
         .iter()
         .filter(|(heading, _)| *heading == "left out")
         .map(|(_, text)| &text[..])
         .collect();
-    assert_eq!(told, ["1 features with no geometry", "1 features with no value"]);
+    assert_eq!(lines, ["1 features with no geometry", "1 features with no value"]);
     let tree = built(&path, &metres());
     let names: Vec<_> =
         tree.metadata().class_names.iter().map(|(class, name)| (class.to_f64(), &name[..])).collect();
@@ -162,7 +162,7 @@ fn texts_are_classes_and_what_is_left_out_is_told() {
     ] {
         let features =
             values.map(|value| feature(&format!(r#"{{"v":{value}}}"#), &square(0.0, 0.0, 4.0, 4.0)));
-        let tree = built(&document(folder.path(), &features), &metres());
+        let tree = built(&document(directory.path(), &features), &metres());
         assert_eq!(tree.header().form.value.sample, sample, "{values:?}");
         let expected: Number = match values[1] {
             "false" => 0u8.into(),
@@ -175,16 +175,16 @@ fn texts_are_classes_and_what_is_left_out_is_told() {
     let mixed =
         ["1", "\"a\""].map(|value| feature(&format!(r#"{{"v":{value}}}"#), &square(0.0, 0.0, 4.0, 4.0)));
     let refusal =
-        plan_features(&[document(folder.path(), &mixed)], &metres(), &()).err().unwrap().to_string();
-    assert!(refusal.contains("numbers and texts"), "{refusal}");
+        plan_features(&[document(directory.path(), &mixed)], &metres(), &()).err().unwrap().to_string();
+    assert!(refusal.contains("numbers and strings"), "{refusal}");
 }
 
 #[test]
 fn edges_count_by_centre_touch_and_share() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     // Columns 2 to 5 completely, a quarter of column 1, three quarters of column 6.
     let features = [feature(r#"{"v":3}"#, &square(1.75, 0.0, 6.75, 10.0))];
-    let path = document(folder.path(), &features);
+    let path = document(directory.path(), &features);
     let row = |options: RasterizeOptions| cells(&built(&path, &options)).swap_remove(4);
     let of = |edge: EdgeRule| {
         row(changed(metres(), |options| {
@@ -210,7 +210,7 @@ fn edges_count_by_centre_touch_and_share() {
         feature(r#"{"v":1}"#, &square(0.7, 0.0, 0.9, 1.0)),
         feature(r#"{"v":4}"#, &square(5.0, 5.0, 5.4, 6.0)),
     ];
-    let path = document(folder.path(), &features);
+    let path = document(directory.path(), &features);
     let found = cells(&built(
         &path,
         &changed(metres(), |options| {
@@ -222,7 +222,7 @@ fn edges_count_by_centre_touch_and_share() {
 
 #[test]
 fn features_that_overlap_share_a_cell_once() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     // Two that cover the same half, two that overlap in a quarter, two next to each other, and a
     // line over half a cell.
     let features = [
@@ -236,7 +236,7 @@ fn features_that_overlap_share_a_cell_once() {
         feature(r#"{"v":2}"#, &square(6.0, 0.0, 6.4, 1.0)),
         feature(r#"{"v":3}"#, &square(6.1, 0.0, 6.3, 1.0)),
     ];
-    let path = document(folder.path(), &features);
+    let path = document(directory.path(), &features);
     let shares = cells(&built(
         &path,
         &changed(metres(), |options| {
@@ -256,7 +256,7 @@ fn features_that_overlap_share_a_cell_once() {
 
 #[test]
 fn lines_and_points_and_collections_become_cells() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let point = r#"{"type":"MultiPoint","coordinates":[[0.5,0.5],[0.6,0.4],[9.5,9.5]]}"#;
     let line = r#"{"type":"LineString","coordinates":[[2.5,2.5],[5.5,2.5],[5.5,4.5]]}"#;
     let collection = format!(
@@ -265,7 +265,7 @@ fn lines_and_points_and_collections_become_cells() {
     );
     let features =
         [feature(r#"{"v":1}"#, point), feature(r#"{"v":2}"#, line), feature(r#"{"v":3}"#, &collection)];
-    let path = document(folder.path(), &features);
+    let path = document(directory.path(), &features);
     let found = cells(&built(
         &path,
         &changed(metres(), |options| {
@@ -284,8 +284,8 @@ fn lines_and_points_and_collections_become_cells() {
 
 #[test]
 fn grids_are_by_width_count_and_tree() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = document(folder.path(), &[feature(r#"{"v":1}"#, &square(503.0, 1001.0, 517.0, 1009.0))]);
+    let directory = tempfile::tempdir().unwrap();
+    let path = document(directory.path(), &[feature(r#"{"v":1}"#, &square(503.0, 1001.0, 517.0, 1009.0))]);
     let of = |grid: FeatureGrid| {
         let mut options = RasterizeOptions::new(grid);
         options.value = FeatureValue::Number(Number::Unsigned(300));
@@ -303,7 +303,7 @@ fn grids_are_by_width_count_and_tree() {
         Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([1e-6, 0.0, 10.515, 0.0, -1e-6, 0.0095]) };
     let grid = WarpGrid { frame: frame.clone(), extent: [1000, 1000, 1] };
     let tree = of(FeatureGrid::Like(grid));
-    let places = spinney::CellLocator::new(
+    let locator = spinney::CellLocator::new(
         &spinney::Coordinates::System(Crs::epsg(4326)),
         &by_count.metadata().frame,
         [28, 16, 1],
@@ -313,8 +313,8 @@ fn grids_are_by_width_count_and_tree() {
     for (row, cells) in cells(&tree).into_iter().enumerate() {
         for (column, found) in cells.into_iter().enumerate() {
             let [lon, lat, _] = frame.to_world([column as f64 + 0.5, row as f64 + 0.5, 0.0]);
-            let cell = places.cell([lon, lat, 0.0]).unwrap();
-            let expected = places.is_inside([cell[0], cell[1], 0.5]);
+            let cell = locator.cell([lon, lat, 0.0]).unwrap();
+            let expected = locator.is_inside([cell[0], cell[1], 0.5]);
             inside += usize::from(expected);
             differ += usize::from(expected != found.is_some());
         }
@@ -325,7 +325,7 @@ fn grids_are_by_width_count_and_tree() {
 
 #[test]
 fn bytes_do_not_depend_on_memory_and_threads() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let ring: Vec<String> = (0..5000)
         .map(|i| {
             let (angle, away) =
@@ -335,13 +335,13 @@ fn bytes_do_not_depend_on_memory_and_threads() {
         .collect();
     let polygon = polygon(&format!("[[{},{}]]", ring.join(","), ring[0]));
     let path = document(
-        folder.path(),
+        directory.path(),
         &[feature(r#"{"v":1}"#, &polygon), feature(r#"{"v":2}"#, &square(0.0, 900.0, 2000.0, 950.0))],
     );
     let mut options = RasterizeOptions::new(FeatureGrid::Cell(1.0));
     options.value = FeatureValue::Attribute("v".into());
     let bytes = |memory: u64, threads: usize| {
-        let output = folder.path().join("o.goblin");
+        let output = directory.path().join("o.goblin");
         let plan = plan_features(
             std::slice::from_ref(&path),
             &changed(options.clone(), |options| {
@@ -360,8 +360,8 @@ fn bytes_do_not_depend_on_memory_and_threads() {
 
 #[test]
 fn contradictions_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = document(folder.path(), &[feature(r#"{"v":1}"#, &square(0.0, 0.0, 4.0, 4.0))]);
+    let directory = tempfile::tempdir().unwrap();
+    let path = document(directory.path(), &[feature(r#"{"v":1}"#, &square(0.0, 0.0, 4.0, 4.0))]);
     let refused = |options: RasterizeOptions, about: &str| {
         let refusal = plan_features(std::slice::from_ref(&path), &options, &()).err().unwrap().to_string();
         assert!(refusal.contains(about), "{refusal}");
@@ -409,17 +409,22 @@ fn contradictions_are_refused() {
         }),
         "allow more",
     );
-    let none = document(folder.path(), &[feature(r#"{"v":1}"#, "null")]);
+    let none = document(directory.path(), &[feature(r#"{"v":1}"#, "null")]);
     assert!(
-        plan_features(&[none], &metres(), &()).err().unwrap().to_string().contains("none with a geometry")
+        plan_features(&[none], &metres(), &())
+            .err()
+            .unwrap()
+            .to_string()
+            .contains("no feature with a geometry")
     );
-    let far = document(folder.path(), &[feature(r#"{"v":1}"#, &square(0.0, 0.0, 1e15, 4.0))]);
-    let output = Output::create(&folder.path().join("far.goblin")).unwrap();
+    let far = document(directory.path(), &[feature(r#"{"v":1}"#, &square(0.0, 0.0, 1e15, 4.0))]);
+    let output = Output::create(&directory.path().join("far.goblin")).unwrap();
     let refusal = plan_features(&[far], &metres(), &()).unwrap().build(output, &()).unwrap_err().to_string();
     assert!(refusal.contains("feature 1") && refusal.contains("cells from"), "{refusal}");
-    assert!(!folder.path().join("far.goblin").exists());
-    fs::write(folder.path().join("city.json"), r#"{"type":"CityJSON","version":"2.0"}"#).unwrap();
-    fs::write(folder.path().join("zones.json"), r#"{"type": "FeatureCollection", "features": []}"#).unwrap();
-    let is = |name: &str| is_feature_file(&folder.path().join(name));
+    assert!(!directory.path().join("far.goblin").exists());
+    fs::write(directory.path().join("city.json"), r#"{"type":"CityJSON","version":"2.0"}"#).unwrap();
+    fs::write(directory.path().join("zones.json"), r#"{"type": "FeatureCollection", "features": []}"#)
+        .unwrap();
+    let is = |name: &str| is_feature_file(&directory.path().join(name));
     assert!(is("zones.json") && is("a.gpkg:roads") && is("b.SHP") && !is("city.json") && !is("c.tif"));
 }

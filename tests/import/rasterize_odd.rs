@@ -13,8 +13,8 @@ use spinney::{Crs, Dataset, Frame, Number, Output};
 use crate::common::Random;
 
 /// Returns the cells of features on a grid that are not VOID, as column and row.
-fn cells(folder: &Path, geometries: &[&str], crs: &str, grid: &WarpGrid, edge: EdgeRule) -> Vec<[u64; 2]> {
-    let path = folder.join("odd.geojson");
+fn cells(directory: &Path, geometries: &[&str], crs: &str, grid: &WarpGrid, edge: EdgeRule) -> Vec<[u64; 2]> {
+    let path = directory.join("odd.geojson");
     let feature =
         |geometry: &&str| format!(r#"{{"type":"Feature","properties":{{}},"geometry":{geometry}}}"#);
     let features: Vec<String> = geometries.iter().map(feature).collect();
@@ -26,7 +26,7 @@ fn cells(folder: &Path, geometries: &[&str], crs: &str, grid: &WarpGrid, edge: E
     .unwrap();
     let mut options = RasterizeOptions::new(FeatureGrid::Like(grid.clone()));
     options.edge = edge;
-    let output = folder.join("odd.goblin");
+    let output = directory.join("odd.goblin");
     plan_features(&[path], &options, &()).unwrap().build(Output::create(&output).unwrap(), &()).unwrap();
     let tree: Dataset = spinney::open(&output).unwrap();
     assert!(tree.verify(64 << 20, &()).unwrap().is_empty());
@@ -48,8 +48,8 @@ fn metres() -> WarpGrid {
 }
 
 fn in_metres(geometries: &[&str], edge: EdgeRule) -> Vec<[u64; 2]> {
-    let folder = tempfile::tempdir().unwrap();
-    cells(folder.path(), geometries, "urn:ogc:def:crs:EPSG::32633", &metres(), edge)
+    let directory = tempfile::tempdir().unwrap();
+    cells(directory.path(), geometries, "urn:ogc:def:crs:EPSG::32633", &metres(), edge)
 }
 
 #[test]
@@ -102,7 +102,7 @@ fn rings_mean_the_same_whichever_way_they_turn_and_however_often_they_say_it() {
 }
 
 #[test]
-fn what_crosses_itself_is_inside_where_it_goes_round_an_odd_number_of_times() {
+fn self_crossing_rings_use_the_even_odd_rule() {
     // A bow tie, and a five-pointed star with winding number 2 in its centre.
     let bow = in_metres(
         &[r#"{"type":"Polygon","coordinates":[[[0,0],[16,16],[16,0],[0,16],[0,0]]]}"#],
@@ -146,7 +146,7 @@ fn empty_geometries_count_for_nothing_and_mixed_ones_for_all_of_their_parts() {
 
 #[test]
 fn the_world_has_no_edge_at_the_antimeridian_and_a_pole_is_a_place() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let lonlat = "urn:ogc:def:crs:OGC:1.3:CRS84";
     // The whole world, in cells of 10 degrees.
     let world = |west: f64| WarpGrid {
@@ -158,8 +158,8 @@ fn the_world_has_no_edge_at_the_antimeridian_and_a_pole_is_a_place() {
     let beyond = r#"{"type":"Polygon","coordinates":[[[160,0],[200,0],[200,20],[160,20],[160,0]]]}"#;
     let cut = r#"{"type":"MultiPolygon","coordinates":[[[[160,0],[180,0],[180,20],[160,20],[160,0]]],[[[-180,0],[-160,0],[-160,20],[-180,20],[-180,0]]]]}"#;
     for west in [-180.0, 0.0] {
-        let found = cells(folder.path(), &[beyond], lonlat, &world(west), EdgeRule::Centre);
-        assert_eq!(found, cells(folder.path(), &[cut], lonlat, &world(west), EdgeRule::Centre), "{west}");
+        let found = cells(directory.path(), &[beyond], lonlat, &world(west), EdgeRule::Centre);
+        assert_eq!(found, cells(directory.path(), &[cut], lonlat, &world(west), EdgeRule::Centre), "{west}");
         assert_eq!(found.len(), 8, "{found:?}");
         let columns: std::collections::BTreeSet<u64> = found.iter().map(|[column, _]| *column).collect();
         let expected: Vec<u64> = if west == 0.0 { vec![16, 17, 18, 19] } else { vec![0, 1, 34, 35] };
@@ -174,7 +174,7 @@ fn the_world_has_no_edge_at_the_antimeridian_and_a_pole_is_a_place() {
         extent: [16, 16, 1],
     };
     let cap = r#"{"type":"Polygon","coordinates":[[[-180,-90],[180,-90],[180,-75],[-180,-75],[-180,-90]]]}"#;
-    let found = cells(folder.path(), &[cap], lonlat, &polar, EdgeRule::Centre);
+    let found = cells(directory.path(), &[cap], lonlat, &polar, EdgeRule::Centre);
     // The circle of 75 degrees south is 1,638,783 m from the pole there.
     let away = |at: u64| (at as f64 + 0.5) * 0.5 - 4.0;
     let all = (0..16u64).flat_map(|row| (0..16u64).map(move |column| [column, row]));
@@ -208,8 +208,9 @@ fn rings_that_touch_have_neither_gaps_nor_cells_twice() {
     let polygon = |ring: &String| format!(r#"{{"type":"Polygon","coordinates":{ring}}}"#);
     let each: Vec<String> = rings.iter().map(polygon).collect();
     let whole = format!(r#"{{"type":"MultiPolygon","coordinates":[{}]}}"#, rings.join(","));
-    let folder = tempfile::tempdir().unwrap();
-    let (path, output) = (folder.path().join("touching.geojson"), folder.path().join("touching.goblin"));
+    let directory = tempfile::tempdir().unwrap();
+    let (path, output) =
+        (directory.path().join("touching.geojson"), directory.path().join("touching.goblin"));
     for (geometries, count) in [(each, SIDE * SIDE), (vec![whole], 1)] {
         let feature =
             |geometry: &String| format!(r#"{{"type":"Feature","properties":{{}},"geometry":{geometry}}}"#);

@@ -66,7 +66,7 @@ impl Tree {
 /// Files, and checks for NumPy to repeat.
 struct Bench {
     data: PathBuf,
-    folder: TempDir,
+    directory: TempDir,
     cases: String,
     made: usize,
 }
@@ -75,11 +75,11 @@ impl Bench {
     /// Returns `None` without the test rasters.
     fn new() -> Option<Bench> {
         let data = shared_data()?.join("raster");
-        Some(Bench { data, folder: tempfile::tempdir().unwrap(), cases: String::new(), made: 0 })
+        Some(Bench { data, directory: tempfile::tempdir().unwrap(), cases: String::new(), made: 0 })
     }
 
     fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
+        self.directory.path().join(name)
     }
 
     /// Returns the tree of a raster, and the contents of its own file.
@@ -167,7 +167,7 @@ impl Bench {
     }
 
     /// Repeats all checks in NumPy.
-    fn ask_numpy(&self) {
+    fn check_with_numpy(&self) {
         let has_numpy = Command::new("python3").args(["-c", "import numpy"]).output();
         if !has_numpy.is_ok_and(|output| output.status.success()) {
             eprintln!("NumPy is not installed: compared with arrays in Rust alone");
@@ -211,7 +211,7 @@ fn samples(sample: SampleType, bytes: &[u8]) -> Vec<f64> {
 fn export(file: &Path, void: f64) -> PathBuf {
     let out = file.with_extension("npy");
     let tree = dataset::open(file, &Default::default()).unwrap();
-    let bounds = tree.header().picture();
+    let bounds = tree.header().extent_bounds();
     let detail = Detail::Level(tree.depth());
     let request = with(WindowRequest::new(bounds, detail), |it| {
         it.across = 2;
@@ -351,7 +351,7 @@ fn one_raster(name: &str, kind: DataKind) {
         };
         check(&format!("scale={factor}"), &format!("{rule}(a, {side})"), expected);
     }
-    bench.ask_numpy();
+    bench.check_with_numpy();
 }
 
 #[test]
@@ -417,21 +417,21 @@ fn land_cover_of_two_years() {
     let epsg = |number| with(ImportOptions::new(), |it| it.crs = Some(Crs::epsg(number)));
     let [a, b] = names.map(|name| bench.build(name, &epsg(26912)));
     two_rasters(&mut bench, "land cover", &a, &b, [0.0, 255.0]);
-    bench.ask_numpy();
+    bench.check_with_numpy();
 }
 
 #[test]
-fn elevations_of_two_places() {
+fn elevations_of_two_regions() {
     let Some(mut bench) = Bench::new() else { return };
     let names = ["srtm3/N46E008.tif", "srtm3/N49W123.tif"];
     let options = with(ImportOptions::new(), |it| it.transform = Some([1.0, 0.0, 0.0, 0.0, -1.0, 0.0]));
     let [a, b] = names.map(|name| bench.build(name, &options));
     two_rasters(&mut bench, "whole metres", &a, &b, [-32768.0, 32767.0]);
-    bench.ask_numpy();
+    bench.check_with_numpy();
 }
 
 #[test]
-fn elevations_beside_themselves() {
+fn elevations_and_a_shifted_copy() {
     for (name, limits) in [
         ("spdatalarge/dem.tif", [f64::NEG_INFINITY, f64::INFINITY]),
         ("spdatalarge/srtm.tif", [0.0, 65535.0]),
@@ -445,7 +445,7 @@ fn elevations_beside_themselves() {
         let expression = format!("box(a, -13, -6, {}, {})", size[0], size[1]);
         bench.check(name, &b.file.clone(), &b, &b.grid, &expression, &[&a]);
         two_rasters(&mut bench, name, &a, &b, limits);
-        bench.ask_numpy();
+        bench.check_with_numpy();
     }
 }
 

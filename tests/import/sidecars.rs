@@ -23,42 +23,42 @@ fn placed(crs: Option<Crs>) -> Frame {
 }
 
 #[test]
-fn files_beside_pictures_place_them() {
-    let folder = tempfile::tempdir().unwrap();
+fn sidecars_georeference_rasters() {
+    let directory = tempfile::tempdir().unwrap();
     let grey = file(&[Ifd::grey(2, 2, vec![1, 2, 3, 4])]);
     let png = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/classic.png")).unwrap();
     let local = Some(Crs::Wkt(LOCAL.into()));
     for (name, bytes) in [("a.tif", &grey), ("a.png", &png)] {
-        let path = folder.path().join(name);
+        let path = directory.path().join(name);
         fs::write(&path, bytes).unwrap();
         assert_eq!(info(&path).unwrap().frame, Frame::identity());
         // A coordinate system without a frame is ignored: it may belong to another file of that
         // name.
-        let definition = folder.path().join("a.prj");
+        let definition = directory.path().join("a.prj");
         fs::write(&definition, format!("\u{feff}{LOCAL}\n")).unwrap();
         assert_eq!(info(&path).unwrap().frame, Frame::identity());
-        let world = folder.path().join(if name == "a.tif" { "a.tfw" } else { "a.pgw" });
+        let world = directory.path().join(if name == "a.tif" { "a.tfw" } else { "a.pgw" });
         fs::write(&world, "2\n0\n0\n-2\n101\n199\n").unwrap();
         assert_eq!(info(&path).unwrap().frame, placed(local.clone()));
         // GDAL's file takes precedence, and has both.
-        let beside = folder.path().join(format!("{name}.aux.xml"));
+        let sidecar = directory.path().join(format!("{name}.aux.xml"));
         let xml = format!(
             "<PAMDataset>\n  <SRS dataAxisToSRSAxisMapping=\"1,2\">EPSG:2056</SRS>\n  {TRANSFORM}\n</PAMDataset>"
         );
-        fs::write(&beside, &xml).unwrap();
+        fs::write(&sidecar, &xml).unwrap();
         assert_eq!(info(&path).unwrap().frame, placed(Some(Crs::epsg(2056))));
         fs::remove_file(&world).unwrap();
-        fs::write(&beside, xml.replace("EPSG:2056", ESCAPED)).unwrap();
+        fs::write(&sidecar, xml.replace("EPSG:2056", ESCAPED)).unwrap();
         assert_eq!(info(&path).unwrap().frame, placed(local.clone()));
         // Corrupt sidecars are errors with their position.
         for (from, to) in
             [("EPSG:2056", "Projection UTM"), ("EPSG:2056", "PROJCS["), ("-2.0", "0.0"), ("-2.0", "x")]
         {
-            fs::write(&beside, xml.replace(from, to)).unwrap();
+            fs::write(&sidecar, xml.replace(from, to)).unwrap();
             let error = info(&path).unwrap_err();
             assert!(error.contains("aux.xml"), "{error}");
         }
-        fs::remove_file(&beside).unwrap();
+        fs::remove_file(&sidecar).unwrap();
         fs::write(&world, "2\n0\n0\n-2\n101\n199\n").unwrap();
         fs::write(&definition, "Projection GEOGRAPHIC\nDatum WGS84\n").unwrap();
         let error = info(&path).unwrap_err();
@@ -66,13 +66,14 @@ fn files_beside_pictures_place_them() {
         fs::remove_file(&world).unwrap();
     }
     // The image's own metadata takes precedence over all of these.
-    let path = folder.path().join("a.tif");
+    let path = directory.path().join("a.tif");
     let keys = [[1, 1, 0, 2], [1024, 0, 1, 1], [3072, 0, 1, 32628]];
     let ifd = Ifd::grey(2, 2, vec![1, 2, 3, 4]).short(34735, keys.as_flattened());
     let ifd = ifd.tag(33550, Values::Double(vec![2.0, 2.0, 0.0]));
     let ifd = ifd.tag(33922, Values::Double(vec![0.0, 0.0, 0.0, 100.0, 200.0, 0.0]));
     fs::write(&path, file(&[ifd])).unwrap();
-    fs::write(folder.path().join("a.tif.aux.xml"), "<PAMDataset><SRS>EPSG:2056</SRS></PAMDataset>").unwrap();
+    fs::write(directory.path().join("a.tif.aux.xml"), "<PAMDataset><SRS>EPSG:2056</SRS></PAMDataset>")
+        .unwrap();
     assert_eq!(info(&path).unwrap().frame, placed(Some(Crs::epsg(32628))));
 }
 
@@ -82,8 +83,8 @@ fn ground_control_points_do_not_lose_their_system() {
         [[0.0, 0.0, 0.0, 7.0, 50.0, 0.0], [1.0, 2.0, 0.0, 8.0, 49.0, 0.0], [2.0, 0.0, 0.0, 9.0, 50.0, 0.0]];
     let keys = [[1, 1, 0, 2], [1024, 0, 1, 2], [2048, 0, 1, 4258]];
     let ifd = Ifd::grey(2, 2, vec![1, 2, 3, 4]).short(34735, keys.as_flattened());
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.tif");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.tif");
     fs::write(&path, file(&[ifd.tag(33922, Values::Double(points.concat()))])).unwrap();
     let info = info(&path).unwrap();
     // The image's own cells have no coordinate system.
@@ -93,9 +94,9 @@ fn ground_control_points_do_not_lose_their_system() {
 }
 
 #[test]
-fn hostile_keys_are_no_harm() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.tif");
+fn malicious_keys_are_harmless() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.tif");
     // Counts and indices beyond the end, missing tags, and a truncated directory.
     let tables: [&[u16]; 5] = [
         &[1, 1, 0, 65535, 1024, 0, 1, 1, 3072, 0, 1, 2056],
@@ -119,10 +120,10 @@ fn hostile_keys_are_no_harm() {
 }
 
 #[test]
-fn systems_without_numbers_are_kept_and_told_apart() {
-    let Some(folder) = shared_data().map(|data| data.join("hostile/raster")) else { return };
+fn coordinate_systems_without_codes_are_kept_and_distinguished() {
+    let Some(directory) = shared_data().map(|data| data.join("hostile/raster")) else { return };
     let files = ["custom.tif", "customtm.tif", "nt_20201024_f18_nrt_s.tif"];
-    let systems = files.map(|name| info(&folder.join(name)).unwrap().frame.crs.unwrap());
+    let systems = files.map(|name| info(&directory.join(name)).unwrap().frame.crs.unwrap());
     for (a, crs) in systems.iter().enumerate() {
         assert_eq!((crs.numbers(), crs.unit()), (None, Some("m")));
         for (b, other) in systems.iter().enumerate() {

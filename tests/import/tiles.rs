@@ -98,10 +98,10 @@ fn tiles(zooms: std::ops::RangeInclusive<u8>) -> impl Iterator<Item = TileId> {
 
 #[test]
 fn tiles_are_the_nodes_of_the_tree() {
-    let folder = tempfile::tempdir().unwrap();
-    let map = world(&folder.path().join("w.goblin"), 11);
+    let directory = tempfile::tempdir().unwrap();
+    let map = world(&directory.path().join("w.goblin"), 11);
     for side in [256, 512] {
-        let archive = folder.path().join(format!("{side}.pmtiles"));
+        let archive = directory.path().join(format!("{side}.pmtiles"));
         let mut request = TileRequest::new(&map).unwrap();
         request.side = side;
         let stored = export(&map, &request, archive.to_str().unwrap()).unwrap();
@@ -132,9 +132,9 @@ fn tiles_are_the_nodes_of_the_tree() {
 }
 
 #[test]
-fn archives_and_folders_have_the_same_tiles() {
-    let folder = tempfile::tempdir().unwrap();
-    let map = world(&folder.path().join("w.goblin"), 10);
+fn archives_and_directories_have_the_same_tiles() {
+    let directory = tempfile::tempdir().unwrap();
+    let map = world(&directory.path().join("w.goblin"), 10);
     for (format, end) in [
         (TileFormat::Png, "png"),
         (TileFormat::Webp, "webp"),
@@ -144,7 +144,7 @@ fn archives_and_folders_have_the_same_tiles() {
     ] {
         let mut request = TileRequest::new(&map).unwrap();
         request.encoding = TileEncoding { format, ..TileEncoding::default() };
-        let name = |end: &str| format!("{}/{end}", folder.path().display());
+        let name = |end: &str| format!("{}/{end}", directory.path().display());
         let archive = name(&format!("{end}.pmtiles"));
         let stored = export(&map, &request, &archive).unwrap();
         let pattern = name(&format!("{end}/{{z}}/{{x}}/{{y}}.{end}"));
@@ -168,14 +168,14 @@ fn archives_and_folders_have_the_same_tiles() {
             assert_eq!(verify_tiles(database.as_ref(), &()).unwrap(), []);
         }
     }
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 16);
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 16);
 }
 
 #[test]
 fn zooms_and_boxes_leave_tiles_out() {
-    let folder = tempfile::tempdir().unwrap();
-    let map = world(&folder.path().join("w.goblin"), 11);
-    let path = folder.path().join("t.pmtiles");
+    let directory = tempfile::tempdir().unwrap();
+    let map = world(&directory.path().join("w.goblin"), 11);
+    let path = directory.path().join("t.pmtiles");
     let mut request = TileRequest::new(&map).unwrap();
     request.zooms = Some(1..=2);
     // A box in the north-western quadrant that is within one tile of zoom 2, and touches no other.
@@ -228,18 +228,18 @@ fn many(path: &Path, depth: u8, square: u64) -> Dataset {
 }
 
 #[test]
-fn threads_do_not_matter_and_an_interrupted_export_goes_on() {
-    let folder = tempfile::tempdir().unwrap();
+fn threads_do_not_change_bytes_and_cancelled_exports_resume() {
+    let directory = tempfile::tempdir().unwrap();
     // More tiles than between checkpoints: those of the last zoom have 2 by 2 cells each, and most
     // of them are uniform.
-    let map = many(&folder.path().join("w.goblin"), 7, 2);
+    let map = many(&directory.path().join("w.goblin"), 7, 2);
     let source = TreeTiles::world(&map).unwrap();
     let painter = painter(&map);
     let mut request = TileRequest::new(&map).unwrap();
     request.zooms = Some(0..=6);
     let ends = if cfg!(feature = "mbtiles") { &["pmtiles", "mbtiles"][..] } else { &["pmtiles"][..] };
     for end in ends {
-        let whole = folder.path().join(format!("whole.{end}"));
+        let whole = directory.path().join(format!("whole.{end}"));
         let bytes: Vec<Vec<u8>> = [1, 8]
             .into_iter()
             .map(|threads| {
@@ -250,7 +250,7 @@ fn threads_do_not_matter_and_an_interrupted_export_goes_on() {
             .collect();
         assert!(bytes[0] == bytes[1], "{end}");
         request.resume = true;
-        let part = folder.path().join(format!("part.{end}"));
+        let part = directory.path().join(format!("part.{end}"));
         let target = TileTarget::of(&part).unwrap().unwrap();
         let mut starts = 0;
         loop {
@@ -279,29 +279,29 @@ fn threads_do_not_matter_and_an_interrupted_export_goes_on() {
         assert!(std::fs::read(&part).unwrap() == bytes[0], "{end} after {starts} starts");
         assert_eq!(verify_tiles(&part, &()).unwrap(), []);
         // Without resuming nothing remains.
-        let gone = folder.path().join(format!("gone.{end}"));
+        let gone = directory.path().join(format!("gone.{end}"));
         let target = TileTarget::of(&gone).unwrap().unwrap();
         let patience = Patience(AtomicU64::new(100));
         let interrupted = export_tiles(&source, &painter, &request, &target, &patience);
         assert!(matches!(interrupted, Err(Error::Interrupted)));
     }
-    let pattern = folder.path().join("gone/{z}/{x}/{y}.png");
+    let pattern = directory.path().join("gone/{z}/{x}/{y}.png");
     let target = TileTarget::of(&pattern).unwrap().unwrap();
     let interrupted = export_tiles(&source, &painter, &request, &target, &Patience(AtomicU64::new(100)));
     assert!(matches!(interrupted, Err(Error::Interrupted)));
     let left: Vec<_> =
-        std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        std::fs::read_dir(directory.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(left.len(), 1 + 2 * ends.len(), "{left:?}");
 }
 
 #[test]
 fn an_update_is_like_doing_it_again() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("w.autumn");
-    let goblin = folder.path().join("w.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("w.autumn");
+    let goblin = directory.path().join("w.goblin");
     drop(world(&goblin, 11));
     convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(64 << 20), &()).unwrap();
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let map = open(&path, &Default::default()).unwrap();
     let targets = |part: &str| {
         let mut all = vec![name(&format!("{part}.pmtiles")), name(&format!("{part}/{{z}}/{{x}}/{{y}}.png"))];
@@ -333,8 +333,8 @@ fn an_update_is_like_doing_it_again() {
         let to = TileTarget::of(target.as_ref()).unwrap().unwrap();
         let update = TileUpdate::open(&to, None, &()).unwrap();
         let stored = update.run(&map, &source, &painter, &request, &Default::default(), &()).unwrap();
-        let anew = export(&map, &request, &again).unwrap();
-        assert_eq!(stored.tiles, anew.tiles, "{target}");
+        let exported = export(&map, &request, &again).unwrap();
+        assert_eq!(stored.tiles, exported.tiles, "{target}");
         assert_eq!(verify_tiles(to.path(), &()).unwrap(), [], "{target}");
         let other = TileTarget::of(again.as_ref()).unwrap().unwrap();
         match &to {
@@ -342,7 +342,7 @@ fn an_update_is_like_doing_it_again() {
                 assert!(stored.copied > 0);
                 assert!(std::fs::read(to.path()).unwrap() == std::fs::read(other.path()).unwrap());
             }
-            TileTarget::Folder(_) => {
+            TileTarget::Directory(_) => {
                 for TileId { zoom, column, row } in tiles(0..=3) {
                     let [here, there] = ["a", "b"]
                         .map(|part| std::fs::read(name(&format!("{part}/{zoom}/{column}/{row}.png"))).ok());
@@ -353,7 +353,7 @@ fn an_update_is_like_doing_it_again() {
                 assert_eq!(here, there);
             }
             #[allow(unreachable_patterns)]
-            _ => assert_eq!(stored.contents, anew.contents),
+            _ => assert_eq!(stored.contents, exported.contents),
         }
         // Tiles made with other options are not mixed.
         let mut smaller = request.clone();
@@ -381,31 +381,31 @@ impl Faults for Full {
 }
 
 #[test]
-fn a_full_disk_leaves_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let map = world(&folder.path().join("w.goblin"), 10);
+fn a_full_disk_leaves_no_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let map = world(&directory.path().join("w.goblin"), 10);
     let (source, painter) = (TreeTiles::world(&map).unwrap(), painter(&map));
     let request = TileRequest::new(&map).unwrap();
-    let path = folder.path().join("t.pmtiles");
+    let path = directory.path().join("t.pmtiles");
     let length =
         export_pmtiles(&source, &painter, &request, Output::create(&path).unwrap(), &()).unwrap().bytes;
     std::fs::remove_file(&path).unwrap();
     // The file's start is written twice.
-    for room in [0, 1000, 20_000, length - 10, length + 10, length + 16_000] {
-        let output = Output::create(&path).unwrap().with_faults(std::sync::Arc::new(Full(room.into())));
+    for space in [0, 1000, 20_000, length - 10, length + 10, length + 16_000] {
+        let output = Output::create(&path).unwrap().with_faults(std::sync::Arc::new(Full(space.into())));
         let done = export_pmtiles(&source, &painter, &request, output, &());
         let is_full =
             matches!(&done, Err(Error::Io { cause, .. }) if cause.kind() == std::io::ErrorKind::StorageFull);
-        assert_eq!(is_full, room <= length + 10, "{room} of {length}: {done:?}");
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), if is_full { 1 } else { 2 });
+        assert_eq!(is_full, space <= length + 10, "{space} of {length}: {done:?}");
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), if is_full { 1 } else { 2 });
     }
 }
 
 #[test]
-fn damage_is_found_and_hostile_archives_end_soon() {
-    let folder = tempfile::tempdir().unwrap();
-    let map = world(&folder.path().join("w.goblin"), 10);
-    let path = folder.path().join("t.pmtiles");
+fn corruption_is_detected_and_malicious_archives_end_soon() {
+    let directory = tempfile::tempdir().unwrap();
+    let map = world(&directory.path().join("w.goblin"), 10);
+    let path = directory.path().join("t.pmtiles");
     export(&map, &TileRequest::new(&map).unwrap(), path.to_str().unwrap()).unwrap();
     let good = std::fs::read(&path).unwrap();
     let check = |bytes: &[u8]| {
@@ -430,7 +430,7 @@ fn damage_is_found_and_hostile_archives_end_soon() {
     }
     #[cfg(feature = "mbtiles")]
     {
-        let path = folder.path().join("t.mbtiles");
+        let path = directory.path().join("t.mbtiles");
         export(&map, &TileRequest::new(&map).unwrap(), path.to_str().unwrap()).unwrap();
         let good = std::fs::read(&path).unwrap();
         for at in (0..good.len()).step_by(9973) {
@@ -442,8 +442,8 @@ fn damage_is_found_and_hostile_archives_end_soon() {
         std::fs::write(&path, &good[..good.len() / 2]).unwrap();
         assert!(!matches!(verify_tiles(&path, &()).as_deref(), Ok([])));
     }
-    let base = folder.path().join("f");
-    let pattern = folder.path().join("f/{z}/{x}/{y}.png");
+    let base = directory.path().join("f");
+    let pattern = directory.path().join("f/{z}/{x}/{y}.png");
     export(&map, &TileRequest::new(&map).unwrap(), pattern.to_str().unwrap()).unwrap();
     std::fs::write(base.join("1/0/stranger.png"), b"?").unwrap();
     assert_eq!(verify_tiles(&base, &()).unwrap().len(), 1);
@@ -453,9 +453,9 @@ fn damage_is_found_and_hostile_archives_end_soon() {
 }
 
 /// Returns all files below a directory with their bytes.
-fn files(folder: &Path) -> BTreeMap<std::path::PathBuf, Vec<u8>> {
+fn files(directory: &Path) -> BTreeMap<std::path::PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
-    let mut pending = vec![folder.to_path_buf()];
+    let mut pending = vec![directory.to_path_buf()];
     while let Some(next) = pending.pop() {
         for entry in std::fs::read_dir(next).unwrap() {
             let path = entry.unwrap().path();
@@ -463,7 +463,7 @@ fn files(folder: &Path) -> BTreeMap<std::path::PathBuf, Vec<u8>> {
                 true => pending.push(path),
                 false => {
                     let bytes = std::fs::read(&path).unwrap();
-                    found.insert(path.strip_prefix(folder).unwrap().to_path_buf(), bytes);
+                    found.insert(path.strip_prefix(directory).unwrap().to_path_buf(), bytes);
                 }
             }
         }
@@ -472,14 +472,14 @@ fn files(folder: &Path) -> BTreeMap<std::path::PathBuf, Vec<u8>> {
 }
 
 #[test]
-fn an_interrupted_folder_goes_on_to_the_same_files() {
-    let folder = tempfile::tempdir().unwrap();
-    let map = many(&folder.path().join("w.goblin"), 7, 2);
+fn a_cancelled_directory_export_resumes_to_the_same_files() {
+    let directory = tempfile::tempdir().unwrap();
+    let map = many(&directory.path().join("w.goblin"), 7, 2);
     let (source, painter) = (TreeTiles::world(&map).unwrap(), painter(&map));
     let mut request = TileRequest::new(&map).unwrap();
     request.zooms = Some(0..=6);
     let target = |name: &str| {
-        TileTarget::of(&folder.path().join(name).join("{z}").join("{x}").join("{y}.png")).unwrap().unwrap()
+        TileTarget::of(&directory.path().join(name).join("{z}").join("{x}").join("{y}.png")).unwrap().unwrap()
     };
     export_tiles(&source, &painter, &request, &target("whole"), &()).unwrap();
     request.resume = true;
@@ -488,35 +488,35 @@ fn an_interrupted_folder_goes_on_to_the_same_files() {
         starts += 1;
         match export_tiles(&source, &painter, &request, &target("part"), &Patience(AtomicU64::new(4500))) {
             Ok(_) => break,
-            Err(Error::Interrupted) => assert!(starts < 20 && !folder.path().join("part").exists()),
+            Err(Error::Interrupted) => assert!(starts < 20 && !directory.path().join("part").exists()),
             Err(other) => panic!("{other}"),
         }
     }
     assert!(starts > 1);
-    let [whole, part] = ["whole", "part"].map(|name| files(&folder.path().join(name)));
+    let [whole, part] = ["whole", "part"].map(|name| files(&directory.path().join(name)));
     assert!(whole == part, "{} and {} files after {starts} starts", whole.len(), part.len());
-    assert_eq!(verify_tiles(&folder.path().join("part"), &()).unwrap(), []);
+    assert_eq!(verify_tiles(&directory.path().join("part"), &()).unwrap(), []);
 }
 
 #[test]
-fn light_on_a_relief_has_no_seams_between_tiles() {
-    let folder = tempfile::tempdir().unwrap();
-    let map = many(&folder.path().join("w.goblin"), 10, 1);
+fn relief_shading_has_no_seams_between_tiles() {
+    let directory = tempfile::tempdir().unwrap();
+    let map = many(&directory.path().join("w.goblin"), 10, 1);
     let style = Style::parse(r#"{"draw": "hillshade", "z": 100}"#).unwrap();
     let painter = TilePainter::new(&style, &map, &()).unwrap();
-    let target = TileTarget::of(&folder.path().join("tiles/{z}/{x}/{y}.png")).unwrap().unwrap();
+    let target = TileTarget::of(&directory.path().join("tiles/{z}/{x}/{y}.png")).unwrap().unwrap();
     let mut request = TileRequest::new(&map).unwrap();
     request.zooms = Some(2..=2);
     export_tiles(&TreeTiles::world(&map).unwrap(), &painter, &request, &target, &()).unwrap();
-    let whole = folder.path().join("whole.png");
-    let mut window = WindowRequest::new(map.header().picture(), Detail::Level(10));
+    let whole = directory.path().join("whole.png");
+    let mut window = WindowRequest::new(map.header().extent_bounds(), Detail::Level(10));
     window.style = Some(style);
     export_window(&map, &window, Output::create(&whole).unwrap(), Format::Png, &()).unwrap();
     let whole = decoded(&std::fs::read(whole).unwrap());
     let mut greys = std::collections::BTreeSet::new();
     for (column, row) in (0..4).flat_map(|row| (0..4).map(move |column| (column, row))) {
         let tile =
-            decoded(&std::fs::read(folder.path().join(format!("tiles/2/{column}/{row}.png"))).unwrap());
+            decoded(&std::fs::read(directory.path().join(format!("tiles/2/{column}/{row}.png"))).unwrap());
         for (at, pixel) in tile.iter().enumerate() {
             let (x, y) = (column * 256 + at % 256, row * 256 + at / 256);
             // An image of the whole world ends in the west and east, where tiles continue.

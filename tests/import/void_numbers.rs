@@ -48,7 +48,7 @@ fn seen(path: &Path, value: ValueType) -> Found {
     let channels = tree.header().form.value.channels;
     assert!([value.channels, value.channels + 1].contains(&channels), "{channels} channels of {value}");
     assert_eq!(tree.header().form.value.sample, value.sample);
-    let request = WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth()));
+    let request = WindowRequest::new(tree.header().extent_bounds(), Detail::Level(tree.depth()));
     // Pixels of opacity 0 keep their colours.
     let is_seen =
         |bytes: &Vec<u8>| channels == value.channels || bytes[value.size()..].iter().any(|byte| *byte > 0);
@@ -60,7 +60,7 @@ fn seen(path: &Path, value: ValueType) -> Found {
 fn imported(path: &Path, size: usize) -> Found {
     let tree = built(path);
     assert_eq!(tree.header().form.value.size(), size);
-    reference(&tree, &WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth())))
+    reference(&tree, &WindowRequest::new(tree.header().extent_bounds(), Detail::Level(tree.depth())))
 }
 
 /// Returns the tree of a raster file.
@@ -115,8 +115,8 @@ fn cells_of(value: ValueType, seed: u64, is_full: bool) -> Cells {
 
 #[test]
 fn void_stays_void_and_values_stay_values_in_every_format() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name);
     for (index, value) in value_types().into_iter().enumerate() {
         for is_full in [false, true] {
             if is_full && value.sample.is_float() {
@@ -140,7 +140,7 @@ fn void_stays_void_and_values_stay_values_in_every_format() {
                     [Detail::Level(tree.depth()), Detail::Level(tree.depth() - 1), Detail::Size(9, 5)]
                 {
                     let what = format!("{value} {rule} {nodata:?} {detail:?} {is_full}");
-                    let request = WindowRequest::new(tree.header().picture(), detail);
+                    let request = WindowRequest::new(tree.header().extent_bounds(), detail);
                     let expected = reference(&tree, &request);
                     export_window(
                         &tree,
@@ -180,19 +180,19 @@ fn void_stays_void_and_values_stay_values_in_every_format() {
                         }
                     }
                 }
-                let request = WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth()));
+                let request = WindowRequest::new(tree.header().extent_bounds(), Detail::Level(tree.depth()));
                 let summary =
                     export_cog(&tree, &CogRequest::new(), Output::create(&name("c.tif")).unwrap(), &())
                         .unwrap();
                 assert_eq!(summary.has_masks, is_full);
                 assert!(imported(&name("c.tif"), value.size()) == reference(&tree, &request));
                 // Explicit nodata values.
-                for (asked, is_good) in [(inside, false), (free, !is_full)] {
-                    let request = with(request.clone(), |it| it.nodata = Some(asked));
+                for (number, is_good) in [(inside, false), (free, !is_full)] {
+                    let request = with(request.clone(), |it| it.nodata = Some(number));
                     for format in [Format::Tiff, Format::Npy] {
                         let output = Output::create(&name("b")).unwrap();
                         let written = export_window(&tree, &request, output, format, &());
-                        assert_eq!(written.is_ok(), is_good, "{value} {asked} {written:?}");
+                        assert_eq!(written.is_ok(), is_good, "{value} {number} {written:?}");
                     }
                 }
             }
@@ -202,8 +202,8 @@ fn void_stays_void_and_values_stay_values_in_every_format() {
 
 #[test]
 fn boxes_of_octrees_have_a_free_number_for_void() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name);
     let value = ValueType::new(SampleType::I16, 1);
     let cells = Cells::noise(TreeType::new(Dimension::Oct, value), 7, [9, 8, 7], 40);
     let tree = tree(&name("t.goblin"), &cells, Some(0.into()), Rule::Mean);
@@ -223,8 +223,8 @@ fn boxes_of_octrees_have_a_free_number_for_void() {
             export_array(&tree, &request, Output::create(&path).unwrap(), format, &warnings).unwrap();
             assert!(samples(&path, value, expected.len(), void) == expected, "{end}");
         }
-        let asked = with(request, |it| it.nodata = Some(0.into()));
-        let error = export_array(&tree, &asked, Output::create(&name("b.npy")).unwrap(), Format::Npy, &());
+        let number = with(request, |it| it.nodata = Some(0.into()));
+        let error = export_array(&tree, &number, Output::create(&name("b.npy")).unwrap(), Format::Npy, &());
         assert!(error.unwrap_err().to_string().contains("within the values"));
     }
     assert!(warnings.0.lock().unwrap()[0].contains("-32768 as nodata number, since 0"));
@@ -243,8 +243,8 @@ fn reported_maps_keep_void_and_values() {
         eprintln!("skipped: {} is not there", data.display());
         return;
     }
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name);
     let build = |input: &str| {
         let path = name(input).with_extension("goblin");
         let import = plan(&[data.join(input)], &ImportOptions::new()).unwrap();
@@ -253,7 +253,8 @@ fn reported_maps_keep_void_and_values() {
     };
     // Values -10 and 10, whose means equal the nodata value.
     let map = build("mean_nd.tif");
-    let whole = |tree: &Dataset, level: u8| WindowRequest::new(tree.header().picture(), Detail::Level(level));
+    let whole =
+        |tree: &Dataset, level: u8| WindowRequest::new(tree.header().extent_bounds(), Detail::Level(level));
     let mut zeros = 0;
     for level in 0..=map.depth() {
         let request = whole(&map, level);
@@ -274,7 +275,7 @@ fn reported_maps_keep_void_and_values() {
     for format in [Format::Npy, Format::Raw] {
         let written = export_window(&full, &request, Output::create(&name("a")).unwrap(), format, &());
         let error = written.unwrap_err().to_string();
-        assert!(error.contains("every number of u8 is a value") && error.contains(".tif"), "{error}");
+        assert!(error.contains("every number of type u8 is a value") && error.contains(".tif"), "{error}");
     }
     // Two layers whose common nodata value is within the range of values.
     let layers = [build("ndvi0.tif"), build("ndvi1.tif")];
@@ -294,9 +295,9 @@ fn reported_maps_keep_void_and_values() {
 
 #[test]
 fn mask_files_of_rasters_are_applied() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name);
-    let picture = |path: &Path, [width, height]: [u64; 2], sample: &dyn Fn(u64) -> u8| {
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name);
+    let write_image = |path: &Path, [width, height]: [u64; 2], sample: &dyn Fn(u64) -> u8| {
         let value = ValueType::new(SampleType::U8, 1);
         let metadata = Metadata::default();
         let spec = ImageSpec { width, height, value, alpha: false, void: false, metadata };
@@ -305,13 +306,13 @@ fn mask_files_of_rasters_are_applied() {
         writer.write_rows(&bytes, None).unwrap();
         writer.finish().unwrap();
     };
-    picture(&name("a.tif"), [40, 30], &|at| at as u8);
-    picture(&name("mask.tif"), [40, 30], &|at| if at % 7 == 0 { 0 } else { 255 });
+    write_image(&name("a.tif"), [40, 30], &|at| at as u8);
+    write_image(&name("mask.tif"), [40, 30], &|at| if at % 7 == 0 { 0 } else { 255 });
     std::fs::rename(name("mask.tif"), name("a.tif.msk")).unwrap();
     let expected: Found = (0..1200u64).map(|at| (at % 7 != 0).then(|| vec![at as u8])).collect();
     assert!(imported(&name("a.tif"), 1) == expected);
     // A mask of another size is ignored.
-    picture(&name("mask.tif"), [40, 29], &|_| 255);
+    write_image(&name("mask.tif"), [40, 29], &|_| 255);
     std::fs::rename(name("mask.tif"), name("a.tif.msk")).unwrap();
     let error = plan(&[name("a.tif")], &ImportOptions::new()).err().unwrap().to_string();
     assert!(error.contains("40 x 29 pixels") && error.contains("40 x 30"), "{error}");
@@ -321,6 +322,6 @@ fn mask_files_of_rasters_are_applied() {
         let import = plan(&[data], &ImportOptions::new()).unwrap();
         import.build(Output::create(&name("o.goblin")).unwrap(), &()).unwrap();
         let tree = spinney::open(name("o.goblin")).unwrap();
-        assert!(tree.may_have_void(tree.header().picture()).unwrap());
+        assert!(tree.may_have_void(tree.header().extent_bounds()).unwrap());
     }
 }

@@ -52,8 +52,8 @@ fn sample(name: &str, number: f64) -> Vec<u8> {
     }
 }
 
-fn build(folder: &TempDir, array: &[u8], options: &VolumeOptions) -> Result<Dataset> {
-    let (input, path) = (folder.path().join("volume.npy"), folder.path().join("volume.goblin"));
+fn build(directory: &TempDir, array: &[u8], options: &VolumeOptions) -> Result<Dataset> {
+    let (input, path) = (directory.path().join("volume.npy"), directory.path().join("volume.goblin"));
     fs::write(&input, array).unwrap();
     plan(&input, options)?.build(Output::create(&path)?, &())?;
     dataset::open(&path, &OpenOptions::new())
@@ -81,8 +81,8 @@ const TYPES: [(&str, &str, SampleType); 12] = [
 ];
 
 #[test]
-fn all_types_come_back_as_they_were() {
-    let folder = tempfile::tempdir().unwrap();
+fn all_types_round_trip() {
+    let directory = tempfile::tempdir().unwrap();
     let [width, height, planes] = [67, 5, 66];
     for (name, back, sample_type) in TYPES {
         let (range, least) = match name {
@@ -103,12 +103,12 @@ fn all_types_come_back_as_they_were() {
                 _ => {}
             }
             let array = npy(version, &format!("{order}{name}"), &[planes, height, width], &stored);
-            let tree = build(&folder, &array, &VolumeOptions::new()).unwrap();
+            let tree = build(&directory, &array, &VolumeOptions::new()).unwrap();
             assert_eq!(tree.verify(1 << 20, &()).unwrap(), []);
             let header = tree.header();
             assert_eq!((header.extent, header.form.value.sample), ([width, height, planes], sample_type));
             assert_eq!((header.kind, header.rule), (DataKind::Continuous, Rule::Mean));
-            let found = get(&tree, &folder.path().join("back.npy"));
+            let found = get(&tree, &directory.path().join("back.npy"));
             let text = String::from_utf8_lossy(&found[..128]);
             assert!(text.contains(&format!("'{back}'")) && text.contains("(66, 5, 67)"), "{text}");
             assert!(found[128..] == bytes(&back[1..]), "{order}{name}");
@@ -117,12 +117,12 @@ fn all_types_come_back_as_they_were() {
 }
 
 #[test]
-fn channels_come_back_as_they_were() {
-    let folder = tempfile::tempdir().unwrap();
+fn channels_round_trip() {
+    let directory = tempfile::tempdir().unwrap();
     let samples: Vec<u8> = (0..5 * 6 * 7 * 3u32).map(|i| (i * i / 7) as u8).collect();
-    let tree = build(&folder, &npy(1, "|u1", &[5, 6, 7, 3], &samples), &VolumeOptions::new()).unwrap();
+    let tree = build(&directory, &npy(1, "|u1", &[5, 6, 7, 3], &samples), &VolumeOptions::new()).unwrap();
     assert_eq!(tree.header().form.value.channels, 3);
-    assert!(get(&tree, &folder.path().join("back.npy"))[128..] == samples);
+    assert!(get(&tree, &directory.path().join("back.npy"))[128..] == samples);
 }
 
 /// Returns integer cell values, some NaN, so that their sums are exact.
@@ -138,7 +138,7 @@ fn numbers(size: [u64; 3]) -> Vec<f64> {
 
 #[test]
 fn coarser_levels_have_means_of_what_is_there() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let size = [70, 33, 66];
     let numbers = numbers(size);
     let samples: Vec<u8> = numbers.iter().flat_map(|number| number.to_be_bytes()).collect();
@@ -148,7 +148,7 @@ fn coarser_levels_have_means_of_what_is_there() {
         it.transform = Some(matrix);
         it.depth = Some(8);
     });
-    let tree = build(&folder, &npy(1, ">f8", &[size[2], size[1], size[0]], &samples), &options).unwrap();
+    let tree = build(&directory, &npy(1, ">f8", &[size[2], size[1], size[0]], &samples), &options).unwrap();
     assert_eq!((tree.depth(), tree.metadata().nodata), (8, Some((-1).into())));
     assert_eq!(tree.metadata().frame.matrix, matrix);
     for level in [0, 3, 5, 6, 7, 8] {
@@ -159,10 +159,10 @@ fn coarser_levels_have_means_of_what_is_there() {
         tree.window(level, &bounds, -5.0, &mut bytes, Some(&mut valid)).unwrap();
         let [width, height, _] = bounds.size();
         for (index, (found, valid)) in (0..).zip(bytes.as_chunks().0.iter().zip(valid)) {
-            let place = [index % width, index / width % height, index / width / height];
+            let cell = [index % width, index / width % height, index / width / height];
             let cells = Bounds {
-                min: place.map(|at| at * side),
-                max: std::array::from_fn(|axis| size[axis].min((place[axis] + 1) * side)),
+                min: cell.map(|at| at * side),
+                max: std::array::from_fn(|axis| size[axis].min((cell[axis] + 1) * side)),
             };
             let (mut sum, mut count) = (0.0, 0);
             for z in cells.min[2]..cells.max[2] {
@@ -175,9 +175,9 @@ fn coarser_levels_have_means_of_what_is_there() {
                     }
                 }
             }
-            assert_eq!(valid, count > 0, "level {level}, {place:?}");
+            assert_eq!(valid, count > 0, "level {level}, {cell:?}");
             if valid {
-                assert_eq!(f64::from_le_bytes(*found), sum / f64::from(count), "level {level}, {place:?}");
+                assert_eq!(f64::from_le_bytes(*found), sum / f64::from(count), "level {level}, {cell:?}");
             }
         }
     }
@@ -185,7 +185,7 @@ fn coarser_levels_have_means_of_what_is_there() {
 
 #[test]
 fn threads_and_memory_do_not_change_the_bytes() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let size = [300, 70, 130];
     let samples: Vec<u8> = numbers(size).iter().flat_map(|number| (*number as f32).to_le_bytes()).collect();
     let array = npy(1, "<f4", &[size[2], size[1], size[0]], &samples);
@@ -193,8 +193,8 @@ fn threads_and_memory_do_not_change_the_bytes() {
     for (threads, memory) in [(1, 0), (2, 1 << 20), (4, 32 << 20), (3, 1 << 30)] {
         let options = with(VolumeOptions::new(), |it| it.memory = Some(memory));
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| build(&folder, &array, &options)).unwrap();
-        let found = fs::read(folder.path().join("volume.goblin")).unwrap();
+        pool.install(|| build(&directory, &array, &options)).unwrap();
+        let found = fs::read(directory.path().join("volume.goblin")).unwrap();
         assert!(expected.get_or_insert_with(|| found.clone()) == &found, "{threads} threads, {memory} bytes");
     }
 }
@@ -205,11 +205,11 @@ fn header(descr: &str, order: &str, shape: &str) -> String {
 
 #[test]
 fn bad_files_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let refuse = |bytes: &[u8], expected: &str| {
-        let text = build(&folder, bytes, &VolumeOptions::new()).unwrap_err().to_string();
+        let text = build(&directory, bytes, &VolumeOptions::new()).unwrap_err().to_string();
         assert!(text.contains(expected), "{text}");
-        assert!(!folder.path().join("volume.goblin").exists());
+        assert!(!directory.path().join("volume.goblin").exists());
     };
     let good = npy(1, "<f4", &[2, 3, 4], &[0; 96]);
     for end in 0..128 {
@@ -228,10 +228,10 @@ fn bad_files_are_refused() {
         ("'<f4'", "False", "(2, 3, 4, 5)", "(2, 3, 4, 5)"),
         ("'<f4'", "False", "(1, 2, 3, 4, 1)", "(1, 2, 3, 4, 1)"),
         ("'<f8'", "False", "(2, 3, 4, 2)", "2 channels of float64"),
-        ("'<f4'", "False", "(0, 3, 4)", "without cells"),
-        ("'<f4'", "False", "(4294967296, 4294967296, 4294967296)", "room for"),
-        ("'<f4'", "False", "(1, 1, 4611686018427387903)", "room for"),
-        ("'<f4'", "False", "(1, 1, 18446744073709551615)", "room for"),
+        ("'<f4'", "False", "(0, 3, 4)", "an empty array"),
+        ("'<f4'", "False", "(4294967296, 4294967296, 4294967296)", "a 64-bit number"),
+        ("'<f4'", "False", "(1, 1, 4611686018427387903)", "a 64-bit number"),
+        ("'<f4'", "False", "(1, 1, 18446744073709551615)", "a 64-bit number"),
         ("'<f4'", "False", "(1, 1, 18446744073709551616)", "a dictionary"),
         ("'<f4'", "False", "(1000000, 1000000, 1000000)", "224 bytes"),
         ("'<f4'", "False", "(-1, 1, 1)", "a dictionary"),
@@ -253,20 +253,22 @@ fn bad_files_are_refused() {
         refuse(&file(1, &format!("{text:<length$}\n"), &[0; 96]), expected);
     }
     let turned = with(VolumeOptions::new(), |it| it.transform = Some([[0.0; 4]; 3]));
-    assert!(build(&folder, &good, &turned).is_err_and(|error| error.to_string().contains("an inverse")));
+    assert!(
+        build(&directory, &good, &turned).is_err_and(|error| error.to_string().contains("an invertible map"))
+    );
     let shallow = with(VolumeOptions::new(), |it| it.depth = Some(1));
-    assert!(build(&folder, &good, &shallow).is_err_and(|error| error.to_string().contains("2 to 19")));
+    assert!(build(&directory, &good, &shallow).is_err_and(|error| error.to_string().contains("2 to 19")));
 }
 
 #[test]
 fn a_file_that_shrinks_is_an_error() {
-    let folder = tempfile::tempdir().unwrap();
-    let (input, path) = (folder.path().join("volume.npy"), folder.path().join("volume.goblin"));
+    let directory = tempfile::tempdir().unwrap();
+    let (input, path) = (directory.path().join("volume.npy"), directory.path().join("volume.goblin"));
     fs::write(&input, npy(1, "|u1", &[70, 70, 70], &[7; 343_000])).unwrap();
-    assert!(is_volume(&input) && !is_volume(folder.path()) && !is_volume(&path));
+    assert!(is_volume(&input) && !is_volume(directory.path()) && !is_volume(&path));
     let import = plan(&input, &VolumeOptions::new()).unwrap();
     fs::File::options().write(true).open(&input).unwrap().set_len(300_000).unwrap();
     let error = import.build(Output::create(&path).unwrap(), &()).unwrap_err();
     assert!(matches!(error, Error::Corrupt { .. }), "{error}");
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
 }

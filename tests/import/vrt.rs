@@ -36,7 +36,7 @@ struct Input {
 }
 
 impl Input {
-    fn random(random: &mut Random, folder: &Path, number: usize) -> Input {
+    fn random(random: &mut Random, directory: &Path, number: usize) -> Input {
         let mut below = |bound| random.below(bound);
         let size = [1 + below(12) as i64, 1 + below(12) as i64];
         let area = (size[0] * size[1]) as usize;
@@ -52,7 +52,7 @@ impl Input {
         }
         let name = format!("{number}.{}", if is_png { "png" } else { "tif" });
         if is_png {
-            let out = fs::File::create(folder.join(&name)).unwrap();
+            let out = fs::File::create(directory.join(&name)).unwrap();
             let mut encoder = png::Encoder::new(out, size[0] as u32, size[1] as u32);
             encoder.set_color(png::ColorType::Grayscale);
             encoder.write_header().unwrap().write_image_data(&bytes).unwrap();
@@ -61,7 +61,7 @@ impl Input {
             let ifd = Ifd::grey(size[0] as u16, size[1] as u16, bytes).short(258, &each(bits));
             let ifd = ifd.short(339, &each(format)).short(277, &[count as u16]);
             let ifd = if count > 1 { ifd.short(338, &vec![0; count - 1]) } else { ifd };
-            fs::write(folder.join(&name), file(&[ifd])).unwrap();
+            fs::write(directory.join(&name), file(&[ifd])).unwrap();
         }
         Input { name, size, kind, bands }
     }
@@ -78,7 +78,7 @@ struct Virtual {
 }
 
 impl Virtual {
-    fn random(random: &mut Random, inputs: &[Input], relative: bool, folder: &Path) -> Virtual {
+    fn random(random: &mut Random, inputs: &[Input], relative: bool, directory: &Path) -> Virtual {
         let mut below = |bound: u64| random.below(bound) as i64;
         let size = [1 + below(30), 1 + below(30)];
         let mut xml = format!("<VRTDataset rasterXSize=\"{}\" rasterYSize=\"{}\">\n", size[0], size[1]);
@@ -113,7 +113,7 @@ impl Virtual {
                 let name = if relative {
                     input.name.clone()
                 } else {
-                    folder.join(&input.name).display().to_string()
+                    directory.join(&input.name).display().to_string()
                 };
                 let rectangle = |name: &str, at: [i64; 2], size: [i64; 2]| {
                     let [x, y, width, height] = [at[0], at[1], size[0], size[1]];
@@ -184,12 +184,12 @@ fn open(path: &Path) -> Box<dyn Raster> {
 #[test]
 fn any_virtual_raster_is_what_its_sources_make() {
     let mut random = Random(7);
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let inputs: Vec<Input> =
-        (0..20).map(|number| Input::random(&mut random, folder.path(), number)).collect();
-    let path = folder.path().join("v.vrt");
+        (0..20).map(|number| Input::random(&mut random, directory.path(), number)).collect();
+    let path = directory.path().join("v.vrt");
     for case in 0..150 {
-        let model = Virtual::random(&mut random, &inputs, case % 2 == 0, folder.path());
+        let model = Virtual::random(&mut random, &inputs, case % 2 == 0, directory.path());
         fs::write(&path, &model.xml).unwrap();
         let count = model.bands.len();
         let all: Vec<usize> = (0..count).collect();
@@ -218,12 +218,12 @@ fn gdal_agrees() {
         return eprintln!("skipped: there is no gdal_translate");
     }
     let mut random = Random(8);
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let inputs: Vec<Input> =
-        (0..20).map(|number| Input::random(&mut random, folder.path(), number)).collect();
-    let [path, made] = ["v.vrt", "v.tif"].map(|name| folder.path().join(name));
+        (0..20).map(|number| Input::random(&mut random, directory.path(), number)).collect();
+    let [path, made] = ["v.vrt", "v.tif"].map(|name| directory.path().join(name));
     for case in 0..40 {
-        let model = Virtual::random(&mut random, &inputs, case % 2 == 0, folder.path());
+        let model = Virtual::random(&mut random, &inputs, case % 2 == 0, directory.path());
         fs::write(&path, &model.xml).unwrap();
         // Its output has one type: that of the widest band, or of the first.
         for (band, sample) in model.types.iter().enumerate() {
@@ -244,11 +244,11 @@ fn gdal_agrees() {
 }
 
 #[test]
-fn what_a_virtual_raster_says_is_kept() {
-    let folder = tempfile::tempdir().unwrap();
+fn metadata_of_virtual_rasters_are_kept() {
+    let directory = tempfile::tempdir().unwrap();
     let source = |name: &str, value: u8| {
         let image = Ifd::grey(4, 4, vec![value; 32]).short(258, &[8, 8]).short(277, &[2]);
-        fs::write(folder.path().join(name), file(&[image])).unwrap();
+        fs::write(directory.path().join(name), file(&[image])).unwrap();
     };
     source("a.tif", 5);
     let source = "<SimpleSource><SourceFilename relativeToVRT=\"1\">a.tif</SourceFilename><SourceBand>2</SourceBand></SimpleSource>";
@@ -266,7 +266,7 @@ fn what_a_virtual_raster_says_is_kept() {
           <ColorTable><Entry c1=\"1\" c2=\"2\" c3=\"3\"/></ColorTable>{source}
         </VRTRasterBand></VRTDataset>"
     );
-    let path = folder.path().join("v.vrt");
+    let path = directory.path().join("v.vrt");
     fs::write(&path, xml).unwrap();
     let raster = open(&path);
     let info = raster.info();
@@ -298,12 +298,12 @@ fn source(name: &str, elements: &str) -> String {
 }
 
 #[test]
-fn what_is_not_known_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("a.tif"), file(&[Ifd::grey(4, 4, vec![1; 16])])).unwrap();
+fn unknown_elements_are_named() {
+    let directory = tempfile::tempdir().unwrap();
+    fs::write(directory.path().join("a.tif"), file(&[Ifd::grey(4, 4, vec![1; 16])])).unwrap();
     let wide = Ifd::grey(4, 4, vec![1; 32]).short(258, &[16]);
-    fs::write(folder.path().join("wide.tif"), file(&[wide])).unwrap();
-    let path = folder.path().join("v.vrt");
+    fs::write(directory.path().join("wide.tif"), file(&[wide])).unwrap();
+    let path = directory.path().join("v.vrt");
     let simple =
         |elements: &str| of_band(&format!("<SimpleSource>{}</SimpleSource>", source("a.tif", elements)));
     let complex =
@@ -316,14 +316,14 @@ fn what_is_not_known_is_named() {
             text.split(',').map(String::from).collect::<Vec<_>>().try_into().unwrap()
         };
         let (from, to) = (four(from), four(to));
-        let texts = |words: &[String; 4]| -> String {
+        let attributes = |words: &[String; 4]| -> String {
             let [x, y, width, height] = words;
             rectangle("RECT", [x, y, width, height])
         };
         simple(&format!(
             "{}{}",
-            texts(&from).replace("RECT", "SrcRect"),
-            texts(&to).replace("RECT", "DstRect")
+            attributes(&from).replace("RECT", "SrcRect"),
+            attributes(&to).replace("RECT", "DstRect")
         ))
     };
     for (xml, expected) in [
@@ -350,9 +350,9 @@ fn what_is_not_known_is_named() {
         (of_band("").replace("rasterXSize=\"4\"", "rasterXSize=\"0\""), "rasterXSize"),
         (of_band("").replace("rasterYSize=\"4\"", "rasterYSize=\"99999999999\""), "rasterYSize"),
         ("<VRTDataset rasterXSize=\"4\" rasterYSize=\"4\"></VRTDataset>".into(), "0 bands"),
-        ("<VRTDataset rasterXSize=\"4\" rasterYSize=\"4\">".into(), "without an end"),
-        (rectangles("0,0,2,2", "0,0,3,3"), "1 to 1000 times"),
-        (rectangles("0,0,4,4", "0,0,2,2"), "1 to 1000 times"),
+        ("<VRTDataset rasterXSize=\"4\" rasterYSize=\"4\">".into(), "not its end"),
+        (rectangles("0,0,2,2", "0,0,3,3"), "integers from 1 to 1000"),
+        (rectangles("0,0,4,4", "0,0,2,2"), "integers from 1 to 1000"),
         (rectangles("0.5,0,2,2", "0,0,2,2"), "fractions"),
         (rectangles("0,0,0,2", "0,0,2,2"), "without pixels"),
         (rectangles("0,0,nan,2", "0,0,2,2"), "SrcRect"),
@@ -364,10 +364,10 @@ fn what_is_not_known_is_named() {
         (of_band("<SimpleSource/>"), "<SourceFilename>"),
         (simple("").replace("a.tif", "gone.tif"), "gone.tif"),
         (simple("").replace("a.tif", "/vsicurl/http://x/a.tif"), "/vsicurl"),
-        (simple("").replace("a.tif", "wide.tif"), "u16 samples of"),
+        (simple("").replace("a.tif", "wide.tif"), "a source of u16 samples"),
         (simple("").replace("<SourceBand>1<", "<SourceBand>2<"), "SourceBand"),
         (simple("").replace("<SourceBand>1<", "<SourceBand>mask,1<"), "mask,1"),
-        (of_band("<SimpleSource>").replace("</VRTDataset>", ""), "without an end"),
+        (of_band("<SimpleSource>").replace("</VRTDataset>", ""), "not its end"),
     ] {
         fs::write(&path, &xml).unwrap();
         let error = raster::open(&path, &Default::default()).err().map(|error| error.to_string());
@@ -377,8 +377,8 @@ fn what_is_not_known_is_named() {
 
 #[test]
 fn virtual_rasters_of_each_other_end() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     fs::write(at("a.tif"), file(&[Ifd::grey(4, 4, vec![7; 16])])).unwrap();
     let many = |name: &str, count: usize| {
         of_band(&format!("<SimpleSource>{}</SimpleSource>", source(name, "")).repeat(count))
@@ -387,7 +387,7 @@ fn virtual_rasters_of_each_other_end() {
     // Itself, once and a thousand times.
     for count in [1, 1000] {
         fs::write(at("self.vrt"), many("self.vrt", count)).unwrap();
-        assert!(refused("self.vrt").contains("of themselves"));
+        assert!(refused("self.vrt").contains("in itself"));
     }
     // Nested up to the maximum depth, and deeper.
     fs::write(at("0.vrt"), many("a.tif", 1)).unwrap();
@@ -407,7 +407,9 @@ fn virtual_rasters_of_each_other_end() {
     let speck = "<DstRect xOff=\"0\" yOff=\"0\" xSize=\"4\" ySize=\"4\"/></SimpleSource>";
     let from = "<SrcRect xOff=\"0\" yOff=\"0\" xSize=\"4\" ySize=\"4\"/>";
     fs::write(at("empty.vrt"), empty.replace("</SimpleSource>", &format!("{from}{speck}"))).unwrap();
-    assert!(refused("empty.vrt").contains("2147483647 x 2147483647 pixels, of which sources make 16"));
+    assert!(
+        refused("empty.vrt").contains("2147483647 x 2147483647 pixels, of which sources cover at most 16")
+    );
     // The file truncated at every length, and with changed bytes.
     let text = of_band(&format!("<ComplexSource>{}</ComplexSource>", source("a.tif", "<NODATA>1</NODATA>")));
     let mut random = Random(3);

@@ -10,18 +10,18 @@ use spinney::raw::store::build_tree;
 use spinney::tree::MemTree;
 use spinney::{
     Code, Crs, DataKind, Dataset, Dimension, FileView, Frame, Metadata, Output, Resampling, Rule, SampleType,
-    Value, ViewStep, WarpOptions, WriteOptions, transform,
+    Value, ViewOperation, WarpOptions, WriteOptions, transform,
 };
 
 use crate::common::{options, quad, with};
 
 /// Returns a fixture's own tree, and its tree on the web map grid down to a zoom.
-fn native_and_warped(input: &str, way: Resampling, zoom: u8, folder: &Path) -> (Dataset, Dataset) {
-    let [native, warped] = ["native.goblin", "warped.goblin"].map(|name| folder.join(name));
+fn native_and_warped(input: &str, way: Resampling, zoom: u8, directory: &Path) -> (Dataset, Dataset) {
+    let [native, warped] = ["native.goblin", "warped.goblin"].map(|name| directory.join(name));
     let import = spinney::import::raster::plan(&[input.into()], &Default::default()).unwrap();
     import.build(Output::create(&native).unwrap(), &()).unwrap();
     let mut chain = FileView::of(&native);
-    chain.steps = vec![ViewStep::WebMercator(Some(zoom))];
+    chain.steps = vec![ViewOperation::WebMercator(Some(zoom))];
     chain.warp.resampling = Some(way);
     transform(&chain, Output::create(&warped).unwrap(), WriteOptions::new(64 << 20), &()).unwrap();
     (spinney::open(native).unwrap(), spinney::open(warped).unwrap())
@@ -29,13 +29,13 @@ fn native_and_warped(input: &str, way: Resampling, zoom: u8, folder: &Path) -> (
 
 #[test]
 fn tiles_of_other_grids_are_those_of_the_warped_tree() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     for (input, way, zoom) in [
         ("fixtures/island_classes.tif", Resampling::Nearest, 12),
         ("fixtures/island_elevation.tif", Resampling::Bilinear, 12),
         ("fixtures/island_elevation.tif", Resampling::Area, 11),
     ] {
-        let (native, warped) = native_and_warped(input, way, zoom, folder.path());
+        let (native, warped) = native_and_warped(input, way, zoom, directory.path());
         let mut options = WarpOptions::default();
         options.resampling = Some(way);
         let frame = &native.metadata().frame;
@@ -67,8 +67,9 @@ fn tiles_of_other_grids_are_those_of_the_warped_tree() {
 
 #[test]
 fn blocks_of_other_grids_know_their_tiles() {
-    let folder = tempfile::tempdir().unwrap();
-    let (native, _) = native_and_warped("fixtures/island_classes.tif", Resampling::Nearest, 8, folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let (native, _) =
+        native_and_warped("fixtures/island_classes.tif", Resampling::Nearest, 8, directory.path());
     let frame = &native.metadata().frame;
     let zoom = 13;
     let tiles =
@@ -81,17 +82,17 @@ fn blocks_of_other_grids_know_their_tiles() {
         let [longitude, latitude] = projection.inverse([x, y]).unwrap();
         for zoom in [0, 5, zoom] {
             let there = TileRange::of_degrees(zoom, [longitude, latitude, longitude + 1e-9, latitude + 1e-9]);
-            let told = tiles.tiles_of(block, zoom);
-            assert_eq!(told.intersect(&there), there, "{cell:?} at zoom {zoom}");
-            assert!((0..2).all(|axis| told.max[axis] - told.min[axis] <= 3), "{told:?}");
+            let found = tiles.tiles_of(block, zoom);
+            assert_eq!(found.intersect(&there), there, "{cell:?} at zoom {zoom}");
+            assert!((0..2).all(|axis| found.max[axis] - found.min[axis] <= 3), "{found:?}");
         }
     }
 }
 
 #[test]
-fn archives_say_where_data_lie() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+fn archives_contain_the_bounds_of_the_data() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
     let form = quad(SampleType::U8, 1);
     let write = |name: &str, frame: Frame, extent: [u64; 3], has: &dyn Fn([u32; 3]) -> bool| {
         let cell = |cell: [u32; 3]| has(cell).then(|| Value::from([7u8]));

@@ -16,15 +16,15 @@ const ANY: usize = usize::MAX;
 
 /// The image of the two ten-record tables as both kinds of bintrees.
 #[test]
-fn item_13_picture_of_the_tables() {
+fn item_13_raster_of_the_tables() {
     let cell = |[x, y, _]: [u32; 3]| Some(byte(CLASSIC[y as usize][x as usize]));
-    let picture = MemTree::from_cells(QUAD, 3, Rule::Dominant, &cell);
-    let alternating = Bintree::alternating(&picture, [8, 8, 1], ANY).unwrap();
+    let tree = MemTree::from_cells(QUAD, 3, Rule::Dominant, &cell);
+    let alternating = Bintree::alternating(&tree, [8, 8, 1], ANY).unwrap();
     assert_eq!(
         alternating.to_text(),
         "bintree:alternating:xy:3:u8:8x8 GGG1GGG133GG31G321GGGG3G13GG322G1GG12G12GG21G2G1G21"
     );
-    let adaptive = Bintree::adaptive(&picture, [8, 8, 1]).unwrap();
+    let adaptive = Bintree::adaptive(&tree, [8, 8, 1]).unwrap();
     // The quadtree has 41 nodes, of which 31 are leaves; these have 26 and 21.
     assert_eq!([&alternating, &adaptive].map(|bintree| bintree.nodes().len()), [51, 41]);
     for bintree in [&alternating, &adaptive] {
@@ -69,7 +69,7 @@ fn item_13_axes_alternate() {
 /// The table of docs/literature.md.
 #[test]
 fn item_13_table_of_nodes() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let fixture = |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name);
     let page = std::fs::read_to_string(fixture("../docs/literature.md")).unwrap();
     let mut missing = Vec::new();
@@ -83,7 +83,7 @@ fn item_13_table_of_nodes() {
     ] {
         let mut path = fixture(name);
         if !name.ends_with("goblin") {
-            path = folder.path().join(name.replace('.', "_") + ".goblin");
+            path = directory.path().join(name.replace('.', "_") + ".goblin");
             spinney::build(fixture(name), &path).unwrap();
         }
         let file = spinney::open(&path).unwrap();

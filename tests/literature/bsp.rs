@@ -2,7 +2,7 @@
 //! and negative (left) sides; cells are convex polygons. Planes do the same in space, for
 //! visibility order.
 
-use spinney::raw::partitions::{BinaryNode, Bsp, Seen};
+use spinney::raw::partitions::{BinaryNode, Bsp, BspItem};
 use spinney::raw::tree::df;
 use spinney::tree::{MemTree, build_source};
 use spinney::{BuildOptions, DataKind, Output, Rule};
@@ -17,15 +17,15 @@ fn item_14_descriptors_and_sides() {
     for _ in 0..50 {
         let segments: Vec<_> = (0..8).map(|_| [point(), point()]).filter(|[p, q]| p != q).collect();
         let tree = Bsp::of_segments(&segments).unwrap();
-        for place in (0..200).map(|_| point()).chain(segments.iter().flatten().copied()) {
-            let [x, y] = place.map(i128::from);
+        for position in (0..200).map(|_| point()).chain(segments.iter().flatten().copied()) {
+            let [x, y] = position.map(i128::from);
             let mut at = 0;
             while let BinaryNode::Divided { by, second } = &tree.nodes()[at] {
                 let ([a, b, c], d) = by.descriptor();
                 assert_eq!(c, 0);
                 at = if i128::from(a) * x + i128::from(b) * y + d >= 0 { *second } else { at + 1 };
             }
-            assert_eq!(tree.locate([place[0], place[1], 0]), at);
+            assert_eq!(tree.locate([position[0], position[1], 0]), at);
         }
     }
     // The right side of a segment, for a direction in which y increases, is the non-negative side.
@@ -66,11 +66,11 @@ fn item_14_what_hides_what() {
     let seen_from = |x: i32, side: usize| {
         let mut cubes = Vec::new();
         tree.back_to_front([x, 5, 5], &mut |what| {
-            if let Seen::Piece(piece) = what
-                && piece.source % 6 == side
-                && cubes.last() != Some(&(piece.source / 6))
+            if let BspItem::Fragment(fragment) = what
+                && fragment.source % 6 == side
+                && cubes.last() != Some(&(fragment.source / 6))
             {
-                cubes.push(piece.source / 6);
+                cubes.push(fragment.source / 6);
             }
         });
         cubes
@@ -83,9 +83,9 @@ fn item_14_what_hides_what() {
     for (direction, order) in [([1, 0, 0], [1, 3, 0, 4, 2]), ([-5, 1, 2], [2, 4, 0, 3, 1])] {
         let mut seen = Vec::new();
         tree.back_to_front_from_afar(direction, &mut |what| {
-            if let Seen::Piece(piece) = what {
-                assert_eq!(piece.sides().collect::<Vec<_>>(), [Some(0), Some(1), Some(2)]);
-                seen.push(piece.source);
+            if let BspItem::Fragment(fragment) = what {
+                assert_eq!(fragment.sides().collect::<Vec<_>>(), [Some(0), Some(1), Some(2)]);
+                seen.push(fragment.source);
             }
         });
         assert_eq!(seen, order);
@@ -101,8 +101,8 @@ fn item_14_a_polygon_as_a_quadtree() {
     let quadtree = MemTree::from_source(&blocks, Rule::Mean).unwrap();
     let quadrants = ["GWGWWWBGWWWBB", "GGWWBWWBGWWBW", "GGWBWWBWGWBWW", "GBGBWWWGBWWWW"];
     assert_eq!(df::to_text(&quadtree, Some(byte(255))).unwrap(), format!("G{}", quadrants.concat()));
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("kite.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("kite.goblin");
     let options = BuildOptions::new(DataKind::Categorical, 3);
     let tally = build_source(&blocks, [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     // Sixteen cells have their centres on an edge, which is outside.

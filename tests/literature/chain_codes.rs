@@ -13,12 +13,12 @@ use spinney::{
 };
 
 /// An image in one slab.
-struct Picture {
+struct RasterSlab {
     extent: [u64; 3],
     cells: Option<Vec<u8>>,
 }
 
-impl Slabs for Picture {
+impl Slabs for RasterSlab {
     fn extent(&self) -> [u64; 3] {
         self.extent
     }
@@ -54,9 +54,8 @@ fn build(cells: &[u16], size: [u64; 2], metadata: Metadata, path: &Path) {
     let bytes = cells.iter().flat_map(|class| class.to_le_bytes()).collect();
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U16, 1));
     let options = BuildOptions::new(DataKind::Categorical, depth_for(extent)).metadata(metadata);
-    let mut picture = Picture { extent, cells: Some(bytes) };
-    build_slabs(form, &mut picture, form.value.splat(0), &options, Output::create(path).unwrap(), &())
-        .unwrap();
+    let mut slabs = RasterSlab { extent, cells: Some(bytes) };
+    build_slabs(form, &mut slabs, form.value.splat(0), &options, Output::create(path).unwrap(), &()).unwrap();
 }
 
 /// Returns the cells of a tree level; 0 is VOID.
@@ -72,12 +71,12 @@ fn cells(path: &Path, level: u8) -> Vec<u16> {
 }
 
 #[test]
-fn item_18_trees_come_back_from_their_chain_codes() {
-    let folder = tempfile::tempdir().unwrap();
-    let [tree, text, again] = ["a.goblin", "a.chain", "b.goblin"].map(|name| folder.path().join(name));
+fn item_18_trees_round_trip_through_chain_codes() {
+    let directory = tempfile::tempdir().unwrap();
+    let [tree, text, again] = ["a.goblin", "a.chain", "b.goblin"].map(|name| directory.path().join(name));
     for seed in 0..12 {
         let size = [1 + seed * 37 % 200, 1 + seed * 53 % 300];
-        let picture = classes(seed, size);
+        let raster = classes(seed, size);
         let mut frame = Frame::planar([10.0, 0.0, 500_000.25, 0.0, -10.0, 5_200_000.5]);
         frame.crs = Some(Crs::parse("EPSG:32632").unwrap());
         let metadata = Metadata {
@@ -87,7 +86,7 @@ fn item_18_trees_come_back_from_their_chain_codes() {
             palette: Some(Palette { colours: vec![[0, 0, 0, 0], [1, 20, 255, 128]] }),
             ..Metadata::default()
         };
-        build(&picture, size, metadata, &tree);
+        build(&raster, size, metadata, &tree);
         for directions in [ChainDirections::Four, ChainDirections::Eight] {
             for level in [0, 1] {
                 let map = spinney::open(&tree).unwrap();
@@ -103,11 +102,11 @@ fn item_18_trees_come_back_from_their_chain_codes() {
                 let made = spinney::open(&again).unwrap();
                 assert_eq!(made.header().extent[..2], map.extent_at(level).max[..2]);
                 assert_eq!(cells(&again, made.depth()), cells(&tree, level), "{seed} {directions:?} {level}");
-                let (told, known) = (made.metadata(), map.metadata());
+                let (stored, known) = (made.metadata(), map.metadata());
                 let frame = known.frame.coarser(map.depth() - level);
-                assert_eq!((told.frame.affine(), &told.frame.crs), (frame.affine(), &frame.crs));
+                assert_eq!((stored.frame.affine(), &stored.frame.crs), (frame.affine(), &frame.crs));
                 assert_eq!(
-                    (&told.nodata, &told.class_names, &told.palette),
+                    (&stored.nodata, &stored.class_names, &stored.palette),
                     (&known.nodata, &known.class_names, &known.palette)
                 );
                 assert_eq!(made.header().kind, DataKind::Categorical);
@@ -119,8 +118,8 @@ fn item_18_trees_come_back_from_their_chain_codes() {
 #[test]
 fn item_18_an_outline_is_filled_as_the_plane_is() {
     // A closed path in 8 directions with notches; a model tests each point.
-    let folder = tempfile::tempdir().unwrap();
-    let [text, tree] = ["outline.chain", "outline.goblin"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [text, tree] = ["outline.chain", "outline.goblin"].map(|name| directory.path().join(name));
     let chain = "55555556777777111077111111122333335444444";
     let start = [12i64, 1];
     let steps: [[i64; 2]; 8] = [[1, 0], [1, -1], [0, -1], [-1, -1], [-1, 0], [-1, 1], [0, 1], [1, 1]];
@@ -162,9 +161,9 @@ fn item_18_an_outline_is_filled_as_the_plane_is() {
 
 #[test]
 fn item_18_lines_become_a_chain_code_and_a_tree() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let [map, text, tree] =
-        ["map.goblin", "lines.chain", "lines.goblin"].map(|name| folder.path().join(name));
+        ["map.goblin", "lines.chain", "lines.goblin"].map(|name| directory.path().join(name));
     let size = [40, 30];
     build(&vec![1; 1200], size, Metadata::default(), &map);
     let line = [[2.5, 3.5], [20.5, 9.5], [20.5, 25.5], [60.5, 25.5]];

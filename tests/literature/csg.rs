@@ -17,11 +17,11 @@ fn csg(text: &str) -> Csg {
     Csg::parse(Path::new("test.csg"), text).unwrap()
 }
 
-struct Folder(tempfile::TempDir);
+struct TestDirectory(tempfile::TempDir);
 
-impl Folder {
-    fn new() -> Folder {
-        Folder(tempfile::tempdir().unwrap())
+impl TestDirectory {
+    fn new() -> TestDirectory {
+        TestDirectory(tempfile::tempdir().unwrap())
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -82,18 +82,18 @@ fn primitives() -> Vec<(&'static str, f64, f64, bool)> {
 /// cuts, and in practice a small fraction of it, which decreases with cell size.
 #[test]
 fn volumes_of_primitives() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     for (text, exact, area, _) in primitives() {
         let mut errors = Vec::new();
         for depth in [4, 6, 8] {
-            let tree = folder.cells(text, Resolution::Depth(depth), EdgeRule::Centre);
+            let tree = directory.cells(text, Resolution::Depth(depth), EdgeRule::Centre);
             let cell = tree.metadata().frame.linear().col(0).length();
             let error = (volume(&tree) - exact).abs();
             assert!(error < 0.25 * area * cell, "{text} at {depth}: off by {error} of {exact}");
             errors.push(error / exact);
         }
         for depth in [3, 4, 5] {
-            let tree = folder.cells(text, Resolution::Depth(depth), EdgeRule::Area);
+            let tree = directory.cells(text, Resolution::Depth(depth), EdgeRule::Area);
             let cell = tree.metadata().frame.linear().col(0).length();
             let error = (volume(&tree) - exact).abs();
             // A cell has one of 255 values.
@@ -108,9 +108,9 @@ fn volumes_of_primitives() {
 #[test]
 fn item_43_set_operations_by_nodes() {
     let (one, other) = ("ball(3,3,3, 2.5)", "union(block(2,2,0, 6,4,5), torus(3,3,3, 1,1,1, 2, 0.6))");
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     let build = |name: &str, text: &str| {
-        let [csg, tree] = [folder.path(&format!("{name}.csg")), folder.path(&format!("{name}.goblin"))];
+        let [csg, tree] = [directory.path(&format!("{name}.csg")), directory.path(&format!("{name}.goblin"))];
         std::fs::write(&csg, format!("bounds(0,0,0, 6,6,6); {text}")).unwrap();
         let tree = tree.to_str().unwrap().to_string();
         stdout(&["build", csg.to_str().unwrap(), "-o", &tree, "--depth", "6"]);
@@ -122,7 +122,7 @@ fn item_43_set_operations_by_nodes() {
         spinney::open(tree).unwrap().window(6, &all, 0.0, &mut cells, None).unwrap();
         cells
     };
-    let (a, b, made) = (build("a", one), build("b", other), folder.path("made.goblin"));
+    let (a, b, made) = (build("a", one), build("b", other), directory.path("made.goblin"));
     let made = made.to_str().unwrap();
     for (operation, text) in [
         ("union", format!("union({one}, {other})")),
@@ -141,10 +141,10 @@ fn item_43_set_operations_by_nodes() {
 /// operations on polyhedra.
 #[test]
 fn item_42_extended_octree() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     // A comb: a block with 8 notches.
     let notches: Vec<String> = (0..8).map(|x| format!("block({}.25,1,2, {}.75,3,5)", x, x)).collect();
-    let (model, _) = folder.exact(&format!("difference(block(0,0,0, 8,4,4), {})", notches.join(",")), 0.1);
+    let (model, _) = directory.exact(&format!("difference(block(0,0,0, 8,4,4), {})", notches.join(",")), 0.1);
     assert_eq!(volume_of(&model), 128.0 - 16.0);
     assert_eq!(model.verify(64 << 20, &()).unwrap(), vec![]);
     let nodes = model.nodes().named();
@@ -155,11 +155,11 @@ fn item_42_extended_octree() {
 
 #[test]
 fn exact_models_of_primitives() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     for (text, exact, area, is_planar) in primitives() {
         let mut errors = Vec::new();
         for deviation in [0.05, 0.005] {
-            let (model, report) = folder.exact(text, deviation);
+            let (model, report) = directory.exact(text, deviation);
             let found = volume_of(&model);
             // Moving vertices by half a grid unit moves surfaces by no more.
             let error = exact - found;
@@ -180,7 +180,7 @@ fn exact_models_of_primitives() {
 /// A set operation on cells and on faces gives the same solid.
 #[test]
 fn cells_and_exact_models_agree() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     for text in [
         "difference(union(block(0,0,0, 4,4,2), ball(2,2,2, 1.5)), cylinder(2,2,-1, 2,2,5, 0.5), half_space(1,0,0, 0.5))",
         "xor(block(0,0,0, 3,3,3), translate(1,1,1, block(0,0,0, 3,3,3)), ball(2,2,2, 2))",
@@ -191,8 +191,8 @@ fn cells_and_exact_models_agree() {
         "prism([[0,3],[1.763,-2.427],[-2.853,0.927],[2.853,0.927],[-1.763,-2.427]], 0, 1)",
         "xor(complement(ball(0,0,0, 1)), complement(ball(1,0,0, 1)))",
     ] {
-        let tree = folder.cells(text, Resolution::Depth(7), EdgeRule::Area);
-        let (model, _) = folder.exact(text, 0.001);
+        let tree = directory.cells(text, Resolution::Depth(7), EdgeRule::Area);
+        let (model, _) = directory.exact(text, 0.001);
         let (cells, exact) = (volume(&tree), volume_of(&model));
         assert!((cells / exact - 1.0).abs() < 0.004, "{text}: {cells} and {exact}");
         assert!(!model.is_unbounded());
@@ -203,61 +203,61 @@ fn cells_and_exact_models_agree() {
 /// Set operations on many solids at once, in groups, include all of them.
 #[test]
 fn many_bodies() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     let blocks: Vec<String> =
         (0..150).map(|x| format!("block({x},0,0, {},1,1)", f64::from(x) + 0.5)).collect();
     let text = format!("difference(block(-1,0,0, 151,1,2), {})", blocks.join(","));
-    let (model, report) = folder.exact(&text, 0.1);
+    let (model, report) = directory.exact(&text, 0.1);
     assert_eq!((volume_of(&model), report.primitives), (304.0 - 75.0, 151));
     assert_eq!(model.metadata().provenance.len(), 1);
 }
 
 #[test]
-fn texts_come_back() {
-    let folder = Folder::new();
+fn csg_text_is_preserved() {
+    let directory = TestDirectory::new();
     let text = "# \"Quoted\" \\ text\nunit(cm);\nball(0,0,0, 1);\n";
-    let path = folder.path("ball.csg");
+    let path = directory.path("ball.csg");
     std::fs::write(&path, text).unwrap();
     let path = path.to_str().unwrap();
     for options in [&["--cells", "16"][..], &["--brep"], &["--cell", "1mm", "--edge", "area"]] {
         let [tree, again] =
-            ["tree.goblin", "again.csg"].map(|name| folder.path(name).to_str().unwrap().to_string());
+            ["tree.goblin", "again.csg"].map(|name| directory.path(name).to_str().unwrap().to_string());
         stdout(&[&["build", path, "-o", &tree], options].concat());
         stdout(&["export", &tree, "-o", &again]);
         assert_eq!(std::fs::read_to_string(&again).unwrap(), text);
-        let told = stdout(&["info", &tree]);
-        assert!(told.contains("# \"Quoted\" \\ text") && told.contains("unit = cm"), "{told}");
+        let printed = stdout(&["info", &tree]);
+        assert!(printed.contains("# \"Quoted\" \\ text") && printed.contains("unit = cm"), "{printed}");
     }
-    let tree = spinney::open(folder.path("tree.goblin")).unwrap();
+    let tree = spinney::open(directory.path("tree.goblin")).unwrap();
     assert_eq!(tree.metadata().tag(Tag::Csg), Some(text));
     assert_eq!(tree.metadata().frame.linear().col(0).length(), 0.1);
 }
 
 #[test]
 fn options_that_do_not_fit_are_refused() {
-    let folder = Folder::new();
-    let path = folder.path("ball.csg");
+    let directory = TestDirectory::new();
+    let path = directory.path("ball.csg");
     std::fs::write(&path, "ball(0,0,0, 1)").unwrap();
-    let [path, out] = [path, folder.path("x.goblin")].map(|path| path.to_str().unwrap().to_string());
+    let [path, out] = [path, directory.path("x.goblin")].map(|path| path.to_str().unwrap().to_string());
     let cases: [(&[&str], &str); 10] = [
         (&["--shell"], "--shell"),
         (&["--edge", "touch"], "centre or area"),
         (&["--attribute", "part"], "--attribute"),
         (&["--up", "y"], "--up"),
-        (&["--brep", "--repair"], "--repair is for the faces of models"),
+        (&["--brep", "--repair"], "--repair: works only with models that have faces"),
         (&["--brep", "--deviation", "0"], "a distance above zero"),
         (&["--brep", "--deviation", "1e-12"], "at most 1048576 facets"),
         (&["--brep", "--deviation", "1e-300"], "at most 1048576 facets"),
-        (&["--kind", "categorical"], "options for pictures"),
-        (&["--where", "a=1"], "--where is for features"),
+        (&["--kind", "categorical"], "--kind: works only with rasters"),
+        (&["--where", "a=1"], "--where: works only with features"),
     ];
     for (options, expected) in cases {
-        let told = complaint(&[&["build", &path, "-o", &out], options].concat(), 1);
-        assert!(told.contains(expected), "{options:?}: {told}");
+        let message = complaint(&[&["build", &path, "-o", &out], options].concat(), 1);
+        assert!(message.contains(expected), "{options:?}: {message}");
         assert!(!Path::new(&out).exists());
     }
-    let other = folder.path("plane.csg");
+    let other = directory.path("plane.csg");
     std::fs::write(&other, "half_space(0,0,1, 0)").unwrap();
-    let told = complaint(&["build", other.to_str().unwrap(), "-o", &out], 1);
-    assert!(told.contains("say where it ends: bounds("), "{told}");
+    let message = complaint(&["build", other.to_str().unwrap(), "-o", &out], 1);
+    assert!(message.contains("set its bounds with bounds("), "{message}");
 }

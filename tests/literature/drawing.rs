@@ -14,11 +14,11 @@ const BLOCK: &str = "unit(mm); block(0,0,0, 8,8,4)";
 /// The concave solid of figure 27.
 const CONCAVE: &str = "unit(mm); sweep([[0,0],[8,0],[8,3],[3,3],[3,5],[6,5],[6,8],[0,8]], 0,0,4)";
 
-struct Folder(tempfile::TempDir);
+struct TestDirectory(tempfile::TempDir);
 
-impl Folder {
-    fn new() -> Folder {
-        Folder(tempfile::tempdir().unwrap())
+impl TestDirectory {
+    fn new() -> TestDirectory {
+        TestDirectory(tempfile::tempdir().unwrap())
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -59,9 +59,9 @@ fn segments(svg: &str) -> usize {
 /// Edges between coplanar faces are omitted, however faces were divided.
 #[test]
 fn item_53_wireframes_have_every_edge_once() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     for (name, text, edges) in [("hole", HOLE, 24), ("block", BLOCK, 12), ("concave", CONCAVE, 24)] {
-        let svg = folder.svg(&folder.exact(name, text), &["--drawing", "wireframe"]);
+        let svg = directory.svg(&directory.exact(name, text), &["--drawing", "wireframe"]);
         assert_eq!(segments(&svg), edges, "{name}: {svg}");
     }
 }
@@ -69,16 +69,16 @@ fn item_53_wireframes_have_every_edge_once() {
 /// A convex solid shows three faces, each with its outline; hidden edges are omitted.
 #[test]
 fn item_53_hidden_lines_are_hidden() {
-    let folder = Folder::new();
-    let [hole, block, concave] =
-        [("hole", HOLE), ("block", BLOCK), ("concave", CONCAVE)].map(|(name, text)| folder.exact(name, text));
-    assert_eq!(segments(&folder.svg(&block, &["--drawing", "hidden-lines"])), 12);
+    let directory = TestDirectory::new();
+    let [hole, block, concave] = [("hole", HOLE), ("block", BLOCK), ("concave", CONCAVE)]
+        .map(|(name, text)| directory.exact(name, text));
+    assert_eq!(segments(&directory.svg(&block, &["--drawing", "hidden-lines"])), 12);
     // From the horizon, the front hides the hole, and from the west the notch; from above, and from
     // the east, they are visible.
     for projection in [&["--orthographic"][..], &[]] {
         let drawn = |tree: &str, from: &str, drawing: &str| {
             let options = [&["--drawing", drawing, "--from", from], projection].concat();
-            folder.drawn(tree, "drawn.png", &options)
+            directory.drawn(tree, "drawn.png", &options)
         };
         for (tree, hidden, seen) in [(&hole, "180,0", "180,90"), (&concave, "270,0", "90,0")] {
             assert!(drawn(tree, hidden, "hidden-lines") == drawn(&block, hidden, "hidden-lines"));
@@ -91,16 +91,17 @@ fn item_53_hidden_lines_are_hidden() {
 /// The drawing covers the same area as the solid seen from above, whatever the blocks are.
 #[test]
 fn item_53_octants() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     let covered = |tree: &str, level: &str| {
         let options = ["--drawing", "octants", "--from", "180,90", "--orthographic", "--level", level];
-        let raw = folder.drawn(tree, "drawn.raw", &[&options[..], &["--background", "transparent"]].concat());
+        let raw =
+            directory.drawn(tree, "drawn.raw", &[&options[..], &["--background", "transparent"]].concat());
         raw.chunks_exact(4).map(|pixel| f64::from(pixel[3])).sum::<f64>()
     };
     for (options, level) in [(&["--cells", "8"][..], "3"), (&["--brep", "--deviation", "0.1"], "6")] {
-        let full = covered(&folder.built("block", BLOCK, options), level);
+        let full = covered(&directory.built("block", BLOCK, options), level);
         for (name, text, share) in [("hole", HOLE, 1.0 - 8.0 / 64.0), ("concave", CONCAVE, 48.0 / 64.0)] {
-            let found = covered(&folder.built(name, text, options), level) / full;
+            let found = covered(&directory.built(name, text, options), level) / full;
             // Lines are slightly wider than the areas they enclose.
             assert!((found - share).abs() < 0.01, "{name}: {found} instead of {share}");
         }
@@ -111,10 +112,10 @@ fn item_53_octants() {
 /// with eight visible sides.
 #[test]
 fn item_53_octants_are_as_large_as_they_can_be() {
-    let folder = Folder::new();
-    let block = folder.exact("block", BLOCK);
+    let directory = TestDirectory::new();
+    let block = directory.exact("block", BLOCK);
     for level in ["2", "3", "5"] {
-        let svg = folder.svg(&block, &["--drawing", "octants", "--level", level]);
+        let svg = directory.svg(&block, &["--drawing", "octants", "--level", level]);
         assert_eq!(segments(&svg), 4 * (4 + 2 + 2), "level {level}: {svg}");
     }
 }
@@ -123,7 +124,7 @@ fn item_53_octants_are_as_large_as_they_can_be() {
 /// to a view from the north-west and above.
 #[test]
 fn item_44_octant_4_is_hidden() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     let without = |octant: Option<u64>| {
         let number = |[x, y, z]: [u64; 3]| 4 * x + 2 * y + z;
         // Each has its own colour, otherwise all would be one block.
@@ -131,10 +132,10 @@ fn item_44_octant_4_is_hidden() {
             let number = number(cell);
             (Some(number) != octant).then(|| byte(100 + number as u8))
         });
-        let tree = folder.path("octants.goblin");
+        let tree = directory.path("octants.goblin");
         write_goblin(&tree, &cells, (Rule::Mean, DataKind::Continuous), Frame::identity());
         let options = ["--drawing", "octants", "--from", "315,30", "--level", "1", "--orthographic"];
-        folder.drawn(tree.to_str().unwrap(), "drawn.png", &options)
+        directory.drawn(tree.to_str().unwrap(), "drawn.png", &options)
     };
     let whole = without(None);
     let hidden: Vec<u64> = (0..8).filter(|octant| without(Some(*octant)) == whole).collect();
@@ -144,32 +145,33 @@ fn item_44_octant_4_is_hidden() {
 /// Drawings that would be too large are rejected, and so are inputs without edges.
 #[test]
 fn item_53_limits() {
-    let folder = Folder::new();
-    let out = folder.path("out.svg");
+    let directory = TestDirectory::new();
+    let out = directory.path("out.svg");
     let out = out.to_str().unwrap();
-    let model = folder.exact("ball", "rotate(1,2,3, 40, block(0,0,0, 1,1,1))");
-    let told = complaint(&["render", &model, "-o", out, "--drawing", "octants", "--level", "10"], 1);
-    assert!(told.contains("more than 262144 blocks") && told.contains("--level"), "{told}");
-    let told = complaint(&["render", &model, "-o", out, "--drawing", "wireframe", "--level", "3"], 1);
-    assert!(told.contains("--level"), "{told}");
-    let told = complaint(&["render", &model, "-o", out], 1);
-    assert!(told.contains("--drawing"), "{told}");
-    let cells = folder.built("cells", BLOCK, &["--cells", "8"]);
-    let told = complaint(&["render", &cells, "-o", out, "--drawing", "hidden-lines"], 1);
-    assert!(told.contains("--drawing octants"), "{told}");
-    assert!(!folder.path("out.svg").exists());
+    let model = directory.exact("ball", "rotate(1,2,3, 40, block(0,0,0, 1,1,1))");
+    let message = complaint(&["render", &model, "-o", out, "--drawing", "octants", "--level", "10"], 1);
+    assert!(message.contains("more than 262144 blocks") && message.contains("--level"), "{message}");
+    let message = complaint(&["render", &model, "-o", out, "--drawing", "wireframe", "--level", "3"], 1);
+    assert!(message.contains("--level"), "{message}");
+    let message = complaint(&["render", &model, "-o", out], 1);
+    assert!(message.contains("--drawing"), "{message}");
+    let cells = directory.built("cells", BLOCK, &["--cells", "8"]);
+    let message = complaint(&["render", &cells, "-o", out, "--drawing", "hidden-lines"], 1);
+    assert!(message.contains("--drawing octants"), "{message}");
+    assert!(!directory.path("out.svg").exists());
 }
 
 /// Transparent background, white lines on black, and every format.
 #[test]
 fn item_53_paper() {
-    let folder = Folder::new();
-    let model = folder.exact("hole", HOLE);
-    let svg = folder.svg(&model, &["--drawing", "hidden-lines", "--background", "transparent"]);
+    let directory = TestDirectory::new();
+    let model = directory.exact("hole", HOLE);
+    let svg = directory.svg(&model, &["--drawing", "hidden-lines", "--background", "transparent"]);
     assert!(!svg.contains("<rect") && svg.contains("stroke=\"#000000\""), "{svg}");
-    let svg = folder.svg(&model, &["--drawing", "hidden-lines", "--background", "black"]);
+    let svg = directory.svg(&model, &["--drawing", "hidden-lines", "--background", "black"]);
     assert!(svg.contains("<rect") && svg.contains("stroke=\"#ffffff\""), "{svg}");
-    let raw = folder.drawn(&model, "drawn.raw", &["--drawing", "wireframe", "--background", "transparent"]);
+    let raw =
+        directory.drawn(&model, "drawn.raw", &["--drawing", "wireframe", "--background", "transparent"]);
     assert_eq!(raw.len(), 320 * 240 * 4);
     let pixels: Vec<&[u8]> = raw.chunks_exact(4).collect();
     assert!(pixels.iter().any(|pixel| pixel[3] > 200) && pixels[0] == [0; 4]);

@@ -130,7 +130,7 @@ fn item_63_the_winged_edge_row() {
     let faces = body.faces();
     let ends = |half: u32| [found.origin(half), found.target(half)].map(|vertex| found.point(vertex));
     // The next and the previous edge of an edge in a clockwise traversal of a face.
-    let beside = |from: [i32; 3], to: [i32; 3]| {
+    let neighbours = |from: [i32; 3], to: [i32; 3]| {
         let clockwise = |rings: &Vec<Vec<[i32; 3]>>| rings[0].iter().rev().copied().collect::<Vec<_>>();
         let ring = faces
             .iter()
@@ -145,7 +145,7 @@ fn item_63_the_winged_edge_row() {
         assert_eq!(ends(twin), [y, x]);
         // In the left face, the edge is traversed from Y to X.
         for (side, from, to) in [(half, y, x), (twin, x, y)] {
-            let [before, after] = beside(from, to);
+            let [before, after] = neighbours(from, to);
             assert_eq!(ends(found.next(side)), [from, before]);
             assert_eq!(ends(found.previous(side)), [after, to]);
         }

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use spinney::brep::{Faces as _, MassProperties};
-use spinney::raw::brep::boundary_parts;
+use spinney::raw::brep::boundary_classes;
 use spinney::raw::brep::surface_intersection::{LineKind, surface_intersection};
 use spinney::raw::brep::topology::{Topology, TopologyOptions};
 use spinney::{CombineOperation, ExactModel, SetOperation};
@@ -38,7 +38,7 @@ fn item_56_indices_of_boundaries() {
     pairs.sort_unstable();
     for operation in SetOperation::ALL {
         let mut found: Vec<_> =
-            boundary_parts(operation).iter().map(|part| (part.index(), part.sets)).collect();
+            boundary_classes(operation).iter().map(|part| (part.index(), part.sets)).collect();
         found.sort_unstable();
         assert_eq!(found, pairs);
     }
@@ -49,14 +49,14 @@ fn item_56_indices_of_boundaries() {
 fn item_57_the_theorem_of_indices() {
     for operation in SetOperation::ALL {
         let has = |set: u8| operation.index() >> set & 1 == 1;
-        for part in boundary_parts(operation) {
-            let [behind, front] = part.sets;
-            assert_eq!(part.is_taken(), has(behind) != has(front), "{operation}: {}", part.name);
-            assert_eq!(part.is_turned(), !has(behind) && has(front), "{operation}: {}", part.name);
+        for part in boundary_classes(operation) {
+            let [back, front] = part.sets;
+            assert_eq!(part.is_taken(), has(back) != has(front), "{operation}: {}", part.name);
+            assert_eq!(part.is_turned(), !has(back) && has(front), "{operation}: {}", part.name);
         }
     }
     let indices = |operation: SetOperation| {
-        let parts = boundary_parts(operation).into_iter();
+        let parts = boundary_classes(operation).into_iter();
         let mut taken: Vec<_> =
             parts.filter(|part| part.is_taken()).map(|part| (part.index(), part.sets)).collect();
         taken.sort_unstable();
@@ -78,15 +78,16 @@ fn item_57_the_theorem_of_indices() {
 const A: &str = "block(0,0,0, 4,4,4)";
 const B: &str = "union(block(2,1,0, 7,3,3), block(-2,1,1, 0,2,2))";
 
-/// Areas of their boundary components, in the order of [`boundary_parts`]. All subset sums differ.
+/// Areas of their boundary components, in the order of [`boundary_classes`]. All subset sums
+/// differ.
 const AREAS: [f64; 6] = [85.0, 6.0, 45.0, 22.0, 4.0, 1.0];
 /// Volumes of the sets.
 const VOLUMES: [f64; 3] = [12.0, 52.0, 20.0];
 
-fn bodies(folder: &Path) -> [String; 2] {
+fn bodies(directory: &Path) -> [String; 2] {
     [("a", A), ("b", B)].map(|(name, text)| {
         let [csg, model] = ["csg", "goblin"]
-            .map(|ending| folder.join(name).with_extension(ending).to_str().unwrap().to_string());
+            .map(|ending| directory.join(name).with_extension(ending).to_str().unwrap().to_string());
         std::fs::write(&csg, text).unwrap();
         stdout(&["build", "-q", &csg, "-o", &model, "--brep", "--snap", "0.5"]);
         model
@@ -96,19 +97,19 @@ fn bodies(folder: &Path) -> [String; 2] {
 /// All sixteen results have exactly the faces that the table lists.
 #[test]
 fn item_57_faces_of_all_sixteen_operations() {
-    let folder = tempfile::tempdir().unwrap();
-    let [a, b] = bodies(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let [a, b] = bodies(directory.path());
     for operation in 0..16u8 {
-        let path: PathBuf = folder.path().join(format!("{operation}.goblin"));
+        let path: PathBuf = directory.path().join(format!("{operation}.goblin"));
         let out = path.to_str().unwrap();
-        let told = stdout(&["combine", "-q", &operation.to_string(), &a, &b, "-o", out, "--explain"]);
-        let parts = boundary_parts(set_operation(operation));
+        let printed = stdout(&["combine", "-q", &operation.to_string(), &a, &b, "-o", out, "--explain"]);
+        let parts = boundary_classes(set_operation(operation));
         for part in &parts {
-            let line = told.lines().find(|line| line.contains(part.name)).unwrap();
+            let line = printed.lines().find(|line| line.contains(part.name)).unwrap();
             let taken = match (part.is_taken(), part.is_turned()) {
                 (false, _) => "no",
                 (_, false) => "yes",
-                (_, true) => "turned",
+                (_, true) => "reversed",
             };
             assert!(line.trim().starts_with(&part.index().to_string()) && line.ends_with(taken), "{line}");
         }
@@ -126,26 +127,26 @@ fn item_57_faces_of_all_sixteen_operations() {
 
 #[test]
 fn item_57_what_cannot_be_explained() {
-    let folder = tempfile::tempdir().unwrap();
-    let [a, b] = bodies(folder.path());
-    let out = folder.path().join("out.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let [a, b] = bodies(directory.path());
+    let out = directory.path().join("out.goblin");
     let out = out.to_str().unwrap();
-    let told = complaint(&["combine", "or", &a, &b, &a, "-o", out, "--explain"], 1);
-    assert!(told.contains("two models"), "{told}");
-    let cells = folder.path().join("cells.goblin");
+    let message = complaint(&["combine", "or", &a, &b, &a, "-o", out, "--explain"], 1);
+    assert!(message.contains("got 3 models, expected 2"), "{message}");
+    let cells = directory.path().join("cells.goblin");
     let cells = cells.to_str().unwrap();
     stdout(&["build", "-q", &a, "-o", cells, "--cells", "8"]);
-    let told = complaint(&["combine", "or", cells, cells, "-o", out, "--explain"], 1);
-    assert!(told.contains("exact models"), "{told}");
+    let message = complaint(&["combine", "or", cells, cells, "-o", out, "--explain"], 1);
+    assert!(message.contains("exact models"), "{message}");
 }
 
 fn open(path: &str) -> ExactModel {
     ExactModel::open(Path::new(path), &Default::default()).unwrap()
 }
 
-fn exact(folder: &Path, name: &str, text: &str) -> String {
+fn exact(directory: &Path, name: &str, text: &str) -> String {
     let [csg, model] = ["csg", "goblin"]
-        .map(|ending| folder.join(name).with_extension(ending).to_str().unwrap().to_string());
+        .map(|ending| directory.join(name).with_extension(ending).to_str().unwrap().to_string());
     std::fs::write(&csg, text).unwrap();
     stdout(&["build", "-q", &csg, "-o", &model, "--brep", "--snap", "0.125", "--deviation", "0.1"]);
     model
@@ -155,8 +156,8 @@ fn exact(folder: &Path, name: &str, text: &str) -> String {
 /// unchanged.
 #[test]
 fn item_63_sections_are_edges_of_both() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let [a2, b2, rest] = ["a2.goblin", "b2.goblin", "rest.goblin"].map(name);
     let pairs = [
         // Three edges of each pass through faces of the other.
@@ -171,7 +172,7 @@ fn item_63_sections_are_edges_of_both() {
         ("rotate(3,1,2, 70, block(0,0,0, 4,4,4))", "cylinder(1,1,-3, 2,1,7, 1)", false),
     ];
     for (one, other, is_on_grid) in pairs {
-        let (a, b) = (exact(folder.path(), "a", one), exact(folder.path(), "b", other));
+        let (a, b) = (exact(directory.path(), "a", one), exact(directory.path(), "b", other));
         stdout(&["section", "-q", &a, &b, "--split", &a2, "--split-other", &b2]);
         let found = surface_intersection(&open(&a), &open(&b), 64 << 20, &()).unwrap();
         assert!(!found.lines.is_empty());
@@ -213,15 +214,15 @@ fn item_63_sections_are_edges_of_both() {
 
 #[test]
 fn item_63_what_cannot_be_divided() {
-    let folder = tempfile::tempdir().unwrap();
-    let [a, b] = bodies(folder.path());
-    let out = folder.path().join("out.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let [a, b] = bodies(directory.path());
+    let out = directory.path().join("out.goblin");
     let out = out.to_str().unwrap();
-    let told = complaint(&["section", &a, "z=1", "--split", out], 1);
-    assert!(told.contains("two models"), "{told}");
-    let told = complaint(&["section", &a, &b, "--split", out, "--split-other", out], 1);
-    assert!(told.contains("two outputs"), "{told}");
-    let told = complaint(&["section", &a, &b, "--split", &b], 1);
-    assert!(told.contains("is an input"), "{told}");
+    let message = complaint(&["section", &a, "z=1", "--split", out], 1);
+    assert!(message.contains("only with another model"), "{message}");
+    let message = complaint(&["section", &a, &b, "--split", out, "--split-other", out], 1);
+    assert!(message.contains("two outputs"), "{message}");
+    let message = complaint(&["section", &a, &b, "--split", &b], 1);
+    assert!(message.contains("is an input"), "{message}");
     assert!(complaint(&["section", &a, &b], 2).contains("--output"));
 }

@@ -16,16 +16,16 @@ use crate::common::{CLASSIC, Cells, OCT, QUAD, as_byte, byte, children, goblin};
 
 const PREORDER: &str = "GG1G13331G3312GG31331G3222G11221G221G1211";
 
-fn picture() -> MemTree {
+fn classic_tree() -> MemTree {
     let cell = |[x, y, _]: [u32; 3]| Some(byte(CLASSIC[y as usize][x as usize]));
     MemTree::from_cells(QUAD, 3, Rule::Dominant, &cell)
 }
 
-fn picture_file() -> Goblin {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("picture.goblin");
+fn classic_file() -> Goblin {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("classic.goblin");
     let options = BuildOptions::new(DataKind::Categorical, 3).rule(Rule::Dominant).memory(1 << 20);
-    build_tree(&picture(), [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
+    build_tree(&classic_tree(), [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     Goblin::from_bytes(std::fs::read(&path).unwrap()).unwrap()
 }
 
@@ -33,9 +33,9 @@ fn picture_file() -> Goblin {
 fn nodes(tree: &MemTree) -> Vec<(Code, Child<usize>)> {
     let mut pending = vec![(Code::root(tree.form().dimension), tree.root().unwrap())];
     let mut nodes = Vec::new();
-    while let Some((code, place)) = pending.pop() {
-        nodes.push((code, place));
-        if let Child::Inner { node, .. } = place {
+    while let Some((code, subtree)) = pending.pop() {
+        nodes.push((code, subtree));
+        if let Child::Inner { node, .. } = subtree {
             let children = children(tree, &node).into_iter().enumerate().rev();
             pending.extend(children.map(|(i, child)| (code.child(i), child)));
         }
@@ -44,7 +44,7 @@ fn nodes(tree: &MemTree) -> Vec<(Code, Child<usize>)> {
 }
 
 fn leaves(tree: &MemTree) -> usize {
-    nodes(tree).iter().filter(|(_, place)| !place.is_inner()).count()
+    nodes(tree).iter().filter(|(_, subtree)| !subtree.is_inner()).count()
 }
 
 /// Nodes have four children or none; uniform nodes and single cells are not subdivided, all others
@@ -54,12 +54,12 @@ fn item_1_nodes_have_four_children_or_none() {
     for seed in 0..20 {
         let cells = Cells::random(QUAD, seed, [1 + 13 * seed, 200 - 9 * seed, 1], 4, true);
         let tree = cells.tree(Rule::Mean);
-        for (code, place) in nodes(&tree) {
+        for (code, subtree) in nodes(&tree) {
             let bounds = code.bounds(tree.depth());
             let [columns, mut rows] = [0, 1].map(|axis| bounds.min[axis]..bounds.max[axis]);
             let first = cells.get(bounds.min);
             let is_uniform = rows.all(|y| columns.clone().all(|x| cells.get([x, y, 0]) == first));
-            match place {
+            match subtree {
                 Child::Inner { node, .. } => {
                     assert!(!is_uniform && code.level() < tree.depth());
                     assert_eq!(children(&tree, &node).len(), 4);
@@ -94,7 +94,7 @@ fn item_5_codes_of_leaves_without_the_background() {
     let tree = df::from_text(QUAD, DF, 3, byte(1), Rule::Dominant).unwrap();
     let black: Vec<Code> = nodes(&tree)
         .into_iter()
-        .filter(|(_, place)| *place == Child::Leaf(byte(1)))
+        .filter(|(_, subtree)| *subtree == Child::Leaf(byte(1)))
         .map(|(code, _)| code)
         .collect();
     assert_eq!(black.len(), DF.matches('B').count());
@@ -118,7 +118,7 @@ fn item_15_equal_neighbours_are_merged() {
             blocks = (0..side * side)
                 .map(|at| {
                     let first = at / side * 4 * side + at % side * 2;
-                    let four = [0, 1, 2 * side, 2 * side + 1].map(|beside| blocks[first + beside]);
+                    let four = [0, 1, 2 * side, 2 * side + 1].map(|offset| blocks[first + offset]);
                     four[0].filter(|_| four.iter().all(|block| *block == four[0]))
                 })
                 .collect();
@@ -206,13 +206,13 @@ fn item_9_fd_codes() {
     let printed = "000 100 110 120 130 200 210 211 212 213 220 230 310 320 330";
     let missing = ["300", "321", "322", "323"];
     let tree = df::from_text(QUAD, DF, 3, byte(1), Rule::Dominant).unwrap();
-    let leaves: Vec<_> = nodes(&tree).into_iter().filter(|(_, place)| !place.is_inner()).collect();
+    let leaves: Vec<_> = nodes(&tree).into_iter().filter(|(_, subtree)| !subtree.is_inner()).collect();
     assert!(leaves.iter().map(|(code, _)| code.bits()).is_sorted());
-    let texts: Vec<String> = leaves.iter().map(|(code, _)| format!("{:0<3}", code.quadkey())).collect();
-    assert!(texts.is_sorted());
-    let shown: Vec<&str> = texts.iter().map(String::as_str).filter(|text| !missing.contains(text)).collect();
+    let keys: Vec<String> = leaves.iter().map(|(code, _)| format!("{:0<3}", code.quadkey())).collect();
+    assert!(keys.is_sorted());
+    let shown: Vec<&str> = keys.iter().map(String::as_str).filter(|text| !missing.contains(text)).collect();
     assert_eq!(shown.join(" "), printed);
-    assert_eq!(texts.len(), 19);
+    assert_eq!(keys.len(), 19);
 }
 
 #[test]
@@ -243,8 +243,8 @@ fn representative(text: &str, rule: Rule) -> (u8, Vec<(Option<u8>, bool)>) {
 }
 
 #[test]
-fn item_3_picture_of_the_tables() {
-    let tree = picture();
+fn item_3_raster_of_the_tables() {
+    let tree = classic_tree();
     assert_eq!(df::to_text(&tree, None).unwrap(), PREORDER);
     assert_eq!((tree.inner_nodes(), leaves(&tree)), (10, 31));
     assert_eq!(tree.root().unwrap().value(), Some(byte(1)));
@@ -274,11 +274,11 @@ const GOBLIN: [[i32; 5]; 10] = [
 
 #[test]
 fn item_29_goblin_table_from_the_tree() {
-    let tree = picture();
+    let tree = classic_tree();
     let nodes = nodes(&tree);
-    let inner: Vec<_> = nodes.iter().filter(|(_, place)| place.is_inner()).collect();
-    for (number, (code, place)) in inner.iter().enumerate() {
-        let Child::Inner { node, .. } = place else { unreachable!() };
+    let inner: Vec<_> = nodes.iter().filter(|(_, subtree)| subtree.is_inner()).collect();
+    for (number, (code, subtree)) in inner.iter().enumerate() {
+        let Child::Inner { node, .. } = subtree else { unreachable!() };
         let mut fields: Vec<i32> = Vec::new();
         for child in children(&tree, node) {
             let value = as_byte(child.value().unwrap());
@@ -294,7 +294,7 @@ fn item_29_goblin_table_from_the_tree() {
 
 #[test]
 fn item_28_goblin_table_from_the_file() {
-    let file = picture_file();
+    let file = classic_file();
     assert_eq!((file.segments(), file.stored_records()), (1, 10));
     assert_eq!(file.root_child().value(), Some(byte(1))); // minus the identification value -1
     let (segment, layout) = (file.segment(0).unwrap(), file.layout());
@@ -327,12 +327,12 @@ const AUTUMNAL: [[i32; 5]; 10] = [
 
 #[test]
 fn item_32_autumnal_table_from_the_tree() {
-    let tree = picture();
+    let tree = classic_tree();
     let nodes = nodes(&tree);
-    let inner: Vec<_> = nodes.iter().filter(|(_, place)| place.is_inner()).collect();
+    let inner: Vec<_> = nodes.iter().filter(|(_, subtree)| subtree.is_inner()).collect();
     let number = |code: Code| inner.iter().position(|(other, _)| *other == code).unwrap() as i32 + 1;
-    for (i, (code, place)) in inner.iter().enumerate() {
-        let Child::Inner { representative, node } = place else { unreachable!() };
+    for (i, (code, subtree)) in inner.iter().enumerate() {
+        let Child::Inner { representative, node } = subtree else { unreachable!() };
         let mut fields: Vec<i32> = Vec::new();
         for (c, child) in children(&tree, node).iter().enumerate() {
             let leaf = as_byte(child.value().unwrap()) as i32;
@@ -347,7 +347,7 @@ fn item_32_autumnal_table_from_the_tree() {
 /// needs only the records above that level, while Autumnal records hold their own.
 #[test]
 fn item_33_reads_to_show_a_level() {
-    let file = picture_file();
+    let file = classic_file();
     let inner: Vec<u64> = file.metadata().counts.levels().iter().map(|[_, _, inner]| *inner).collect();
     assert_eq!(inner, [1, 3, 6, 0]);
     let goblin = |level: usize| inner[..level].iter().sum::<u64>();
@@ -402,7 +402,7 @@ fn item_41_octree_df_expression() {
     // Full volume: 25 of the 64 cells.
     let full: u64 = nodes(&tree)
         .iter()
-        .filter(|(_, place)| *place == Child::Leaf(byte(255)))
+        .filter(|(_, subtree)| *subtree == Child::Leaf(byte(255)))
         .map(|(code, _)| 1 << (3 * (2 - code.level())))
         .sum();
     assert_eq!(full, 25);

@@ -72,11 +72,11 @@ impl Body {
     }
 
     /// Returns the depth of a point inside the solid.
-    fn deep(self, place: Vector) -> f64 {
-        let place = [0, 1, 2].map(|axis| place[axis] - MIDDLE[axis]);
+    fn deep(self, point: Vector) -> f64 {
+        let point = [0, 1, 2].map(|axis| point[axis] - MIDDLE[axis]);
         match self {
-            Body::Ball => 1.0 - dot(place, place).sqrt(),
-            Body::Cube => 1.0 - place.iter().fold(0.0, |most: f64, at| most.max(at.abs())),
+            Body::Ball => 1.0 - dot(point, point).sqrt(),
+            Body::Cube => 1.0 - point.iter().fold(0.0, |most: f64, at| most.max(at.abs())),
         }
     }
 }
@@ -101,8 +101,8 @@ impl View {
             for column in 0..pixels {
                 let [across, down] =
                     [column, row].map(|at| (f64::from(at) + 0.5 - f64::from(pixels) / 2.0) * view.pixel());
-                let place = [0, 1, 2].map(|axis| MIDDLE[axis] + across * right[axis] - down * axes[1][axis]);
-                view.seen.push(body.entered(place, towards.map(|part| -part)));
+                let point = [0, 1, 2].map(|axis| MIDDLE[axis] + across * right[axis] - down * axes[1][axis]);
+                view.seen.push(body.entered(point, towards.map(|part| -part)));
             }
         }
         view
@@ -119,9 +119,9 @@ impl View {
     }
 
     /// Writes the image, and returns the view's JSON.
-    fn write(&self, folder: &Path, number: usize) -> String {
+    fn write(&self, directory: &Path, number: usize) -> String {
         let name = format!("{number}.png");
-        let file = BufWriter::new(File::create(folder.join(&name)).unwrap());
+        let file = BufWriter::new(File::create(directory.join(&name)).unwrap());
         let mut encoder = png::Encoder::new(file, self.pixels, self.pixels);
         encoder.set_color(png::ColorType::Grayscale);
         let bytes: Vec<u8> = if self.is_depth {
@@ -138,14 +138,14 @@ impl View {
             false => r#""silhouette""#,
         };
         format!(
-            r#"{{"picture": "{name}", "kind": {kind}, "direction": {towards:?}, "up": {up:?}, "centre": {MIDDLE:?}, "pixel": {}}}"#,
+            r#"{{"image": "{name}", "kind": {kind}, "direction": {towards:?}, "up": {up:?}, "centre": {MIDDLE:?}, "pixel": {}}}"#,
             self.pixel()
         )
     }
 
     /// Returns whether a view keeps a point, by the documented definition.
-    fn leaves(&self, place: Vector) -> bool {
-        let from_middle = [0, 1, 2].map(|axis| place[axis] - MIDDLE[axis]);
+    fn leaves(&self, point: Vector) -> bool {
+        let from_middle = [0, 1, 2].map(|axis| point[axis] - MIDDLE[axis]);
         let [right, up, towards] = self.axes.map(|axis| dot(axis, from_middle));
         let [column, row] = [right, -up].map(|at| (at / self.pixel() + f64::from(self.pixels) / 2.0).floor());
         let side = f64::from(self.pixels);
@@ -198,36 +198,37 @@ fn centre(index: usize, cells: usize, low: Vector, cell: f64) -> Vector {
 /// Carves a solid, compares it with a model that tests every cell in all views, and returns its
 /// volume.
 fn carved(body: Body, count: usize, is_depth: bool, (cells, pixels): (usize, u32)) -> f64 {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let views: Vec<View> =
         directions(count).into_iter().map(|direction| View::new(body, direction, pixels, is_depth)).collect();
-    let texts: Vec<String> =
-        views.iter().enumerate().map(|(number, view)| view.write(folder.path(), number)).collect();
+    let view_list: Vec<String> =
+        views.iter().enumerate().map(|(number, view)| view.write(directory.path(), number)).collect();
     // No cell centre is on a border between pixels, where rounding would decide.
     let corner = |side: f64| {
         let shift = [0.0012, 0.0007, -0.0009];
         [0, 1, 2].map(|axis| MIDDLE[axis] + side + shift[axis])
     };
     let [low, high] = [-HALF, HALF].map(corner);
-    let text = folder.path().join("body.views");
+    let text = directory.path().join("body.views");
     let [x, y, z] = low;
     let [to_x, to_y, to_z] = high;
     let bounds = [x, y, z, to_x, to_y, to_z];
-    std::fs::write(&text, format!(r#"{{"bounds": {bounds:?}, "views": [{}]}}"#, texts.join(","))).unwrap();
+    std::fs::write(&text, format!(r#"{{"bounds": {bounds:?}, "views": [{}]}}"#, view_list.join(",")))
+        .unwrap();
     let import = plan_views(&text, &options(cells as u64), &FileAccess::default()).unwrap();
-    let found = full(import, &folder.path().join("body.goblin"), cells);
+    let found = full(import, &directory.path().join("body.goblin"), cells);
     let cell = 2.0 * HALF / cells as f64;
     for (index, is_full) in found.iter().enumerate() {
-        let place = centre(index, cells, low, cell);
+        let point = centre(index, cells, low, cell);
         assert_eq!(
             *is_full,
-            views.iter().all(|view| view.leaves(place)),
-            "{body:?} {count} {is_depth} {place:?}"
+            views.iter().all(|view| view.leaves(point)),
+            "{body:?} {count} {is_depth} {point:?}"
         );
         // The result contains the true solid, except for points nearer to its surface than a pixel
         // width.
-        let deep = body.deep(place);
-        assert!(*is_full || deep < views[0].pixel(), "{body:?} {count} {is_depth} {place:?}: {deep}");
+        let deep = body.deep(point);
+        assert!(*is_full || deep < views[0].pixel(), "{body:?} {count} {is_depth} {point:?}: {deep}");
     }
     found.iter().filter(|is_full| **is_full).count() as f64 * cell.powi(3)
 }
@@ -263,17 +264,17 @@ fn a_cube_is_carved_from_6_and_26_directions() {
 }
 
 #[test]
-fn what_is_carved_does_not_depend_on_threads() {
-    let folder = tempfile::tempdir().unwrap();
+fn carving_does_not_depend_on_threads() {
+    let directory = tempfile::tempdir().unwrap();
     let views: Vec<String> = (directions(26).into_iter().enumerate())
         .map(|(number, direction)| {
-            View::new(Body::Ball, direction, 64, number % 2 == 0).write(folder.path(), number)
+            View::new(Body::Ball, direction, 64, number % 2 == 0).write(directory.path(), number)
         })
         .collect();
-    let text = folder.path().join("body.views");
+    let text = directory.path().join("body.views");
     std::fs::write(&text, format!(r#"{{"bounds": [-1,-2,-1,2,1,2.5], "views": [{}]}}"#, views.join(",")))
         .unwrap();
-    let path = folder.path().join("body.goblin");
+    let path = directory.path().join("body.goblin");
     let build = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let import = plan_views(&text, &options(150), &FileAccess::default()).unwrap();
@@ -304,25 +305,25 @@ fn square(low: f64, high: f64) -> Vec<[f64; 2]> {
 }
 
 /// Writes polygons, each with its height and rings.
-fn outlines(folder: &Path, polygons: &[(f64, Vec<Vec<[f64; 2]>>)]) -> PathBuf {
+fn outlines(directory: &Path, polygons: &[(f64, Vec<Vec<[f64; 2]>>)]) -> PathBuf {
     let mut text = String::from("wkt,height\n");
     for (height, rings) in polygons {
         let rings: Vec<String> = rings.iter().map(|corners| ring(corners)).collect();
         writeln!(text, "\"POLYGON ({})\",{height}", rings.join(", ")).unwrap();
     }
-    let path = folder.join("outlines.csv");
+    let path = directory.join("outlines.csv");
     std::fs::write(&path, text).unwrap();
     path
 }
 
 /// Returns the volume of the solid of outlines.
 fn solid(polygons: &[(f64, Vec<Vec<[f64; 2]>>)], resolution: Resolution) -> f64 {
-    let folder = tempfile::tempdir().unwrap();
-    let path = outlines(folder.path(), polygons);
+    let directory = tempfile::tempdir().unwrap();
+    let path = outlines(directory.path(), polygons);
     let mut options = SolidOptions::new();
     options.resolution = resolution;
     let import = plan_outlines(&path, "height", &Default::default(), &options).unwrap();
-    let made = folder.path().join("solid.goblin");
+    let made = directory.path().join("solid.goblin");
     import.build(Output::create(&made).unwrap(), &()).unwrap();
     let tree = spinney::open(&made).unwrap();
     tree.solid(tree.depth(), &()).unwrap().world_volume()
@@ -380,10 +381,10 @@ fn outlines_are_interpolated_by_their_distances() {
         (0.01, vec![square(0.5, 1.5)]),
         (1.1, vec![star(1.9, 0.4)]),
     ];
-    let folder = tempfile::tempdir().unwrap();
-    let path = outlines(folder.path(), &polygons);
+    let directory = tempfile::tempdir().unwrap();
+    let path = outlines(directory.path(), &polygons);
     let import = plan_outlines(&path, "height", &Default::default(), &options(90)).unwrap();
-    let made = folder.path().join("solid.goblin");
+    let made = directory.path().join("solid.goblin");
     import.build(Output::create(&made).unwrap(), &()).unwrap();
     let tree = spinney::open(&made).unwrap();
     let extent = tree.header().extent;
@@ -442,23 +443,23 @@ fn outlines_are_interpolated_by_their_distances() {
 }
 
 #[test]
-fn outlines_that_make_no_solid_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
+fn invalid_outlines_are_rejected() {
+    let directory = tempfile::tempdir().unwrap();
     let plan = |polygons: &[(f64, Vec<Vec<[f64; 2]>>)], memory: u64| {
-        let path = outlines(folder.path(), polygons);
+        let path = outlines(directory.path(), polygons);
         let mut options = SolidOptions::new();
         options.memory = memory;
         plan_outlines(&path, "height", &Default::default(), &options).err().unwrap().to_string()
     };
     let one = (1.0, vec![square(0.0, 1.0)]);
     let flat = (2.0, vec![vec![[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]]);
-    let told = plan(std::slice::from_ref(&one), 1 << 30);
+    let message = plan(std::slice::from_ref(&one), 1 << 30);
     assert!(
-        told.contains("outlines.csv with outlines at 1 heights") && told.contains("two heights"),
-        "{told}"
+        message.contains("outlines.csv: got outlines at 1 heights") && message.contains("two heights"),
+        "{message}"
     );
-    let told = plan(&[one.clone(), flat], 1 << 30);
-    assert!(told.contains("height 2 that have no area"), "{told}");
-    let told = plan(&[one, (2.0, vec![circle(1.0)])], 40_000);
-    assert!(told.contains("--memory"), "{told}");
+    let message = plan(&[one.clone(), flat], 1 << 30);
+    assert!(message.contains("an outline without an area, at height 2,"), "{message}");
+    let message = plan(&[one, (2.0, vec![circle(1.0)])], 40_000);
+    assert!(message.contains("--memory"), "{message}");
 }

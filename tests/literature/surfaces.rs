@@ -25,8 +25,8 @@ fn twice_area([a, b, c]: [[f64; 2]; 3]) -> f64 {
 }
 
 fn corners(tin: &Tin) -> Vec<[[f64; 2]; 3]> {
-    let places: Vec<[f64; 2]> = tin.vertices().map(|[x, y, _]| [x, y]).collect();
-    tin.triangles().iter().map(|corners| corners.map(|corner| places[corner as usize])).collect()
+    let positions: Vec<[f64; 2]> = tin.vertices().map(|[x, y, _]| [x, y]).collect();
+    tin.triangles().iter().map(|corners| corners.map(|corner| positions[corner as usize])).collect()
 }
 
 /// Returns whether the interiors of two segments intersect, or one has an end inside the other.
@@ -78,8 +78,8 @@ fn item_54_two_triangles_meet_in_a_vertex_or_a_whole_edge() {
 
 #[test]
 fn item_54_layers_are_closed() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("layers.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("layers.goblin");
     let heights: [(&str, Height); 4] = [
         ("ground", |x, y| 40.0 + (x / 5.0).sin() + y / 9.0),
         ("sand", |x, _| 30.0 + x / 8.0),
@@ -110,17 +110,17 @@ fn item_54_layers_have_the_volumes_of_integrals() {
     for step in [2.0, 1.0, 0.5] {
         let count = (8.0 / step) as u32;
         let surface = |name: &str, height: Height| {
-            let places = (0..=count).flat_map(|row| (0..=count).map(move |column| [column, row]));
-            let places = places.map(|place| place.map(|at| f64::from(at) * step));
-            LayerSurface { name: name.into(), points: places.map(|[x, y]| [x, y, height(x, y)]).collect() }
+            let positions = (0..=count).flat_map(|row| (0..=count).map(move |column| [column, row]));
+            let positions = positions.map(|place| place.map(|at| f64::from(at) * step));
+            LayerSurface { name: name.into(), points: positions.map(|[x, y]| [x, y, height(x, y)]).collect() }
         };
         let top = surface("top", |x, y| 5.0 + (x * x + y * y) / 16.0);
         let input = LayerInput {
             surfaces: vec![top, surface("base", |x, _| x / 4.0 - 2.0)],
             ..LayerInput::default()
         };
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("bowl.goblin");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("bowl.goblin");
         let report = build_layers(&input, &LayerOptions::new(), Output::create(&path).unwrap(), &()).unwrap();
         // Chords of x² are above it by a sixth of the squared step length, on average.
         let expected = exact + 2.0 * 64.0 * step * step / 6.0 / 16.0;
@@ -141,10 +141,10 @@ fn item_61_lines_in_a_face_are_edges_and_not_crossed() {
         let mut segments: Vec<[[f64; 2]; 2]> = Vec::new();
         while segments.len() < 8 {
             let segment = [0; 2].map(|_: i32| [0; 2].map(|_: i32| 1.0 + random(98) as f64));
-            let apart = |other: &[[f64; 2]; 2]| {
+            let is_separate = |other: &[[f64; 2]; 2]| {
                 !cross(*other, segment) && other.iter().all(|end| !segment.contains(end))
             };
-            if segment[0] != segment[1] && segments.iter().all(apart) {
+            if segment[0] != segment[1] && segments.iter().all(is_separate) {
                 segments.push(segment);
             }
         }
@@ -190,8 +190,8 @@ fn item_62_a_box_of_sixteen_triangles_has_ten_vertices() {
     };
     let input =
         LayerInput { surfaces: vec![surface("top", 4.0), surface("base", 0.0)], ..LayerInput::default() };
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("box.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("box.goblin");
     let report = build_layers(&input, &LayerOptions::new(), Output::create(&path).unwrap(), &()).unwrap();
     assert_eq!((report.faces, report.layers[0].volume), (4 + 4 + 4, 64.0));
     let model = ExactModel::open(&path, &Default::default()).unwrap();

@@ -49,12 +49,12 @@ fn all_items_have_a_row_and_a_test() {
 
 /// Returns the file of a test: in this test program, in another one, or next to the code.
 fn file_of(name: &str) -> PathBuf {
-    let folder = match name {
+    let directory = match name {
         _ if name.starts_with("crates/") => "",
         _ if name.contains('/') => "tests",
         _ => "tests/literature",
     };
-    let path = Path::new(folder).join(name);
+    let path = Path::new(directory).join(name);
     let inside = path.join("mod.rs");
     if Path::new(ROOT).join(&inside).exists() { inside } else { path.with_extension("rs") }
 }
@@ -84,7 +84,7 @@ fn commands_and_names_of_the_items_exist() {
     let is_public = |path: &str| public.lines().any(|line| line == path);
     for Row { number, made_by, .. } in rows() {
         for name in made_by {
-            if ["benches/", "examples/"].iter().any(|folder| name.starts_with(folder)) {
+            if ["benches/", "examples/"].iter().any(|directory| name.starts_with(directory)) {
                 read(&name);
             } else if let Some((module, item)) = name.rsplit_once("::") {
                 let is_of_it = public.lines().any(|line| {
@@ -96,7 +96,12 @@ fn commands_and_names_of_the_items_exist() {
             } else {
                 let mut parts = name.split(' ');
                 let command = parts.next().unwrap();
-                let help = stdout(&["help", command]);
+                // Options of a topic are on its page only.
+                let mut help = stdout(&["help", command]);
+                let table = help.split_once("TOPIC`):\n").map_or("", |(_, table)| table).to_owned();
+                for topic in table.lines().filter_map(|line| line.split_whitespace().next()) {
+                    help += &stdout(&["help", command, topic]);
+                }
                 let known = words(&help);
                 for part in parts {
                     assert!(

@@ -27,8 +27,8 @@ fn values(path: &Path, size: [u64; 3]) -> Vec<Option<f64>> {
 }
 
 fn ages(form: TreeType, size: [u64; 3], share: bool, seed: u64) {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name);
     let path = name("t.autumn");
     let mut random = Random(seed);
     let cells = Cells::random(form, seed, size, 6, true);
@@ -54,7 +54,7 @@ fn ages(form: TreeType, size: [u64; 3], share: bool, seed: u64) {
     for (index, expected) in history.iter().enumerate() {
         let number = index + 1;
         let out = name(&format!("age{number}.goblin"));
-        let at = folder.path().join(format!("t.autumn@{number}"));
+        let at = directory.path().join(format!("t.autumn@{number}"));
         blame(&at, Output::create(&out).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
         assert_eq!(values(&out, size), *expected, "{form} {share} {seed}: commit {number}");
     }
@@ -77,11 +77,11 @@ fn ages_are_those_of_every_cell() {
 
 #[test]
 fn files_without_commits_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.goblin");
     let cells = Cells::random(QUAD, 1, [9, 9, 1], 5, true);
     write_cells(&path, &cells, &options(Rule::Majority, DataKind::Categorical, cells.depth()));
-    let out = folder.path().join("o.goblin");
+    let out = directory.path().join("o.goblin");
     let error =
         blame(&path, Output::create(&out).unwrap(), WriteOptions::new(MEMORY), &()).unwrap_err().to_string();
     assert!(error.contains("commits"), "{error}");

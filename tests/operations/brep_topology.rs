@@ -225,7 +225,7 @@ fn a_hole_through_a_corner_opens_the_ring() {
 }
 
 #[test]
-fn open_surfaces_tell_their_boundaries() {
+fn boundaries_of_open_surfaces_are_listed() {
     let mut faces = cuboid([0; 3], [4; 3]);
     faces.remove(0);
     let made = topology(&model(&faces));
@@ -291,8 +291,8 @@ fn unions_of_cells() {
         let mut faces = Vec::new();
         for &cell in &cells {
             let walls = cuboid(cell, cell.map(|x| x + 1));
-            let beside = [[0, 0, 1], [0, 0, -1], [0, -1, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0]];
-            for (wall, by) in walls.into_iter().zip(beside) {
+            let offsets = [[0, 0, 1], [0, 0, -1], [0, -1, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0]];
+            for (wall, by) in walls.into_iter().zip(offsets) {
                 if !cells.contains(&[0, 1, 2].map(|axis| cell[axis] + by[axis])) {
                     faces.push(wall);
                 }
@@ -330,9 +330,9 @@ fn bodies(cells: &HashSet<[i32; 3]>) -> HashMap<[i32; 3], usize> {
             bodies.insert(cell, number);
             for axis in 0..3 {
                 for by in [-1, 1] {
-                    let mut beside = cell;
-                    beside[axis] += by;
-                    pending.push(beside);
+                    let mut offsets = cell;
+                    offsets[axis] += by;
+                    pending.push(offsets);
                 }
             }
         }
@@ -341,7 +341,7 @@ fn bodies(cells: &HashSet<[i32; 3]>) -> HashMap<[i32; 3], usize> {
 }
 
 #[test]
-fn rings_that_make_no_sense_do_no_harm() {
+fn invalid_rings_are_harmless() {
     let rings: [&[Ring]; 6] = [
         &[],
         &[vec![[1, 1, 1]]],
@@ -387,16 +387,16 @@ impl Progress for Stop {
 #[test]
 fn work_can_be_interrupted() {
     let cube = model(&cuboid([0; 3], [4; 3]));
-    let make = |questions: i64| Topology::of(&cube, &TopologyOptions::default(), &Stop(questions.into()));
-    let enough = (0..100).find(|&questions| !matches!(make(questions), Err(Error::Interrupted))).unwrap();
+    let make = |checks: i64| Topology::of(&cube, &TopologyOptions::default(), &Stop(checks.into()));
+    let enough = (0..100).find(|&checks| !matches!(make(checks), Err(Error::Interrupted))).unwrap();
     assert!(enough > 3 && make(enough).is_ok());
 }
 
 /// Closed meshes, against results of `trimesh`.
 #[test]
 fn real_meshes() {
-    let Some(folder) = shared_data() else { return };
-    let table = std::fs::read_to_string(folder.join("mesh/expected.tsv")).unwrap();
+    let Some(directory) = shared_data() else { return };
+    let table = std::fs::read_to_string(directory.join("mesh/expected.tsv")).unwrap();
     for row in table.lines().skip(1) {
         let fields: Vec<&str> = row.split('\t').collect();
         let Some(faces) = snapped(fields[0], &|_| true) else { continue };

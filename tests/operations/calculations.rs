@@ -9,7 +9,7 @@ use spinney::raw::store::{build_tree, depth_for};
 use spinney::tree::MemTree;
 use spinney::{
     Bounds, BuildOptions, DataKind, Dataset, Dimension, FileView, Frame, Metadata, Number, OpenOptions,
-    Output, Result, Rule, SampleType, TreeType, Value, ValueType, ViewStep, WriteOptions, transform,
+    Output, Result, Rule, SampleType, TreeType, Value, ValueType, ViewOperation, WriteOptions, transform,
 };
 
 /// Returns a cell's number: large patches, some alike, some noise; some cells are VOID.
@@ -39,13 +39,13 @@ struct TestFile {
 
 impl TestFile {
     fn new(
-        folder: &Path,
+        directory: &Path,
         name: &str,
         (dimension, value): (Dimension, ValueType),
         (extent, frame): ([u64; 3], Frame),
         bands: &[&str],
     ) -> TestFile {
-        let path = folder.join(name);
+        let path = directory.join(name);
         let seed = name.len() as u64 + u64::from(name.as_bytes()[0]);
         let depth = depth_for(extent);
         let cell = |cell: Cell| {
@@ -88,7 +88,7 @@ fn numbers(tree: &Dataset, level: u8, bounds: &Bounds, channel: usize) -> Vec<Op
 }
 
 fn view(tree: &TestFile, steps: &[&str]) -> Result<Dataset> {
-    let steps: Result<Vec<ViewStep>> = steps.iter().map(|step| step.parse()).collect();
+    let steps: Result<Vec<ViewOperation>> = steps.iter().map(|step| step.parse()).collect();
     tree.open().view(&steps?)
 }
 
@@ -103,10 +103,10 @@ fn ndvi(red: Option<f64>, near: Option<f64>) -> Option<f64> {
 
 const EXTENT: [u64; 3] = [330, 271, 1];
 
-fn two_channels(folder: &Path) -> TestFile {
+fn two_channels(directory: &Path) -> TestFile {
     let form = (Dimension::Quad, ValueType::new(SampleType::U16, 2));
     TestFile::new(
-        folder,
+        directory,
         "base.goblin",
         form,
         (EXTENT, Frame::planar([1.0, 0.0, 0.0, 0.0, -1.0, 0.0])),
@@ -116,8 +116,8 @@ fn two_channels(folder: &Path) -> TestFile {
 
 #[test]
 fn windows_at_every_level_are_arithmetic_on_windows() {
-    let folder = tempfile::tempdir().unwrap();
-    let base = two_channels(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let base = two_channels(directory.path());
     let file = base.open();
     let tree = view(&base, &["calc='(b2-red)/(\"near infrared\"+b1)'"]).unwrap();
     assert_eq!(tree.header().form.value, ValueType::new(SampleType::F32, 1));
@@ -149,9 +149,9 @@ fn windows_at_every_level_are_arithmetic_on_windows() {
 }
 
 /// Writes a file from operations, and runs the same queries on it and on the view.
-fn check_file_and_view(folder: &Path, base: &TestFile, steps: &[&str]) -> Dataset {
+fn check_file_and_view(directory: &Path, base: &TestFile, steps: &[&str]) -> Dataset {
     let tree = view(base, steps).unwrap();
-    let path = folder.join("made.goblin");
+    let path = directory.join("made.goblin");
     let mut chain = FileView::of(&base.path);
     chain.steps = steps.iter().map(|step| step.parse().unwrap()).collect();
     let outcome =
@@ -161,13 +161,13 @@ fn check_file_and_view(folder: &Path, base: &TestFile, steps: &[&str]) -> Datase
     assert_eq!(made.header().form, tree.header().form);
     assert_eq!((made.header().rule, made.header().kind), (tree.header().rule, tree.header().kind));
     assert_eq!((made.metadata().frame.matrix, made.depth()), (tree.metadata().frame.matrix, tree.depth()));
-    let (depth, picture) = (tree.depth(), tree.header().picture());
-    assert_eq!(made.header().picture(), picture);
-    assert_eq!(numbers(&tree, depth, &picture, 0), numbers(&made, depth, &picture, 0), "{steps:?}");
+    let (depth, whole) = (tree.depth(), tree.header().extent_bounds());
+    assert_eq!(made.header().extent_bounds(), whole);
+    assert_eq!(numbers(&tree, depth, &whole, 0), numbers(&made, depth, &whole, 0), "{steps:?}");
     // Results reported as exact are exact.
     let part =
-        Bounds { min: picture.max.map(|cell| cell / 4), max: picture.max.map(|cell| (cell * 3).div_ceil(4)) };
-    for bounds in [picture, part] {
+        Bounds { min: whole.max.map(|cell| cell / 4), max: whole.max.map(|cell| (cell * 3).div_ceil(4)) };
+    for bounds in [whole, part] {
         let (a, b) =
             (tree.statistics(Some(bounds), &()).unwrap(), made.statistics(Some(bounds), &()).unwrap());
         assert_eq!((a.cells, a.void_cells, &a.classes), (b.cells, b.void_cells, &b.classes));
@@ -176,7 +176,7 @@ fn check_file_and_view(folder: &Path, base: &TestFile, steps: &[&str]) -> Datase
         }
         let histogram = |tree: &Dataset| tree.histogram(&bounds, -1.0, 60.0, 7, &()).unwrap();
         assert_eq!(histogram(&tree), histogram(&made));
-        if bounds == picture {
+        if bounds == whole {
             assert_eq!(a.cells, outcome.after);
         }
     }
@@ -205,8 +205,8 @@ fn check_file_and_view(folder: &Path, base: &TestFile, steps: &[&str]) -> Datase
 
 #[test]
 fn files_and_views_agree() {
-    let folder = tempfile::tempdir().unwrap();
-    let base = two_channels(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let base = two_channels(directory.path());
     let calc = "calc='(b2-b1)/(b2+b1)'";
     for steps in [
         &[calc][..],
@@ -226,26 +226,31 @@ fn files_and_views_agree() {
         &["tree-depth=10", "calc=count(b1)"],
         &[calc, "depth=6"],
     ] {
-        check_file_and_view(folder.path(), &base, steps);
+        check_file_and_view(directory.path(), &base, steps);
     }
 }
 
 #[test]
-fn files_of_other_places_types_and_cells_are_operands() {
-    let folder = tempfile::tempdir().unwrap();
-    let base = two_channels(folder.path());
+fn files_with_other_extents_types_and_cells_are_operands() {
+    let directory = tempfile::tempdir().unwrap();
+    let base = two_channels(directory.path());
     let quad = |sample| (Dimension::Quad, ValueType::new(sample, 1));
     // Cells twice as large, of which the last extends beyond the other tree.
     let coarse = Frame::planar([2.0, 0.0, 0.0, 0.0, -2.0, 0.0]);
     let coarse =
-        TestFile::new(folder.path(), "coarse.goblin", quad(SampleType::U8), ([165, 136, 1], coarse), &[]);
+        TestFile::new(directory.path(), "coarse.goblin", quad(SampleType::U8), ([165, 136, 1], coarse), &[]);
     // Forty cells to the left, and ten above.
     let moved = Frame::planar([1.0, 0.0, -40.0, 0.0, -1.0, 10.0]);
-    let moved =
-        TestFile::new(folder.path(), "moved, b.goblin", quad(SampleType::F32), ([250, 200, 1], moved), &[]);
+    let moved = TestFile::new(
+        directory.path(),
+        "moved, b.goblin",
+        quad(SampleType::F32),
+        ([250, 200, 1], moved),
+        &[],
+    );
     let step =
         format!("calc=where(c>60,b1-c,max(m,b2)),c={},m=\"{}\"", coarse.path.display(), moved.path.display());
-    let tree = check_file_and_view(folder.path(), &base, &[&step]);
+    let tree = check_file_and_view(directory.path(), &base, &[&step]);
     assert_eq!(tree.header().extent, [370, 282, 1]);
     assert_eq!(tree.metadata().frame.matrix[0][3], -40.0);
     let cell_of = |file: &TestFile, x: i64, y: i64, extent: [u64; 3], channel: u64| -> Option<f64> {
@@ -257,8 +262,8 @@ fn files_of_other_places_types_and_cells_are_operands() {
             file.value.sample.nearest((number as f64).into()).to_f64()
         })
     };
-    let picture = tree.header().picture();
-    let found = numbers(&tree, tree.depth(), &picture, 0);
+    let whole = tree.header().extent_bounds();
+    let found = numbers(&tree, tree.depth(), &whole, 0);
     let mut present = 0;
     for (index, found) in found.into_iter().enumerate() {
         let (x, y) = (index as i64 % 370 - 40, index as i64 / 370 - 10);
@@ -276,7 +281,7 @@ fn files_of_other_places_types_and_cells_are_operands() {
     let tree = view(&coarse, &[&step]).unwrap();
     assert_eq!(tree.header().extent, [165, 136, 1]);
     // If levels are aligned, the calculation uses the level's own values.
-    let (level, bounds) = (tree.depth() - 2, Bounds::picture([41, 34, 1]));
+    let (level, bounds) = (tree.depth() - 2, Bounds::of_extent([41, 34, 1]));
     let (base, coarse) = (base.open(), coarse.open());
     let (a, b) =
         (numbers(&coarse, coarse.depth() - 2, &bounds, 0), numbers(&base, base.depth() - 3, &bounds, 0));
@@ -287,14 +292,14 @@ fn files_of_other_places_types_and_cells_are_operands() {
 
 #[test]
 fn coarser_cells_of_a_file_are_made_of_its_cells() {
-    let folder = tempfile::tempdir().unwrap();
-    let base = two_channels(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let base = two_channels(directory.path());
     let calc = "calc='(b2-b1)/(b2+b1)'";
-    let cells = check_file_and_view(folder.path(), &base, &[calc]);
-    let coarse = check_file_and_view(folder.path(), &base, &[calc, "scale=0.125"]);
-    let fine = numbers(&cells, cells.depth(), &Bounds::picture([328, 264, 1]), 0);
-    let found = numbers(&coarse, coarse.depth(), &Bounds::picture([41, 33, 1]), 0);
-    let approximate = numbers(&cells, cells.depth() - 3, &Bounds::picture([41, 33, 1]), 0);
+    let cells = check_file_and_view(directory.path(), &base, &[calc]);
+    let coarse = check_file_and_view(directory.path(), &base, &[calc, "scale=0.125"]);
+    let fine = numbers(&cells, cells.depth(), &Bounds::of_extent([328, 264, 1]), 0);
+    let found = numbers(&coarse, coarse.depth(), &Bounds::of_extent([41, 33, 1]), 0);
+    let approximate = numbers(&cells, cells.depth() - 3, &Bounds::of_extent([41, 33, 1]), 0);
     let mut off = 0;
     for (index, found) in found.iter().enumerate() {
         let (x, y) = (index % 41 * 8, index / 41 * 8);
@@ -308,12 +313,12 @@ fn coarser_cells_of_a_file_are_made_of_its_cells() {
 
 #[test]
 fn octrees_are_calculated_with() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let form = (Dimension::Oct, ValueType::new(SampleType::F32, 1));
-    let a = TestFile::new(folder.path(), "a.goblin", form, ([66, 35, 40], Frame::identity()), &[]);
-    let b = TestFile::new(folder.path(), "other.goblin", form, ([66, 35, 40], Frame::identity()), &[]);
+    let a = TestFile::new(directory.path(), "a.goblin", form, ([66, 35, 40], Frame::identity()), &[]);
+    let b = TestFile::new(directory.path(), "other.goblin", form, ([66, 35, 40], Frame::identity()), &[]);
     let step = format!("calc=where(b1>b,b1,-b),b={}", b.path.display());
-    let tree = check_file_and_view(folder.path(), &a, &[&step]);
+    let tree = check_file_and_view(directory.path(), &a, &[&step]);
     let (first, second) = (a.open(), b.open());
     for level in [3, tree.depth() - 1, tree.depth()] {
         let bounds = tree.extent_at(level);
@@ -322,27 +327,27 @@ fn octrees_are_calculated_with() {
             a.iter().zip(&b).map(|(a, b)| a.zip(*b).map(|(a, b)| if a > b { a } else { -b })).collect();
         assert_eq!(numbers(&tree, level, &bounds, 0), expected);
     }
-    let quad = two_channels(folder.path());
+    let quad = two_channels(directory.path());
     let step = format!("calc=b,b={}", quad.path.display());
     assert!(view(&a, &[&step]).unwrap_err().to_string().contains("quadtree"));
 }
 
 #[test]
-fn names_that_stand_for_nothing_are_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let base = two_channels(folder.path());
+fn unknown_names_are_reported() {
+    let directory = tempfile::tempdir().unwrap();
+    let base = two_channels(directory.path());
     let path = base.path.display();
     for (step, expected) in [
         (
             "calc=green".to_string(),
-            "`red`, `near infrared`, b1 to b2; or a file beside the expression: green=FILE",
+            "`red`, `near infrared`, b1 to b2; or a file after the expression: green=FILE",
         ),
         ("calc=b3".into(), "`b3`"),
         ("calc=b0".into(), "`b0`"),
         ("calc=x.red".into(), "`x.red`"),
         (format!("calc=x,x={path}"), "x.red, x.near infrared"),
         (format!("calc=x.blue,x={path}"), "red, near infrared"),
-        (format!("calc=b1,x={path}"), "a file `x` that it does not use"),
+        (format!("calc=b1,x={path}"), "the unused file `x`"),
         ("calc=x,x=/nowhere/x.goblin".into(), "nowhere"),
     ] {
         let error = view(&base, &[&step]).unwrap_err().to_string();
@@ -357,11 +362,11 @@ fn names_that_stand_for_nothing_are_told() {
 
 #[test]
 fn whole_numbers_of_classes_are_classes() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
     let cell = |[x, y, _]: Cell| Some(Value::from([(x / 16 + y / 16) as u8]));
     let tree = MemTree::from_cells(form, 7, Rule::Majority, &cell);
-    let path = folder.path().join("classes.goblin");
+    let path = directory.path().join("classes.goblin");
     let options = BuildOptions::new(DataKind::Categorical, 7);
     build_tree(&tree, [128, 128, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     let open = || dataset::open(&path, &OpenOptions::default()).unwrap();

@@ -7,7 +7,7 @@ use spinney::raw::ops::add_layer;
 use spinney::raw::store::TreeWriter;
 use spinney::{
     Bounds, DataKind, Dataset, Dimension, FileView, Frame, Metadata, Output, Rule, SampleType, Value,
-    ViewStep, WriteOptions, transform,
+    ViewOperation, WriteOptions, transform,
 };
 
 use crate::common::{Cells, goblin_from_tree, options, quad, value};
@@ -118,12 +118,12 @@ fn check(tree: &Dataset, file: &Dataset, numbers: &[usize], layers: &[Layer]) {
 
 #[test]
 fn composites_are_their_layers_side_by_side() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     for (round, sample) in [SampleType::U8, SampleType::U16, SampleType::F32].into_iter().enumerate() {
         for (name, nodata, has_void) in
             [("a.goblin", Some(250.0), true), ("b.autumn", None, true), ("c.goblin", None, false)]
         {
-            let path = folder.path().join(format!("{round}{name}"));
+            let path = directory.path().join(format!("{round}{name}"));
             let layers = layers(sample, 10 * round as u64, has_void);
             write(&path, &layers, nodata);
             let file = spinney::open(&path).unwrap();
@@ -150,7 +150,7 @@ fn composites_are_their_layers_side_by_side() {
 
 /// Writes a file from a view.
 fn made(path: &Path, steps: &[&str], name: &str) -> PathBuf {
-    let steps: Vec<ViewStep> = steps.iter().map(|step| step.parse().unwrap()).collect();
+    let steps: Vec<ViewOperation> = steps.iter().map(|step| step.parse().unwrap()).collect();
     let out = path.with_file_name(name);
     transform(
         &FileView { steps, ..FileView::of(path) },
@@ -163,9 +163,9 @@ fn made(path: &Path, steps: &[&str], name: &str) -> PathBuf {
 }
 
 #[test]
-fn files_of_composites_and_questions_to_them_are_alike() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("s.goblin");
+fn composites_and_files_of_them_have_the_same_results() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("s.goblin");
     let layers = layers(SampleType::U16, 5, true);
     write(&path, &layers, None);
     let tree = composite(&path, "l0,l1,l2").unwrap();
@@ -197,9 +197,9 @@ fn files_of_composites_and_questions_to_them_are_alike() {
 }
 
 #[test]
-fn numbers_that_are_in_use_stand_for_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("l0.goblin");
+fn numbers_in_use_are_not_nodata() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("l0.goblin");
     // All bytes occur, and VOID: no nodata value is free, and cells are VOID if one layer is.
     let cell = |number: u64| (!number.is_multiple_of(7)).then(|| Value::from([(number % 256) as u8]));
     let cells = |first: u64| Cells {
@@ -210,7 +210,7 @@ fn numbers_that_are_in_use_stand_for_nothing() {
     let layers = [(cells(0), 0), (cells(3), 0), (cells(1), 0)];
     for (number, (cells, _)) in layers.iter().enumerate() {
         let tree = cells.tree_of_depth(DEPTH, Rule::Mean);
-        let own = folder.path().join(format!("l{number}.goblin"));
+        let own = directory.path().join(format!("l{number}.goblin"));
         std::fs::write(&own, goblin_from_tree(&tree, SIZE, Rule::Mean, DataKind::Continuous)).unwrap();
         if number > 0 {
             add_layer(
@@ -230,9 +230,9 @@ fn numbers_that_are_in_use_stand_for_nothing() {
 }
 
 #[test]
-fn what_makes_no_composite_is_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("s.goblin");
+fn invalid_composites_are_reported() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("s.goblin");
     let cells =
         |sample: SampleType, channels: u8| (Cells::random(quad(sample, channels), 3, SIZE, 9, true), 0);
     let layers = [
@@ -243,12 +243,12 @@ fn what_makes_no_composite_is_told() {
     ];
     write(&path, &layers, None);
     for (names, expected) in [
-        ("l0,l1", "`l0` of u8, `l1` of u16, expected layers of one type: u8, u16 or f32; a calculation"),
+        ("l0,l1", "`l0` of u8, `l1` of u16, expected layers of one type: u8, u16 or f32; to convert a layer"),
         ("l2,l2", "`l2` of i16"),
         ("l0,x", "`x`"),
         ("l0,l3", "l3.b1, l3.b2, l3.b3"),
         ("l0", "1 layers"),
-        ("l0,l0,l0,l0,l0", "two to four"),
+        ("l0,l0,l0,l0,l0", "2 to 4 layers"),
         ("l0,l3.b7", "`l3.b7`"),
     ] {
         let error = composite(&path, names).unwrap_err().to_string();

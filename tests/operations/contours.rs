@@ -12,21 +12,21 @@ use crate::common::{Cells, OCT, Random, opened, options, quad, with, write_cells
 type Point = [f64; 2];
 
 /// Numbers of a raster, row by row.
-struct Picture {
+struct Raster {
     size: [usize; 2],
     numbers: Vec<Option<f64>>,
 }
 
-impl Picture {
+impl Raster {
     /// Reads a level of a tree.
-    fn of(tree: &Dataset, level: u8) -> Picture {
+    fn of(tree: &Dataset, level: u8) -> Raster {
         let bounds = tree.extent_at(level);
         let cells = bounds.volume() as usize;
         let (mut bytes, mut valid) = (vec![0; cells * 4], vec![false; cells]);
         tree.window(level, &bounds, 0.0, &mut bytes, Some(&mut valid)).unwrap();
         let number = |bytes: &[u8]| f64::from(f32::from_le_bytes(bytes.try_into().unwrap()));
         let numbers = bytes.chunks(4).zip(valid).map(|(bytes, valid)| valid.then(|| number(bytes))).collect();
-        Picture { size: [bounds.max[0] as usize, bounds.max[1] as usize], numbers }
+        Raster { size: [bounds.max[0] as usize, bounds.max[1] as usize], numbers }
     }
 
     fn is_inside(&self, [x, y]: [i64; 2]) -> bool {
@@ -50,9 +50,9 @@ impl Picture {
             for x in -1..width {
                 let cells = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]];
                 let values = cells.map(|cell| self.at(cell));
-                let places = cells.map(|cell| cell.map(|at| at as f64 + 0.5));
+                let positions = cells.map(|cell| cell.map(|at| at as f64 + 0.5));
                 if let [Some(a), Some(b), Some(c), Some(d)] = values {
-                    area += square(places, [a, b, c, d], level, &mut lines);
+                    area += square(positions, [a, b, c, d], level, &mut lines);
                     continue;
                 }
                 let is_cut = cells.iter().any(|cell| self.is_inside(*cell) && self.at(*cell).is_none());
@@ -64,13 +64,14 @@ impl Picture {
                     there.iter().sum::<f64>() / there.len() as f64
                 };
                 let middle = |i: usize| {
-                    let (a, b) = (places[i], places[(i + 1) % 4]);
+                    let (a, b) = (positions[i], positions[(i + 1) % 4]);
                     ([(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0], mean(&[i, (i + 1) % 4]))
                 };
                 let centre = ([x as f64 + 1.0, y as f64 + 1.0], mean(&[0, 1, 2, 3]));
                 for corner in 0..4 {
                     let Some(value) = values[corner] else { continue };
-                    let quarter = [(places[corner], value), middle(corner), centre, middle((corner + 3) % 4)];
+                    let quarter =
+                        [(positions[corner], value), middle(corner), centre, middle((corner + 3) % 4)];
                     area +=
                         square(quarter.map(|(at, _)| at), quarter.map(|(_, value)| value), level, &mut lines);
                 }
@@ -81,19 +82,19 @@ impl Picture {
 }
 
 /// Adds the lines through a square, and returns the area above the level.
-fn square(places: [Point; 4], values: [f64; 4], level: f64, lines: &mut Vec<[Point; 2]>) -> f64 {
+fn square(positions: [Point; 4], values: [f64; 4], level: f64, lines: &mut Vec<[Point; 2]>) -> f64 {
     let is_high = values.map(|value| value >= level);
     let crossing = |i: usize| {
         let (a, b) = (i, (i + 1) % 4);
         let share = (level - values[a]) / (values[b] - values[a]);
-        [0, 1].map(|axis| places[a][axis] + share * (places[b][axis] - places[a][axis]))
+        [0, 1].map(|axis| positions[a][axis] + share * (positions[b][axis] - positions[a][axis]))
     };
     let changes: Vec<usize> = (0..4).filter(|i| is_high[*i] != is_high[(*i + 1) % 4]).collect();
     let is_joined = values.iter().map(|value| 0.25 * value).sum::<f64>() >= level;
     let mut all = Vec::new();
     for i in 0..4 {
         if is_high[i] {
-            all.push(places[i]);
+            all.push(positions[i]);
         }
         if changes.contains(&i) {
             all.push(crossing(i));
@@ -112,7 +113,7 @@ fn square(places: [Point; 4], values: [f64; 4], level: f64, lines: &mut Vec<[Poi
                 let before = (i + 3) % 4;
                 let end = if is_joined { (i + 1) % 4 } else { before };
                 lines.push([crossing(i), crossing(end)]);
-                corners += shoelace(&[crossing(before), places[i], crossing(i)]);
+                corners += shoelace(&[crossing(before), positions[i], crossing(i)]);
             }
             return if is_joined { shoelace(&all) } else { corners };
         }
@@ -227,7 +228,7 @@ fn request(level: u8, nodata: ContourEnds) -> ContourRequest {
 fn lines_are_those_of_marching_squares() {
     for seed in 0..60 {
         let (tree, level, is_mirrored) = tree(seed);
-        let picture = Picture::of(&tree, level);
+        let raster = Raster::of(&tree, level);
         for nodata in [ContourEnds::Open, ContourEnds::Extend] {
             let (lines, _) = found(&tree, &request(level, nodata), false);
             let ours = lines.iter().flat_map(|([value, _], parts)| {
@@ -238,7 +239,7 @@ fn lines_are_those_of_marching_squares() {
                 })
             });
             let theirs = VALUES.into_iter().flat_map(|value| {
-                picture.contours(value, nodata).0.into_iter().map(move |line| (value, line))
+                raster.contours(value, nodata).0.into_iter().map(move |line| (value, line))
             });
             let (ours, theirs) = (segments(ours), segments(theirs));
             let missing = |all: &[[i64; 5]], from: &[[i64; 5]]| -> Vec<[i64; 5]> {
@@ -251,12 +252,12 @@ fn lines_are_those_of_marching_squares() {
             let is_alike = ours.len() == theirs.len() && left.len() == right.len() && all_near;
             assert!(is_alike, "{seed} {nodata:?}: only one has {left:?}, {right:?}");
             // Lines are joined to maximum length.
-            let place = |point: Point| point.map(f64::to_bits);
+            let bits = |point: Point| point.map(f64::to_bits);
             let open: Vec<_> =
                 lines.iter().filter(|(_, parts)| parts[0].first() != parts[0].last()).collect();
             for (value, parts) in &open {
-                let end = place(*parts[0].last().unwrap());
-                let goes_on = open.iter().any(|(other, parts)| value == other && place(parts[0][0]) == end);
+                let end = bits(*parts[0].last().unwrap());
+                let goes_on = open.iter().any(|(other, parts)| value == other && bits(parts[0][0]) == end);
                 assert!(!goes_on, "{seed} {nodata:?}");
             }
         }
@@ -267,7 +268,7 @@ fn lines_are_those_of_marching_squares() {
 fn closed_lines_go_around_what_is_higher() {
     for seed in 0..60 {
         let (tree, level, is_mirrored) = tree(seed);
-        let picture = Picture::of(&tree, level);
+        let raster = Raster::of(&tree, level);
         let (lines, _) = found(&tree, &request(level, ContourEnds::Close), false);
         let mut areas: BTreeMap<u64, f64> = BTreeMap::new();
         for ([value, _], parts) in &lines {
@@ -276,13 +277,13 @@ fn closed_lines_go_around_what_is_higher() {
                 shoelace(&parts[0]) * if is_mirrored { -1.0 } else { 1.0 };
         }
         for value in VALUES {
-            let (_, expected) = picture.contours(value, ContourEnds::Extend);
+            let (_, expected) = raster.contours(value, ContourEnds::Extend);
             let area = areas.get(&value.to_bits()).copied().unwrap_or(0.0);
             // A level below all values has no border except the raster's.
             let least = tree.value_bounds().unwrap().first().map_or(f64::INFINITY, |(least, _)| *least);
             if value > least {
                 assert!(
-                    (area - expected).abs() < 1e-3 * (1.0 + picture.valid()),
+                    (area - expected).abs() < 1e-3 * (1.0 + raster.valid()),
                     "{seed} {value}: {area}, not {expected}"
                 );
             }
@@ -294,7 +295,7 @@ fn closed_lines_go_around_what_is_higher() {
 fn bands_cover_every_cell_once() {
     for seed in 0..60 {
         let (tree, level, is_mirrored) = tree(seed);
-        let picture = Picture::of(&tree, level);
+        let raster = Raster::of(&tree, level);
         let (bands, summary) = found(&tree, &request(level, ContourEnds::Open), true);
         assert_eq!(summary.count, bands.len() as u64);
         let (mut areas, mut all): (BTreeMap<u64, f64>, f64) = Default::default();
@@ -312,11 +313,11 @@ fn bands_cover_every_cell_once() {
             *areas.entry(high.to_bits()).or_default() += size;
             all += size;
         }
-        let near = |a: f64, b: f64| (a - b).abs() < 1e-3 * (1.0 + picture.valid());
-        assert!(near(all, picture.valid()), "{seed}: {all}, not {}", picture.valid());
-        let mut above = picture.valid();
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-3 * (1.0 + raster.valid());
+        assert!(near(all, raster.valid()), "{seed}: {all}, not {}", raster.valid());
+        let mut above = raster.valid();
         for value in VALUES {
-            let (_, higher) = picture.contours(value, ContourEnds::Extend);
+            let (_, higher) = raster.contours(value, ContourEnds::Extend);
             let area = areas.get(&value.to_bits()).copied().unwrap_or(0.0);
             // The last band may end at the last value, too.
             if value < VALUES[5] {
@@ -360,8 +361,8 @@ fn both_formats_and_views_have_the_same_lines() {
     let cells = cells(9, [330, 290]);
     let goblin =
         opened(|path| write_goblin(path, &cells, (Rule::Mean, DataKind::Continuous), Frame::identity()));
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     write_cells(&path, &cells, &options(Rule::Mean, DataKind::Continuous, cells.depth()));
     let request = request(goblin.depth(), ContourEnds::Extend);
     let autumnal = found(&spinney::open(&path).unwrap(), &request, false).0;
@@ -424,7 +425,7 @@ fn what_makes_no_sense_is_refused() {
 }
 
 #[test]
-fn small_pictures_have_lines_to_their_edges() {
+fn contours_of_small_rasters_reach_the_edges() {
     let form = quad(SampleType::F32, 1);
     let pair = [0.0, 1.0].map(|number| form.value.splat(number));
     let cells = Cells { form, size: [2, 1, 1], cells: pair.to_vec() };

@@ -73,7 +73,7 @@ fn built(source: &Combined, size: [u64; 3]) -> Cells {
 fn sixteen(form: TreeType, seed: u64, size: [u64; 3]) {
     let cells = [0, 1].map(|i| bodies(form, seed * 2 + i, size));
     let universes = [
-        Bounds::picture(size),
+        Bounds::of_extent(size),
         Bounds { min: [size[0] / 3, 1, 0], max: [size[0] - size[0] / 4, size[1] - 1, size[2]] },
     ];
     for number in 0..16u8 {

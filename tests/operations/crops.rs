@@ -41,7 +41,7 @@ fn boxes_are_the_smallest() {
 }
 
 #[test]
-fn tall_and_wide_pictures_are_cropped_soon() {
+fn tall_and_wide_rasters_are_cropped_quickly() {
     let start = Instant::now();
     let cells = Cells::noise(QUAD, 1, [8, 8, 1], 5);
     for factors in [[1.0, 7_777_775.0, 1.0], [30_000_000.0, 1.0, 1.0]] {

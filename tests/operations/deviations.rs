@@ -84,9 +84,9 @@ fn deviations_are_those_of_the_differences() {
         let cells = (0..SIDE * SIDE).map(|index| [index % SIDE, index / SIDE, 0]);
         let cells = cells.map(|cell| Some(sample(of, base, difference(cell)))).collect();
         let cells = Cells { form: quad(of, 1), size: [SIDE, SIDE, 1], cells };
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         let [plain, packed, edited] =
-            ["a.goblin", "b.goblin", "c.autumn"].map(|name| folder.path().join(name));
+            ["a.goblin", "b.goblin", "c.autumn"].map(|name| directory.path().join(name));
         write_cells(&plain, &cells, &options(Rule::Mean, DataKind::Continuous, cells.depth()));
         let write = |path, is_packed: bool| {
             let options = with(WriteOptions::new(1 << 24), |it| {

@@ -159,10 +159,10 @@ fn parts(random: &mut Random, [low, high]: [[i32; 3]; 2], cuts: u32, found: &mut
 fn boxes_side_by_side() {
     const SIDE: i32 = 8;
     let mut random = Random(5);
-    for round in 0..12 {
+    for case in 0..12 {
         let [a, b] = [0; 2].map(|_: i32| {
             let mut boxes = Vec::new();
-            parts(&mut random, [[0; 3], [SIDE; 3]], 1 + round % 5, &mut boxes);
+            parts(&mut random, [[0; 3], [SIDE; 3]], 1 + case % 5, &mut boxes);
             boxes.retain(|_| random.below(3) > 0);
             let mut faces = Solid::new();
             let mut cells = vec![false; (SIDE * SIDE * SIDE) as usize];
@@ -182,15 +182,15 @@ fn boxes_side_by_side() {
             }
             (Body::of(&scaled(&faces, 64), 10), cells)
         });
-        let results = Results::of([&a.0, &b.0], ALL, &format!("round {round}"));
+        let results = Results::of([&a.0, &b.0], ALL, &format!("round {case}"));
         for operation in 0..8 {
             let both = a.1.iter().zip(&b.1);
             let count = both.filter(|(a, b)| holds(operation, [**a, **b])).count();
             let expected = count as f64 * f64::from(1 << 18);
             let found = results.volume(operation);
-            assert!((found - expected).abs() < 1e-3, "{round}, operation {operation}: {found} {expected}");
+            assert!((found - expected).abs() < 1e-3, "{case}, operation {operation}: {found} {expected}");
         }
-        results.assert_add_up(&format!("round {round}"));
+        results.assert_add_up(&format!("round {case}"));
     }
 }
 
@@ -199,13 +199,13 @@ fn boxes_side_by_side() {
 #[test]
 fn vertices_on_edges() {
     let mut random = Random(77);
-    for round in 0..12 {
+    for case in 0..12 {
         let cut =
             cut_at_edges(&triangulated(&scaled(&cuboid([40, 50, 60], [90, 80, 100]), 60)), 60, &mut random);
         let first = Body::of(&cut, 13);
         let corner = |random: &mut Random| [0; 3].map(|_: i32| 500 + random.below(5000) as i32);
         let low = corner(&mut random);
-        let second = match round % 3 {
+        let second = match case % 3 {
             0 => random_tetrahedron(&mut random, 1000, 8),
             1 => cuboid(low, low.map(|at| at + 1 + random.below(2000) as i32)),
             _ => cut.clone(),
@@ -213,7 +213,7 @@ fn vertices_on_edges() {
         let second = Body::of(&second, 13);
         assert!(first.edges_cancel() && second.edges_cancel());
         for (a, b) in [(&first, &second), (&second, &first)] {
-            Results::of([a, b], ALL, &format!("round {round}")).assert_add_up(&format!("round {round}"));
+            Results::of([a, b], ALL, &format!("round {case}")).assert_add_up(&format!("round {case}"));
         }
     }
 }
@@ -242,13 +242,13 @@ fn random_heap(random: &mut Random, points: u64, step: i32, bits: u8) -> (Vec<Ve
 }
 
 /// Checks heaps of tetrahedra on lattices of `points` points per side, in a fine grid.
-fn heaps(seed: u64, points: u64, rounds: u32) {
+fn heaps(seed: u64, points: u64, cases: u32) {
     let mut random = Random(seed);
     let mut inside = [0; 4];
     let bits = 20;
     let step = ((1u64 << bits) - 1) / points;
-    for round in 0..rounds {
-        let name = format!("{points}, round {round}");
+    for case in 0..cases {
+        let name = format!("{points}, round {case}");
         let [(solids_a, a), (solids_b, b)] =
             [(); 2].map(|()| random_heap(&mut random, points, step as i32, bits));
         let results = Results::of([&a, &b], [1, 2, 4, 7, 8], &name);
@@ -260,13 +260,13 @@ fn heaps(seed: u64, points: u64, rounds: u32) {
                     continue;
                 }
                 let is_in = |solids: &[Vec<Triangle>]| solids.iter().any(|solid| winding(solid, point) > 0.5);
-                let places = [is_in(&solids_a), is_in(&solids_b)];
+                let inside_flags = [is_in(&solids_a), is_in(&solids_b)];
                 assert_eq!(
                     result.is_inside(point),
-                    holds(operation, places),
+                    holds(operation, inside_flags),
                     "{name}, {operation} at {point:?}"
                 );
-                inside[usize::from(places[0]) + 2 * usize::from(places[1])] += 1;
+                inside[usize::from(inside_flags[0]) + 2 * usize::from(inside_flags[1])] += 1;
             }
         }
     }
@@ -288,13 +288,13 @@ fn heaps_on_fine_lattices() {
 #[test]
 fn the_order_of_bodies_does_not_matter() {
     let mut random = Random(6);
-    for round in 0..20 {
+    for case in 0..20 {
         let mut body = || Body::of(&random_tetrahedron(&mut random, 1 << 20, 1), 20);
         let (a, b) = (body(), body());
         for operation in ALL {
             let one = combined(operation, &[&a, &b]);
             let other = combined(exchanged(operation), &[&b, &a]);
-            let name = format!("{round}, operation {operation}");
+            let name = format!("{case}, operation {operation}");
             assert_eq!(one.model.len(), other.model.len(), "{name}");
             let scale = one.volume().abs().max(1.0);
             assert!((one.volume() - other.volume()).abs() <= 1e-14 * scale, "{name}");
@@ -402,11 +402,11 @@ fn heaps_on_coarse_lattices() {
 #[test]
 fn heaps_on_grids_as_coarse_as_their_lattices() {
     let mut random = Random(4);
-    for round in 0..16 {
-        let bits = [4, 6, 8, 10][round % 4];
+    for case in 0..16 {
+        let bits = [4, 6, 8, 10][case % 4];
         let mut body = || random_heap(&mut random, 1 << bits, 1, bits).1;
         let (a, b) = (body(), body());
-        let name = format!("{bits} bits, round {round}");
+        let name = format!("{bits} bits, round {case}");
         Results::of([&a, &b], ALL, &name).assert_add_up(&name);
     }
 }

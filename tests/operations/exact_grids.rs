@@ -184,8 +184,8 @@ impl Progress for Warnings {
 
 #[test]
 fn the_displacement_is_reported_and_kept() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("c.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("c.goblin");
     let a = on_grid(&grid(4, [0; 3], 1.0, 1.0), [2; 3], [6; 3]);
     let b = on_grid(&grid(4, [0; 3], 1.0, 3.3), [2; 3], [6; 3]);
     let warnings = Warnings::default();
@@ -196,7 +196,7 @@ fn the_displacement_is_reported_and_kept() {
     let warnings = warnings.0.into_inner().unwrap();
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(warnings[0].contains("2 of 5 models") && warnings[0].contains(&report.snapped.to_string()));
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
     let made = ExactModel::open(&path, &Default::default()).unwrap();
     let kept =
         made.metadata().tag(spinney::raw::store::Tag::ModelDisplacement).unwrap().parse::<f64>().unwrap();

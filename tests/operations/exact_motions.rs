@@ -7,14 +7,15 @@ use spinney::brep::{Face, Faces, Grid, MassProperties, Motion, TransformOptions,
 use spinney::raw::brep::{FaceList, ModelBuilder, TransformReport};
 use spinney::raw::ops::{AffineMap, Axis};
 use spinney::raw::store::Tag;
-use spinney::{Codec, Error, ExactModel, Metadata, Output, Progress, Result, ViewStep};
+use spinney::{Codec, Error, ExactModel, Metadata, Output, Progress, Result, ViewOperation};
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, model_on, prism, push, turned};
 use crate::common::sets::{Body, MEMORY, combined, grid, tetrahedron};
 
 pub(super) fn motion(steps: &[&str]) -> Motion {
-    let next = |map: AffineMap, step: &&str| map.then(&step.parse::<ViewStep>().unwrap().as_map().unwrap());
+    let next =
+        |map: AffineMap, step: &&str| map.then(&step.parse::<ViewOperation>().unwrap().as_map().unwrap());
     Motion::from_rows(steps.iter().fold(AffineMap::IDENTITY, next).to_rows()).unwrap()
 }
 
@@ -24,10 +25,10 @@ fn inverse(motion: &Motion) -> Motion {
 
 /// Returns the transformed solid; on failure no file remains.
 fn try_moved(body: &Body, motion: &Motion, options: &TransformOptions) -> Result<(Body, TransformReport)> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("moved.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("moved.goblin");
     let made = transform(&body.model, motion, options, Output::create(&path).unwrap(), &());
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), usize::from(made.is_ok()));
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), usize::from(made.is_ok()));
     made.map(|report| (Body::of_bytes(std::fs::read(&path).unwrap()), report))
 }
 
@@ -85,7 +86,7 @@ pub(super) fn bodies() -> Vec<Body> {
 }
 
 /// Returns operands whose results have off-grid vertices, and these results.
-pub(super) fn bodies_beside() -> [Body; 4] {
+pub(super) fn off_grid_bodies() -> [Body; 4] {
     let [a, b] = [
         tetrahedron([[0, 0, 0], [100, 7, 3], [11, 97, 1], [5, 13, 89]]).unwrap(),
         tetrahedron(
@@ -188,7 +189,7 @@ fn symmetries_and_whole_shifts_are_exact() {
 #[test]
 fn points_stay_on_the_side_of_the_surface_on_which_they_are() {
     let mut random = Random(5);
-    for body in bodies().iter().take(3).chain(&bodies_beside()) {
+    for body in bodies().iter().take(3).chain(&off_grid_bodies()) {
         for motion in symmetries().iter().step_by(7) {
             let (found, _) = moved(body, motion);
             for _ in 0..200 {
@@ -206,8 +207,8 @@ fn points_stay_on_the_side_of_the_surface_on_which_they_are() {
 
 /// Off-grid vertices are transformed exactly: reassembled components are bit-exact.
 #[test]
-fn corners_beside_the_grid_are_moved_exactly() {
-    let [a, _, both, rest] = bodies_beside();
+fn off_grid_vertices_are_moved_exactly() {
+    let [a, _, both, rest] = off_grid_bodies();
     for motion in symmetries() {
         let [a, both, rest] = [&a, &both, &rest].map(|body| {
             let (found, report) = moved(body, &motion);
@@ -232,7 +233,7 @@ fn corners_beside_the_grid_are_moved_exactly() {
 
 #[test]
 fn one_factor_changes_the_step_alone() {
-    let [_, _, both, _] = bodies_beside();
+    let [_, _, both, _] = off_grid_bodies();
     for body in bodies().iter().chain([&both]) {
         for factor in [0.001, 25.4, 1.0 / 3.0, 4.0, 0.777, 1e-9, 1e9] {
             let scale = motion(&[&format!("scale={factor}")]);
@@ -289,13 +290,13 @@ fn shifts_of_parts_of_steps_make_finer_ones_or_go_to_whole_ones() {
         assert!(report.is_exact && report.displacement > 0.0);
         assert!(report.displacement <= body.model.grid().width() / 2.0, "{report:?}");
         assert_eq!((faces(&found.model), found.volume()), (faces(&body.model), body.volume()));
-        let told = found.model.metadata().tag(Tag::ModelDisplacement).unwrap().parse::<f64>().unwrap();
-        assert_eq!(told, report.displacement);
+        let stored = found.model.metadata().tag(Tag::ModelDisplacement).unwrap().parse::<f64>().unwrap();
+        assert_eq!(stored, report.displacement);
     }
 }
 
 #[test]
-fn other_maps_compute_corners_anew() {
+fn other_maps_recompute_vertices() {
     let fine = |faces: &crate::common::sets::Solid| {
         Body::of_list(&model_on(
             Grid { bits: 26, origin: [-500, 0, 1000], step: 1.0, divisor: 1000.0 },
@@ -306,7 +307,7 @@ fn other_maps_compute_corners_anew() {
     let hole = square(300_000, 500_000).into_iter().rev().collect();
     let ring = fine(&prism(&[square(100_000, 900_000), hole], 30_000, 110_000));
     let hollow = fine(&[cuboid([0; 3], [900_000; 3]), turned(cuboid([300_000; 3], [500_000; 3]))].concat());
-    let [_, _, both, _] = bodies_beside();
+    let [_, _, both, _] = off_grid_bodies();
     for body in [&ring, &hollow, &both] {
         for (steps, volume) in [
             (&["rotate=30,1,2,3@5,6,7"][..], 1.0),
@@ -345,8 +346,8 @@ fn other_maps_compute_corners_anew() {
 
 /// Returns a solid with colours, parts with attributes, and face values.
 fn described() -> Body {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("model.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("model.goblin");
     let mut list = FaceList::new(grid(10), Vec::new());
     for (part, faces) in [cuboid([0; 3], [300; 3]), cuboid([400; 3], [1000, 900, 800])].iter().enumerate() {
         faces.iter().for_each(|rings| push(&mut list, rings, part as u32, Some([part as u8, 7, 200])));
@@ -406,7 +407,7 @@ fn all_that_is_said_of_parts_and_faces_is_kept() {
 
 #[test]
 fn what_cannot_be_done_is_refused() {
-    let [a, _, both, _] = bodies_beside();
+    let [a, _, both, _] = off_grid_bodies();
     let options = TransformOptions::new(MEMORY);
     let refuse = |body: &Body, steps: &[&str], options: &TransformOptions| {
         try_moved(body, &motion(steps), options).map(|_| ()).unwrap_err()
@@ -416,7 +417,7 @@ fn what_cannot_be_done_is_refused() {
     let error = refuse(&a, &["scale=1e-320"], &options);
     assert!(error.to_string().contains("number"), "{error}");
     let error = refuse(&a, &["rotate=7", "scale=1e308"], &options);
-    assert!(error.to_string().contains("beyond all numbers"), "{error}");
+    assert!(error.to_string().contains("coordinates that are not finite"), "{error}");
     let mut coarse = options.clone();
     coarse.snap = Some(1e-9);
     assert!(refuse(&a, &["rotate=7"], &coarse).to_string().contains("2^26"));
@@ -429,14 +430,14 @@ fn what_cannot_be_done_is_refused() {
     let wall = [cuboid([0; 3], [900; 3]), turned(cuboid([2, 3, 4], [897; 3]))].concat();
     coarse.snap = Some(40.0);
     let error = refuse(&Body::of(&wall, 10), &["rotate=7,1,2,3"], &coarse);
-    let Error::NotASolid { count, places, advice, .. } = &error else { panic!("{error}") };
-    assert!(*count > 0 && !places.is_empty() && advice.contains("--snap"), "{error}");
+    let Error::NotASolid { count, locations, advice, .. } = &error else { panic!("{error}") };
+    assert!(*count > 0 && !locations.is_empty() && advice.contains("--snap"), "{error}");
     // Memory limit for faces with off-grid vertices.
     let error = refuse(&both, &["mirror=x"], &TransformOptions::new(1 << 10));
     assert!(matches!(&error, Error::TooLarge { advice, .. } if advice.contains("--memory")), "{error}");
     // Operations that are not maps.
     for step in ["crop", "window=0,0,1,1", "depth=3", "components=4"] {
-        let error = step.parse::<ViewStep>().unwrap().as_map().unwrap_err();
+        let error = step.parse::<ViewOperation>().unwrap().as_map().unwrap_err();
         assert!(error.to_string().contains(step) && error.to_string().contains("translate="), "{error}");
     }
 }
@@ -452,22 +453,22 @@ impl Progress for Patience {
 
 #[test]
 fn work_can_be_interrupted_and_threads_do_not_matter() {
-    let [_, _, both, _] = bodies_beside();
+    let [_, _, both, _] = off_grid_bodies();
     let maps = [motion(&["axes=+y,-x,+z"]), motion(&["rotate=9"])];
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("moved.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("moved.goblin");
     let make = |body: &Body, map: &Motion, path: &Path, progress: &dyn Progress| {
         let output = Output::create(path).unwrap();
         transform(&body.model, map, &TransformOptions::new(MEMORY), output, progress)
     };
     for map in &maps {
-        let mut looks = 0;
-        while let Err(error) = make(&both, map, &path, &Patience(looks.into())) {
+        let mut checks = 0;
+        while let Err(error) = make(&both, map, &path, &Patience(checks.into())) {
             assert!(matches!(error, Error::Interrupted), "{error}");
-            assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
-            looks += 1;
+            assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
+            checks += 1;
         }
-        assert!(looks > 3, "{looks}");
+        assert!(checks > 3, "{checks}");
         let first = std::fs::read(&path).unwrap();
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

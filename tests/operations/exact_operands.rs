@@ -14,8 +14,8 @@ use crate::common::sets::{Body, MEMORY, combined, tetrahedron, try_combined};
 
 /// Imports a mesh file as a solid.
 fn imported(name: &str, text: &str) -> Body {
-    let folder = tempfile::tempdir().unwrap();
-    let [mesh, path] = [name, "x.goblin"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [mesh, path] = [name, "x.goblin"].map(|name| directory.path().join(name));
     std::fs::write(&mesh, text).unwrap();
     let mut options = ExactOptions::new();
     options.snap = Some(1.0 / 1024.0);
@@ -81,10 +81,10 @@ fn parts_and_attributes_are_those_of_all() {
 /// A solid with off-grid vertices is copied unchanged by all operations if it is disjoint from the
 /// other one.
 #[test]
-fn what_is_apart_stays_as_it_is() {
+fn disjoint_parts_stay_unchanged() {
     let [a, b] = [city("one", 0), city("two", 7)];
     let cut = combined(2, &[&a, &b]);
-    assert!(cut.model.volume_beside().unwrap() != 0.0);
+    assert!(cut.model.volume_correction().unwrap() != 0.0);
     let far = imported(
         "far.off",
         "OFF\n4 4 0\n200 3 3\n270 4 4\n207 40 5\n208 8 41\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n",
@@ -133,7 +133,7 @@ fn colours_stay_and_others_are_white() {
         for result in [combined(7, &[&result, &far]), result] {
             assert!(result.model.is_coloured().unwrap());
             let mut counts = [0; 2];
-            let mut look = |face: &spinney::brep::Face<'_>| {
+            let mut visit = |face: &spinney::brep::Face<'_>| {
                 let is_red = (face.part == 0) == is_first && face.part < 2;
                 let expected = if is_red { [255, 0, 0] } else { [255; 3] };
                 assert!(face.colours.len() == face.points.len());
@@ -141,7 +141,7 @@ fn colours_stay_and_others_are_white() {
                 counts[usize::from(is_red)] += 1;
                 Ok(())
             };
-            result.model.each(&mut look).unwrap();
+            result.model.each(&mut visit).unwrap();
             assert!(counts[0] > 0 && counts[1] > 0, "{counts:?}");
         }
     }
@@ -186,9 +186,17 @@ fn grids_that_fit_become_one() {
                 let is_in = |[low, high]: [[f64; 3]; 2]| {
                     (0..3).all(|axis| low[axis] < point[axis] && point[axis] < high[axis])
                 };
-                let places = [is_in([[2.0; 3], [6.0; 3]]), is_in([low, high])];
-                assert_eq!(all.is_inside(point), places[0] || places[1], "{other:?} at {point:?}");
-                assert_eq!(both.is_inside(point), places[0] && places[1], "{other:?} at {point:?}");
+                let inside_flags = [is_in([[2.0; 3], [6.0; 3]]), is_in([low, high])];
+                assert_eq!(
+                    all.is_inside(point),
+                    inside_flags[0] || inside_flags[1],
+                    "{other:?} at {point:?}"
+                );
+                assert_eq!(
+                    both.is_inside(point),
+                    inside_flags[0] && inside_flags[1],
+                    "{other:?} at {point:?}"
+                );
             }
         }
     }
@@ -207,10 +215,10 @@ fn exact_corners_go_to_other_grids() {
         [grid(10, [0; 3], 0.25, 1.0), grid(4, [-7, -9, 300], 1.0, 1.0), grid(12, [-900, 4, 5], 1.0, 16.0)]
     {
         let cube = on_grid(&other, [1; 3], [5; 3]);
-        let apart = cube.volume();
+        let single = cube.volume();
         for bodies in [[&both, &cube], [&cube, &both]] {
             let [common, all] = [1, 7].map(|operation| combined(operation, &bodies).volume());
-            let expected = both.volume() + apart;
+            let expected = both.volume() + single;
             assert!(
                 (common + all - expected).abs() < 1e-9 * expected,
                 "{other:?}: {common} {all} {expected}"
@@ -220,7 +228,7 @@ fn exact_corners_go_to_other_grids() {
 }
 
 #[test]
-fn other_coordinate_systems_are_told() {
+fn other_coordinate_systems_are_reported() {
     let of = |number: u32| {
         let known =
             format!(r#""metadata":{{"referenceSystem":"https://www.opengis.net/def/crs/EPSG/0/{number}","#);
@@ -279,9 +287,9 @@ fn over(bodies: &[&Body], memory: u64, progress: &dyn Progress, path: &Path) -> 
 }
 
 #[test]
-fn too_little_memory_is_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("c.goblin");
+fn insufficient_memory_is_reported() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("c.goblin");
     let bodies = heap(2, 12);
     let bodies: Vec<&Body> = bodies.iter().collect();
     let enough = over(&bodies, MEMORY, &(), &path).unwrap();
@@ -309,26 +317,26 @@ impl Progress for Stop {
 }
 
 #[test]
-fn interruption_leaves_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("c.goblin");
+fn cancellation_leaves_no_files() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("c.goblin");
     let bodies = heap(3, 4);
     let bodies: Vec<&Body> = bodies.iter().collect();
     let expected = over(&bodies, MEMORY, &(), &path).unwrap();
-    let mut questions = 0i64;
+    let mut checks = 0i64;
     let found = loop {
-        match over(&bodies, MEMORY, &Stop(questions.into()), &path) {
+        match over(&bodies, MEMORY, &Stop(checks.into()), &path) {
             Ok(bytes) => break bytes,
             Err(error) => assert!(matches!(error, Error::Interrupted), "{error}"),
         }
-        questions += 1 + questions / 8;
+        checks += 1 + checks / 8;
     };
-    assert!(questions > 10, "{questions}");
+    assert!(checks > 10, "{checks}");
     assert!(found == expected);
 }
 
 #[test]
-fn wrong_numbers_of_bodies_are_told() {
+fn wrong_numbers_of_bodies_are_reported() {
     let body = on_grid(&grid(4, [0; 3], 1.0, 1.0), [1; 3], [5; 3]);
     let cases: [(u8, usize); 7] = [(7, 0), (7, 1), (1, 1), (5, 1), (3, 3), (4, 3), (10, 3)];
     for (operation, count) in cases {

@@ -166,7 +166,7 @@ fn points_in_sections_are_in_bodies() {
 }
 
 #[test]
-fn what_has_no_sections_is_refused() {
+fn trees_without_sections_are_rejected() {
     let body = Body::of(&cuboid([1; 3], [5; 3]), 4);
     for plane in [
         CuttingPlane { normal: [0.0; 3], distance: 1.0 },

@@ -15,7 +15,7 @@ struct Shape {
     cells: Vec<bool>,
 }
 
-fn places() -> impl Iterator<Item = [i32; 3]> {
+fn all_cells() -> impl Iterator<Item = [i32; 3]> {
     (0..SIDE.pow(3)).map(|i| [i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE])
 }
 
@@ -25,7 +25,7 @@ fn is_in(at: [i32; 3], [min, max]: [[i32; 3]; 2]) -> bool {
 
 impl Shape {
     fn of(faces: Solid, is_in: impl Fn([i32; 3]) -> bool) -> Shape {
-        Shape { faces, cells: places().map(is_in).collect() }
+        Shape { faces, cells: all_cells().map(is_in).collect() }
     }
 
     fn cuboid(min: [i32; 3], max: [i32; 3]) -> Shape {
@@ -70,7 +70,7 @@ fn assert_is(body: &Body, cells: &[bool], is_unbounded: bool, name: &str) {
     assert!(body.is_closed(), "{name}");
     assert_eq!(body.volume(), expected, "{name}");
     assert!(count > 0.0 || body.model.is_empty(), "{name}: faces of nothing");
-    let points: Vec<[f64; 3]> = places().map(|at| at.map(|at| f64::from(at) + 0.5)).collect();
+    let points: Vec<[f64; 3]> = all_cells().map(|at| at.map(|at| f64::from(at) + 0.5)).collect();
     let mut locations = Vec::new();
     body.model.locate_all(&points, &mut locations).unwrap();
     let location = |is_inside: bool| if is_inside { Location::Inside } else { Location::Outside };
@@ -190,8 +190,8 @@ fn operations_on_nothing_everything_and_complements() {
     let shape = Shape::cuboid([2; 3], [8; 3]);
     let other = Shape::cuboid([5; 3], [11; 3]);
     let body = shape.body();
-    let everywhere = places().map(|_| true).collect::<Vec<_>>();
-    let nowhere = places().map(|_| false).collect::<Vec<_>>();
+    let everywhere = all_cells().map(|_| true).collect::<Vec<_>>();
+    let nowhere = all_cells().map(|_| false).collect::<Vec<_>>();
     let complement: Vec<bool> = shape.cells.iter().map(|is_in| !is_in).collect();
     let operands = [
         (body.model.is_unbounded(), shape.cells.clone(), shape.body()),

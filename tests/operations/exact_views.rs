@@ -5,7 +5,7 @@ use spinney::raw::brep::ModelView;
 use spinney::raw::brep::query::SectionPolygon;
 use spinney::{Error, ExactModel};
 
-use super::exact_motions::{bodies, bodies_beside, motion, moved, symmetries};
+use super::exact_motions::{bodies, motion, moved, off_grid_bodies, symmetries};
 use crate::common::Random;
 use crate::common::sets::{Body, MEMORY};
 
@@ -14,7 +14,7 @@ fn seen(body: &Body, map: &Motion) -> ModelView {
 }
 
 /// Returns an off-grid point in or around a box.
-fn place(random: &mut Random, [low, high]: [[f64; 3]; 2]) -> [f64; 3] {
+fn random_point(random: &mut Random, [low, high]: [[f64; 3]; 2]) -> [f64; 3] {
     [0, 1, 2].map(|axis| {
         let share = (random.below(1_400_000) as f64 + 0.31) / 1e6 - 0.2;
         low[axis] + share * (high[axis] - low[axis])
@@ -91,7 +91,7 @@ fn exact_maps() -> Vec<Motion> {
 #[test]
 fn views_of_grids_are_exact() {
     let mut random = Random(3);
-    let [_, _, both, _] = bodies_beside();
+    let [_, _, both, _] = off_grid_bodies();
     let all = bodies();
     for (number, body) in all.iter().take(3).chain([&both]).enumerate() {
         for map in exact_maps().iter().skip(number).step_by(3) {
@@ -107,7 +107,7 @@ fn views_of_grids_are_exact() {
             let [own, others] = [view.part_measures(MEMORY, &()), model.part_measures(MEMORY, &())];
             assert_eq!(own.unwrap()[0].measures.bounds, others.unwrap()[0].measures.bounds);
             for _ in 0..40 {
-                let point = place(&mut random, bounds);
+                let point = random_point(&mut random, bounds);
                 assert_eq!(view.locate(point).unwrap(), model.locate(point).unwrap());
                 let (a, b) = (view.signed_distance(point).unwrap(), model.signed_distance(point).unwrap());
                 assert!(is_near(a, b), "{a} {b}");
@@ -118,7 +118,7 @@ fn views_of_grids_are_exact() {
                 let (a, b) = (view.rays().first_of(&rays).unwrap(), model.rays().first_of(&rays).unwrap());
                 let list = |hits: &[Option<Hit>]| hits.iter().flatten().copied().collect::<Vec<_>>();
                 assert!(hits_are_near(&list(&a), &list(&b)) && a[0].is_some() == b[0].is_some());
-                let end = place(&mut random, bounds);
+                let end = random_point(&mut random, bounds);
                 let corners = [f64::min, f64::max].map(|of| [0, 1, 2].map(|axis| of(point[axis], end[axis])));
                 let expected = model.locate_box(corners[0], corners[1]).unwrap().0;
                 assert_eq!(view.locate_box(corners[0], corners[1]).unwrap(), expected);
@@ -127,7 +127,7 @@ fn views_of_grids_are_exact() {
                 continue;
             }
             for normal in [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, -2.0, 0.5]] {
-                let point = place(&mut random, bounds);
+                let point = random_point(&mut random, bounds);
                 let distance = (0..3).map(|axis| normal[axis] * point[axis]).sum();
                 let plane = CuttingPlane { normal, distance };
                 let (a, b) = (view.section(&plane, &()).unwrap(), model.section(&plane, &()).unwrap());
@@ -168,7 +168,7 @@ fn what_lies_on_the_surface_does_so_in_exact_views() {
 #[test]
 fn views_through_any_map_carry_what_they_can() {
     let mut random = Random(8);
-    let [_, _, both, _] = bodies_beside();
+    let [_, _, both, _] = off_grid_bodies();
     let all = bodies();
     let maps: [(&[&str], Option<f64>); 6] = [
         (&["rotate=30,1,2,3@5,6,7"], Some(1.0)),
@@ -185,10 +185,10 @@ fn views_through_any_map_carry_what_they_can() {
             assert!(!view.is_exact() && (1e-18..1e-6).contains(&view.rounding()), "{}", view.rounding());
             let bounds = model.bounds().unwrap();
             for _ in 0..40 {
-                let point = place(&mut random, bounds);
+                let point = random_point(&mut random, bounds);
                 let there = map.apply(point);
                 assert_eq!(view.locate(there).unwrap(), model.locate(point).unwrap(), "{steps:?}");
-                let end = place(&mut random, bounds);
+                let end = random_point(&mut random, bounds);
                 let along = [0, 1, 2].map(|axis| map.apply(end)[axis] - there[axis]);
                 let own = [0, 1, 2].map(|axis| end[axis] - point[axis]);
                 let expected = model.ray_crossings(point, own).unwrap();
@@ -221,8 +221,8 @@ fn views_through_any_map_carry_what_they_can() {
     let turned = seen(&all[2], &motion(&["rotate=1"]));
     assert!(matches!(turned.locate_box([0.0; 3], [1.0; 3]), Err(Error::Unsupported { .. })));
     assert!(matches!(turned.locate_box([1.0; 3], [0.0; 3]), Err(Error::Invalid { .. })));
-    assert!(matches!(turned.as_model("pictures"), Err(Error::Unsupported { .. })));
-    assert!(seen(&all[2], &motion(&["scale=3"])).as_model("pictures").is_ok());
+    assert!(matches!(turned.as_model("rasters"), Err(Error::Unsupported { .. })));
+    assert!(seen(&all[2], &motion(&["scale=3"])).as_model("rasters").is_ok());
 }
 
 /// Measures and sections against a file of the transformed model, on a grid with little rounding.

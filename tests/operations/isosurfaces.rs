@@ -123,10 +123,10 @@ fn edge_of(point: [f64; 3]) -> Option<(Edge, f64)> {
 
 /// Checks a surface in cell coordinates against a volume.
 fn check(mesh: &SurfaceMesh, volume: &Volume, level: f64, what: &str) {
-    let places: Vec<Option<(Edge, f64)>> = mesh.vertices.iter().map(|point| edge_of(*point)).collect();
+    let crossings: Vec<Option<(Edge, f64)>> = mesh.vertices.iter().map(|point| edge_of(*point)).collect();
     // Vertices are all crossings, each once, and points inside cubes.
     let mut edges = HashSet::new();
-    for ((axis, cell), share) in places.iter().flatten() {
+    for ((axis, cell), share) in crossings.iter().flatten() {
         assert!(edges.insert((*axis, *cell)), "{what}: {axis} {cell:?} twice");
         let expected =
             volume.crossing(*axis, *cell, level).unwrap_or_else(|| panic!("{what}: {axis} {cell:?}"));
@@ -149,7 +149,7 @@ fn check(mesh: &SurfaceMesh, volume: &Volume, level: f64, what: &str) {
     assert!(crossed == edges, "{what}: {} crossings, not {}", edges.len(), crossed.len());
     for ([from, to], third) in &passed {
         let is_open = !passed.contains_key(&[*to, *from]);
-        let ends = [from, to].map(|end| places[*end as usize].map(|(edge, _)| edge));
+        let ends = [from, to].map(|end| crossings[*end as usize].map(|(edge, _)| edge));
         let [Some(a), Some(b)] = ends else {
             assert!(!is_open, "{what}");
             continue;
@@ -171,7 +171,7 @@ fn check(mesh: &SurfaceMesh, volume: &Volume, level: f64, what: &str) {
         assert!(dot(cross(minus(to, from), outside), minus(high, from)) > 0.0, "{what}: turned round");
     }
     let numbers: HashMap<Edge, u32> =
-        (0..).zip(&places).filter_map(|(number, place)| place.map(|(edge, _)| (edge, number))).collect();
+        (0..).zip(&crossings).filter_map(|(number, item)| item.map(|(edge, _)| (edge, number))).collect();
     lines.retain(|[a, b], _| {
         let (a, b) = (numbers[a], numbers[b]);
         !passed.contains_key(&[a, b]) && !passed.contains_key(&[b, a])
@@ -322,8 +322,8 @@ fn tiles_without_a_surface_are_not_read() {
     // Tiles have 64 cells per side: eight of twelve meet here.
     let tree = tree_of(&ball_around(64.0, [192, 128, 128], 20.0));
     let found = |request: &ContourRequest| {
-        let folder = tempfile::tempdir().unwrap();
-        let output = Output::create(&folder.path().join("a.ply")).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let output = Output::create(&directory.path().join("a.ply")).unwrap();
         export_isosurfaces(&tree, request, output, MeshFormat::Ply, &()).unwrap()
     };
     let summary = found(&at(&[0.0]));
@@ -375,10 +375,10 @@ fn formats_and_views_and_threads_give_the_same_bytes() {
     // Four tiles.
     let cells = cells(12, [70, 12, 66]);
     let tree = tree_of(&cells);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     write_cells(&path, &cells, &options(Rule::Mean, DataKind::Continuous, cells.depth()));
-    let out = folder.path().join("out");
+    let out = directory.path().join("out");
     let request = with(at(&[2.5, 1.0, 4.0]), |request| request.ends = ContourEnds::Close);
     let bytes = |tree: &Dataset, format: MeshFormat, threads: usize, memory: u64| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -421,8 +421,8 @@ fn single_precision_keeps_points_apart() {
     let mut frame = Frame::identity();
     (frame.matrix[0][3], frame.matrix[1][3]) = (130_000.3, -70_000.9);
     let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, DataKind::Continuous), frame));
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("out");
     for level in [2.0, 3.0] {
         let request = with(at(&[level]), |request| request.ends = ContourEnds::Close);
         for format in [MeshFormat::Stl, MeshFormat::Ply] {
@@ -519,11 +519,11 @@ fn what_makes_no_sense_is_refused() {
     assert!(trace(&with(at(&[1.0]), |request| request.level = Some(tree.depth() + 1))).is_err());
     let stopped = isosurface_mesh(&tree, &at(&[1.0]), &Impatient(AtomicU64::new(0)));
     assert!(matches!(stopped, Err(Error::Interrupted)));
-    let picture = tree_of(&Cells::random(QUAD, 1, [5, 5, 1], 9, true));
-    assert!(matches!(isosurface_mesh(&picture, &at(&[1.0]), &()), Err(Error::Unsupported { .. })));
-    let folder = tempfile::tempdir().unwrap();
+    let quadtree = tree_of(&Cells::random(QUAD, 1, [5, 5, 1], 9, true));
+    assert!(matches!(isosurface_mesh(&quadtree, &at(&[1.0]), &()), Err(Error::Unsupported { .. })));
+    let directory = tempfile::tempdir().unwrap();
     for (name, levels) in [("a.stl", vec![1.0, 2.0]), ("a.off", vec![1.0, 2.0]), ("a.city.json", vec![1.0])] {
-        let path = folder.path().join(name);
+        let path = directory.path().join(name);
         let format = MeshFormat::of(&path).unwrap();
         let refused = export_isosurfaces(&tree, &at(&levels), Output::create(&path).unwrap(), format, &());
         assert!(matches!(refused, Err(Error::Unsupported { .. })), "{name}");
@@ -532,9 +532,9 @@ fn what_makes_no_sense_is_refused() {
 }
 
 #[test]
-fn damaged_files_give_errors() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.goblin");
+fn corrupt_files_give_errors() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.goblin");
     write_goblin(&path, &cells(3, [40, 30, 20]), (Rule::Mean, DataKind::Continuous), Frame::identity());
     let bytes = fs::read(&path).unwrap();
     let request = with(at(&[2.5]), |request| request.ends = ContourEnds::Close);

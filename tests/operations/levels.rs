@@ -114,10 +114,10 @@ fn doubled_cells_are_the_cells_of_the_file() {
         let width = form.width();
         for (index, is_valid) in valid.iter().enumerate() {
             let [x, y, z] = [index % 64, index / 64 % 64, index / 4096].map(|cell| cell / 4);
-            let place = (z * 16 + y) * 16 + x;
-            assert_eq!(*is_valid, old_valid[place]);
+            let old_index = (z * 16 + y) * 16 + x;
+            assert_eq!(*is_valid, old_valid[old_index]);
             if *is_valid {
-                assert_eq!(bytes[index * width..][..width], old[place * width..][..width]);
+                assert_eq!(bytes[index * width..][..width], old[old_index * width..][..width]);
             }
         }
     }

@@ -15,7 +15,7 @@ use crate::common::{Cells, OCT, Random, made, quad, write_goblin};
 
 /// Files of boxes in a space of cells, and their union.
 struct Mosaic {
-    folder: tempfile::TempDir,
+    directory: tempfile::TempDir,
     whole: Cells,
     manifest: PathBuf,
 }
@@ -38,7 +38,7 @@ impl Mosaic {
     /// Writes files of the boxes, later ones on top. Cells are those of one file if boxes do not
     /// overlap, otherwise each box has its own.
     fn new(form: TreeType, (rule, kind): (Rule, DataKind), boxes: &[Bounds], seed: u64) -> Mosaic {
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         let size = boxes.iter().fold([1; 3], |size: [u64; 3], bounds| {
             std::array::from_fn(|axis| size[axis].max(bounds.max[axis]))
         });
@@ -46,7 +46,7 @@ impl Mosaic {
         let mut names = Vec::new();
         for (number, bounds) in boxes.iter().enumerate() {
             let part = Cells::random(form, seed + number as u64, bounds.size(), 9, true);
-            let path = folder.path().join(format!("part{number}.goblin"));
+            let path = directory.path().join(format!("part{number}.goblin"));
             write_goblin(&path, &part, (rule, kind), frame(bounds.min));
             names.push(path);
             parts.push((*bounds, part));
@@ -60,14 +60,14 @@ impl Mosaic {
                 part.get(std::array::from_fn(|axis| cell[axis] - bounds.min[axis]))
             })
         });
-        write_goblin(&folder.path().join("whole.goblin"), &whole, (rule, kind), frame([0; 3]));
-        let manifest = folder.path().join("all.manifest.json");
+        write_goblin(&directory.path().join("whole.goblin"), &whole, (rule, kind), frame([0; 3]));
+        let manifest = directory.path().join("all.manifest.json");
         list_files(&manifest, false, &names, &[], &Default::default(), &()).unwrap();
-        Mosaic { folder, whole, manifest }
+        Mosaic { directory, whole, manifest }
     }
 
     fn datasets(&self) -> (Dataset, Dataset) {
-        (open(&self.manifest), open(&self.folder.path().join("whole.goblin")))
+        (open(&self.manifest), open(&self.directory.path().join("whole.goblin")))
     }
 
     fn window(tree: &Dataset, level: u8, bounds: &Bounds) -> (Vec<u8>, Vec<bool>) {
@@ -122,7 +122,7 @@ impl Mosaic {
             assert_eq!(some.get(at), others.get(at));
         }
         // A single file built from it equals the file of the whole.
-        let one = self.folder.path().join("one.goblin");
+        let one = self.directory.path().join("one.goblin");
         let output = Output::create(&one).unwrap();
         spinney::transform(&FileView::of(&self.manifest), output, WriteOptions::new(64 << 20), &()).unwrap();
         let (one, depth) = (open(&one), expected.depth());
@@ -143,7 +143,7 @@ const CLASSES: (Rule, DataKind) = (Rule::Majority, DataKind::Categorical);
 const MEANS: (Rule, DataKind) = (Rule::Mean, DataKind::Continuous);
 
 #[test]
-fn one_file_is_what_it_is() {
+fn a_manifest_of_one_file_equals_the_file() {
     Mosaic::new(quad(SampleType::U8, 1), CLASSES, &[part([0, 0], [300, 200])], 1).check(true);
 }
 
@@ -189,11 +189,11 @@ fn octrees_are_one() {
 
 #[test]
 fn ten_thousand_files_are_listed_without_being_opened() {
-    let folder = tempfile::tempdir().unwrap();
-    let first = folder.path().join("0.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let first = directory.path().join("0.goblin");
     let cells = Cells::random(quad(SampleType::U8, 1), 1, [64, 64, 1], 9, false);
     write_goblin(&first, &cells, CLASSES, frame([0; 3]));
-    let path = folder.path().join("all.manifest.json");
+    let path = directory.path().join("all.manifest.json");
     let mut manifest = list_files(&path, false, &[first], &[], &Default::default(), &()).unwrap();
     let entry = manifest.entries[0].clone();
     manifest.entries = (0..10_000)
@@ -213,13 +213,15 @@ fn ten_thousand_files_are_listed_without_being_opened() {
     assert_eq!(bytes[0], cells.get([3, 5, 0]).unwrap().to_bytes()[0]);
     let error = tree.statistics(Some(part([60, 0], [10, 10])), &()).unwrap_err();
     assert!(matches!(&error, Error::Io { path, .. } if path.ends_with("1.goblin")), "{error}");
+    let said = format!("{error:?}");
+    assert!(said.contains("lists it") && said.contains("--remove 1.goblin"), "{said}");
 }
 
 #[test]
 fn files_that_changed_or_are_others_are_named() {
     let mosaic =
         Mosaic::new(quad(SampleType::U8, 1), CLASSES, &[part([0, 0], [64, 64]), part([64, 0], [64, 64])], 11);
-    let other = mosaic.folder.path().join("part1.goblin");
+    let other = mosaic.directory.path().join("part1.goblin");
     let cells = Cells::random(quad(SampleType::U8, 1), 99, [64, 64, 1], 5, true);
     write_goblin(&other, &cells, CLASSES, frame([64, 0, 0]));
     let tree = open(&mosaic.manifest);
@@ -231,18 +233,18 @@ fn files_that_changed_or_are_others_are_named() {
     assert!(open(&mosaic.manifest).statistics(None, &()).unwrap().cells > 0);
     assert_eq!(Manifest::open(&mosaic.manifest, &Default::default()).unwrap().entries.len(), 2);
     // Files of another tree type or grid, or that are not trees.
-    let wide = mosaic.folder.path().join("wide.goblin");
+    let wide = mosaic.directory.path().join("wide.goblin");
     write_goblin(
         &wide,
         &Cells::random(quad(SampleType::U16, 1), 1, [9, 9, 1], 5, true),
         CLASSES,
         frame([0; 3]),
     );
-    let askew = mosaic.folder.path().join("askew.goblin");
+    let askew = mosaic.directory.path().join("askew.goblin");
     let mut half = frame([0; 3]);
     half.matrix[0][3] += CELL / 2.0;
     write_goblin(&askew, &cells, CLASSES, half);
-    let coarse = mosaic.folder.path().join("coarse.goblin");
+    let coarse = mosaic.directory.path().join("coarse.goblin");
     write_goblin(&coarse, &cells, CLASSES, frame([0; 3]).coarser(1));
     let before = std::fs::read(&mosaic.manifest).unwrap();
     for bad in [wide, askew, coarse, mosaic.manifest.clone()] {
@@ -264,13 +266,13 @@ fn files_come_and_go() {
         12,
     );
     assert_eq!(open(&mosaic.manifest).header().extent, [128, 64, 1]);
-    let west = mosaic.folder.path().join("west.goblin");
+    let west = mosaic.directory.path().join("west.goblin");
     let cells = Cells::random(quad(SampleType::U8, 1), 1, [64, 64, 1], 9, false);
     write_goblin(&west, &cells, CLASSES, frame([0; 3]));
     list_files(&mosaic.manifest, true, &[west], &[], &Default::default(), &()).unwrap();
     let tree = open(&mosaic.manifest);
     assert_eq!((tree.header().extent, &tree.metadata().frame), ([192, 128, 1], &frame([0; 3])));
-    let gone = mosaic.folder.path().join("part1.goblin").to_str().unwrap().to_string();
+    let gone = mosaic.directory.path().join("part1.goblin").to_str().unwrap().to_string();
     list_files(&mosaic.manifest, true, &[], std::slice::from_ref(&gone), &Default::default(), &()).unwrap();
     assert_eq!(open(&mosaic.manifest).header().extent, [128, 128, 1]);
     assert!(list_files(&mosaic.manifest, true, &[], &[gone], &Default::default(), &()).is_err());
@@ -284,15 +286,15 @@ fn files_come_and_go() {
 }
 
 #[test]
-fn damaged_manifests_are_refused() {
+fn corrupt_manifests_are_rejected() {
     let mosaic = Mosaic::new(quad(SampleType::U8, 1), CLASSES, &[part([0, 0], [64, 64])], 13);
     let text = std::fs::read_to_string(&mosaic.manifest).unwrap();
-    let path = mosaic.folder.path().join("bad.manifest.json");
-    let attempt = |text: &str| {
+    let path = mosaic.directory.path().join("bad.manifest.json");
+    let try_open = |text: &str| {
         std::fs::write(&path, text).unwrap();
         dataset::open(&path, &OpenOptions::default()).map(|_| ())
     };
-    attempt(&text).unwrap();
+    try_open(&text).unwrap();
     let changes = [
         ("\"spinney_manifest\":1", "\"spinney_manifest\":2"),
         ("\"spinney_manifest\": 1", "\"spinney_manifest\": 2"),
@@ -310,10 +312,10 @@ fn damaged_manifests_are_refused() {
     ];
     for (from, to) in changes.iter().skip(1) {
         assert!(text.contains(from), "{from} in {text}");
-        let error = attempt(&text.replacen(from, to, 1)).unwrap_err();
+        let error = try_open(&text.replacen(from, to, 1)).unwrap_err();
         assert!(error.to_string().contains("bad.manifest.json"), "{error}");
     }
     for end in (1..text.len()).step_by(7) {
-        assert!(attempt(&text[..end - 1]).is_err() || text[end - 1..].trim().is_empty(), "{end}");
+        assert!(try_open(&text[..end - 1]).is_err() || text[end - 1..].trim().is_empty(), "{end}");
     }
 }

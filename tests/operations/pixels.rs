@@ -8,8 +8,8 @@ use crate::common::{Cells, OCT, Random, dataset, quad, with};
 
 /// Returns the numbers of an array of pixels; `-1e6` for VOID pixels.
 fn exact(tree: &Dataset, bounds: Bounds, (width, height): (u64, u64), memory: u64) -> Vec<f64> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.raw");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.raw");
     let request = with(WindowRequest::new(bounds, Detail::Exact(width, height)), |it| {
         it.memory = memory;
         it.nodata = Some(if tree.header().rule == Rule::Occupancy { 0.into() } else { (-1_000_000).into() });
@@ -91,12 +91,12 @@ fn exact_means_of_pixels() {
 }
 
 #[test]
-fn exact_means_are_of_amounts() {
+fn exact_means_need_continuous_values() {
     let cells = Cells::random(quad(SampleType::U8, 1), 1, [30, 30, 1], 9, true);
     let tree = dataset(&cells, Rule::Majority, DataKind::Categorical);
-    let folder = tempfile::tempdir().unwrap();
-    let request = WindowRequest::new(tree.header().picture(), Detail::Exact(7, 7));
-    let output = Output::create(&folder.path().join("a.raw")).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let request = WindowRequest::new(tree.header().extent_bounds(), Detail::Exact(7, 7));
+    let output = Output::create(&directory.path().join("a.raw")).unwrap();
     let error = export_window(&tree, &request, output, Format::Raw, &()).unwrap_err().to_string();
     assert!(error.contains("not averaged"), "{error}");
 }

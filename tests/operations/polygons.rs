@@ -126,8 +126,8 @@ fn simplified_borders_are_those_of_both_neighbours() {
         request.simplify = Some(tolerance);
         let found = regions(&cells, &request);
 
-        let told = |all: &[Region]| all.iter().map(|own| (own.class, own.cells)).collect::<Vec<_>>();
-        assert_eq!(told(&found), told(&exact), "{seed}");
+        let summary = |all: &[Region]| all.iter().map(|own| (own.class, own.cells)).collect::<Vec<_>>();
+        assert_eq!(summary(&found), summary(&exact), "{seed}");
         let (before, after) = (edges(&exact), edges(&found));
         (points, kept) = (points + before.len(), kept + after.len());
 

@@ -123,7 +123,7 @@ fn any_window_at_any_level() {
 }
 
 #[test]
-fn the_picture_has_a_size_at_every_level() {
+fn the_extent_has_a_size_at_every_level() {
     let cells = Cells::random(QUAD, 7, [70, 33, 1], 9, false);
     let file = dataset(&cells, Rule::Mean, DataKind::Continuous);
     let size = |level| file.extent_at(level).max;
@@ -167,9 +167,11 @@ fn a_window_that_is_not_aligned_needs_few_segments() {
             let at = |random: &mut Random| match (space - side, round % 3) {
                 (0, _) => 0,
                 // Around the middle of the root, and of its children.
-                (room, 0) => (space / 2 - 1 - random.below(side - 1)).min(room),
-                (room, 1) => (space / 4 * (1 + random.below(3))).saturating_sub(random.below(side)).min(room),
-                (room, _) => random.below(room + 1),
+                (limit, 0) => (space / 2 - 1 - random.below(side - 1)).min(limit),
+                (limit, 1) => {
+                    (space / 4 * (1 + random.below(3))).saturating_sub(random.below(side)).min(limit)
+                }
+                (limit, _) => random.below(limit + 1),
             };
             let min: [u64; 3] = std::array::from_fn(|axis| if axis < axes { at(&mut random) } else { 0 });
             let max = std::array::from_fn(|axis| if axis < axes { min[axis] + side } else { 1 });
@@ -191,8 +193,8 @@ fn statistics(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataK
     for round in 0..20 {
         let bounds = some_bounds(form.dimension, &mut random, size[0].max(size[1]));
         let bounds = (round > 0).then_some(bounds);
-        let picture = Bounds::picture(size);
-        let inside = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        let extent = Bounds::of_extent(size);
+        let inside = bounds.map_or(extent, |bounds| bounds.intersect(&extent));
         let found = file.statistics(bounds, &()).unwrap();
         let values: Vec<Value> = cells_of(&inside).filter_map(|cell| cells.get(cell)).collect();
         assert_eq!(found.cells, values.len() as u64);
@@ -275,9 +277,9 @@ fn search(form: TreeType, seed: u64, size: [u64; 3], kind: DataKind, condition: 
     };
     let mut random = Random(seed);
     for round in 0..8 {
-        let picture = Bounds::picture(size);
+        let extent = Bounds::of_extent(size);
         let bounds = (round > 0).then(|| some_bounds(form.dimension, &mut random, size[0]));
-        let inside = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        let inside = bounds.map_or(extent, |bounds| bounds.intersect(&extent));
         let mut blocks: Vec<FoundBlock> = Vec::new();
         file.find(condition, bounds, &(), &mut |block| {
             blocks.push(block);
@@ -339,8 +341,8 @@ fn exact_to_nine_digits(form: TreeType, number: impl Fn(u64) -> f64) {
         let index = y * size[0] + x;
         (index % 11 != 3).then(|| form.value.nearest(|_| number(index)))
     });
-    let folder = tempfile::tempdir().unwrap();
-    let (goblin, autumnal) = (folder.path().join("t.goblin"), folder.path().join("t.autumn"));
+    let directory = tempfile::tempdir().unwrap();
+    let (goblin, autumnal) = (directory.path().join("t.goblin"), directory.path().join("t.autumn"));
     for path in [&goblin, &autumnal] {
         write_cells(path, &cells, &options(Rule::Mean, DataKind::Continuous, cells.depth()));
     }
@@ -352,7 +354,7 @@ fn exact_to_nine_digits(form: TreeType, number: impl Fn(u64) -> f64) {
         for round in 0..12 {
             let part = some_bounds(Dimension::Quad, &mut random, 300);
             let inside =
-                if round == 0 { Bounds::picture(size) } else { part.intersect(&Bounds::picture(size)) };
+                if round == 0 { Bounds::of_extent(size) } else { part.intersect(&Bounds::of_extent(size)) };
             let values: Vec<f64> = cells_of(&inside)
                 .filter_map(|cell| cells.get(cell))
                 .map(|it| form.value.samples(it)[0])
@@ -416,7 +418,7 @@ fn very_many_classes_are_counted_exactly() {
         (!number.is_multiple_of(7)).then(|| Value::from(((number ^ 0x2a5) + 1000).to_le_bytes()))
     });
     let tree = dataset(&cells, Rule::Majority, DataKind::Categorical);
-    for bounds in [tree.header().picture(), Bounds { min: [3, 5, 0], max: [149, 117, 1] }] {
+    for bounds in [tree.header().extent_bounds(), Bounds { min: [3, 5, 0], max: [149, 117, 1] }] {
         let mut expected = std::collections::BTreeMap::new();
         for y in bounds.min[1]..bounds.max[1] {
             for x in bounds.min[0]..bounds.max[0] {
@@ -445,11 +447,11 @@ fn points_below_dense_blocks_that_end_with_their_segments() {
         for count in [1, 20, 100, 1000, 20_000] {
             for level in [tree.depth(), tree.depth() - 1, tree.depth() - 4] {
                 let shift = tree.depth() - level;
-                let places: Vec<_> = (0..count)
+                let positions: Vec<_> = (0..count)
                     .map(|_| size.map(|length| random.below(length + length / 9) >> shift))
                     .collect();
-                tree.points(&places, level, &mut samples).unwrap();
-                for (index, cell) in places.iter().enumerate() {
+                tree.points(&positions, level, &mut samples).unwrap();
+                for (index, cell) in positions.iter().enumerate() {
                     let expected = tree.point(*cell, level, &mut value).unwrap().then_some(&value[..1]);
                     assert_eq!(
                         samples.get(index).as_deref(),

@@ -66,14 +66,14 @@ fn all_points(
     let mut random = Random(9);
     for level in 0..=depth {
         let side = (1u64 << level) + 1;
-        let places: Vec<[u32; 3]> =
+        let positions: Vec<[u32; 3]> =
             (0..count).map(|_| std::array::from_fn(|_| random.below(side) as u32)).collect();
         let mut values = vec![None; count];
-        file.values_at(level, &places, &mut values).unwrap();
+        file.values_at(level, &positions, &mut values).unwrap();
         let mut samples = PointSamples::default();
-        let places64: Vec<_> = places.iter().map(|cell| cell.map(u64::from)).collect();
-        tree.points(&places64, level, &mut samples).unwrap();
-        for (i, (cell, value)) in places64.iter().zip(&values).enumerate() {
+        let positions64: Vec<_> = positions.iter().map(|cell| cell.map(u64::from)).collect();
+        tree.points(&positions64, level, &mut samples).unwrap();
+        for (i, (cell, value)) in positions64.iter().zip(&values).enumerate() {
             let expected = expected(level, *cell);
             assert_eq!(*value, expected, "level {level} {cell:?}");
             let numbers = expected.map(|value| value_type.numbers(value));
@@ -126,8 +126,8 @@ fn many_points_in_several_segments_below_each_other() {
 }
 
 fn array(tree: &Dataset, level: u8, bounds: Bounds, format: Format, memory: u64) -> spinney::Result<Vec<u8>> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a");
     let request = with(ArrayRequest::new(bounds, level), |it| it.memory = memory);
     export_array(tree, &request, Output::create(&path)?, format, &())?;
     Ok(std::fs::read(path).unwrap())
@@ -173,11 +173,11 @@ fn boxes_at_every_level() {
     assert!(array(&file, 5, Bounds { min: [3; 3], max: [3; 3] }, Format::Npy, 1 << 20).is_err());
 }
 
-fn slice(tree: &Dataset, across: usize, place: u64, detail: Detail, name: &str) -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join(name);
-    let mut bounds = tree.header().picture();
-    (bounds.min[across], bounds.max[across]) = (place, place + 1);
+fn slice(tree: &Dataset, across: usize, position: u64, detail: Detail, name: &str) -> Vec<u8> {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
+    let mut bounds = tree.header().extent_bounds();
+    (bounds.min[across], bounds.max[across]) = (position, position + 1);
     let request = with(WindowRequest::new(bounds, detail), |it| {
         it.across = across;
         it.memory = 3000;
@@ -191,16 +191,16 @@ fn slice(tree: &Dataset, across: usize, place: u64, detail: Detail, name: &str) 
 fn windows_outside_of_the_tree_are_refused() {
     let cells = Cells::random(OCT, 5, [12, 9, 10], 9, true);
     let tree = dataset(&cells, Rule::Mean, DataKind::Continuous);
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     for axis in 0..3 {
-        let mut bounds = tree.header().picture();
+        let mut bounds = tree.header().extent_bounds();
         (bounds.min[axis], bounds.max[axis]) = (12, 14);
         let request = WindowRequest::new(bounds, Detail::Level(4));
-        let output = Output::create(&folder.path().join("x.raw")).unwrap();
+        let output = Output::create(&directory.path().join("x.raw")).unwrap();
         let error = export_window(&tree, &request, output, Format::Raw, &()).unwrap_err();
         assert!(error.to_string().contains("outside of the tree"), "{error}");
     }
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
 }
 
 /// Returns columns, rows and channels, and the samples.
@@ -220,20 +220,20 @@ fn slices_across_every_axis_at_every_level() {
         for across in 0..3 {
             let (u, v) = [(1, 2), (0, 2), (0, 1)][across];
             let size = file.extent_at(level).max;
-            for place in [0, 7, 16] {
+            for position in [0, 7, 16] {
                 let expected: Vec<u8> = every_cell([size[u], size[v], 1])
                     .map(|[column, row, _]| {
-                        let mut cell = [place >> (5 - level); 3];
+                        let mut cell = [position >> (5 - level); 3];
                         (cell[u], cell[v]) = (column, row);
                         byte_at(&model, level, cell)
                     })
                     .collect();
-                assert_eq!(slice(&file, across, place, Detail::Level(level), "a.raw"), expected);
+                assert_eq!(slice(&file, across, position, Detail::Level(level), "a.raw"), expected);
                 let mut upright: Vec<&[u8]> = expected.chunks(size[u] as usize).collect();
                 if across != 2 {
                     upright.reverse();
                 }
-                assert_eq!(slice(&file, across, place, Detail::Level(level), "a.png"), upright.concat());
+                assert_eq!(slice(&file, across, position, Detail::Level(level), "a.png"), upright.concat());
             }
         }
     }
@@ -441,17 +441,17 @@ fn rays_find_the_surface_that_densities_have() {
             assert!(rays.value(hit.cell).unwrap()[0] > 0.0);
             let wanted = moment(&cells, side, hit.point);
             let length = |a: [f64; 3]| a.iter().map(|part| part * part).sum::<f64>().sqrt();
-            let apart = length(std::array::from_fn(|axis| hit.inwards[axis] - wanted[axis]));
-            assert!(apart < 1e-3 * length(wanted) + 0.5, "{side} {ray:?}: {:?} {wanted:?}", hit.inwards);
+            let difference = length(std::array::from_fn(|axis| hit.inwards[axis] - wanted[axis]));
+            assert!(difference < 1e-3 * length(wanted) + 0.5, "{side} {ray:?}: {:?} {wanted:?}", hit.inwards);
             counts[if hit.t == 0.0 { 1 } else { 2 }] += 1;
         }
     }
     assert!(counts.iter().all(|count| *count > 20), "{counts:?}");
 }
 
-fn picture(tree: &Dataset, request: &RenderRequest) -> (u8, [u64; 3], Vec<u8>) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.png");
+fn rendered(tree: &Dataset, request: &RenderRequest) -> (u8, [u64; 3], Vec<u8>) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.png");
     let level = render(tree, request, Output::create(&path).unwrap(), Format::Png, &()).unwrap();
     let (size, bytes) = samples(&path);
     (level, size, bytes)
@@ -467,7 +467,7 @@ fn the_silhouette_of_a_ball_is_a_disc() {
             it.background = None;
             it.projection = CameraProjection::Orthographic;
         });
-        let (level, size, pixels) = picture(&file, &request);
+        let (level, size, pixels) = rendered(&file, &request);
         assert_eq!((level, size), (6, [120, 90, 4]));
         let area: f64 = pixels.chunks(4).map(|pixel| f64::from(pixel[3]) / 255.0).sum();
         // The cube around the ball fills the height, except for a margin; it is larger if seen
@@ -487,27 +487,27 @@ fn the_silhouette_of_a_ball_is_a_disc() {
 }
 
 #[test]
-fn pictures_depend_on_what_is_asked_only() {
+fn images_depend_on_the_request_alone() {
     let file = solid(&ball(6, 25.0));
     let request = RenderRequest::new(40, 30);
-    let (level, size, pixels) = picture(&file, &request);
+    let (level, size, pixels) = rendered(&file, &request);
     assert_eq!((level, size), (6, [40, 30, 3]));
     assert_eq!(pixels[..3], [255; 3]);
     for threads in [1, 3] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        assert!(pool.install(|| picture(&file, &request)).2 == pixels);
+        assert!(pool.install(|| rendered(&file, &request)).2 == pixels);
     }
     let small = with(request.clone(), |it| {
         it.width = 8;
         it.height = 8;
     });
-    assert!(picture(&file, &small).0 <= 4);
+    assert!(rendered(&file, &small).0 <= 4);
     let fine = with(request.clone(), |it| {
         it.level = Some(6);
         it.scale = 2.0;
         it.background = Some([9, 8, 7]);
     });
-    let (level, _, zoomed) = picture(&file, &fine);
+    let (level, _, zoomed) = rendered(&file, &fine);
     let seen =
         |pixels: &[u8], background: [u8; 3]| pixels.chunks(3).filter(|pixel| *pixel != background).count();
     assert_eq!(level, 6);
@@ -521,8 +521,8 @@ fn pictures_depend_on_what_is_asked_only() {
         with(request.clone(), |it| it.scale = 0.0),
         with(request.clone(), |it| it.samples = 0),
     ];
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.png");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.png");
     for request in bad {
         assert!(
             render(&file, &request, Output::create(&path).unwrap(), Format::Png, &()).is_err(),
@@ -532,7 +532,7 @@ fn pictures_depend_on_what_is_asked_only() {
     assert!(!path.exists());
     // An empty scene is not an error.
     let empty = solid(&made(OCT, [5, 5, 5], |_| None));
-    assert!(picture(&empty, &request).2.iter().all(|sample| *sample == 255));
+    assert!(rendered(&empty, &request).2.iter().all(|sample| *sample == 255));
 }
 
 #[test]
@@ -542,12 +542,12 @@ fn colours_and_classes_are_seen() {
         made(form, [8, 8, 8], |[x, y, z]| (x > 1 && y > 1 && z > 1).then(|| Value::from([200u8, 20, 20])));
     let file = dataset(&red, Rule::Mean, DataKind::Continuous);
     let request = RenderRequest::new(30, 30);
-    let (_, _, pixels) = picture(&file, &request);
+    let (_, _, pixels) = rendered(&file, &request);
     let middle = &pixels[(15 * 30 + 15) * 3..][..3];
     assert!(middle[0] > 100 && middle[0] > 2 * middle[1], "{middle:?}");
     let classes = made(OCT, [8, 8, 8], |[x, _, _]| Some(byte((x / 4) as u8)));
     let file = dataset(&classes, Rule::Majority, DataKind::Categorical);
-    let (_, _, pixels) = picture(&file, &request);
+    let (_, _, pixels) = rendered(&file, &request);
     let pick = |x: usize, y: usize| pixels[(y * 30 + x) * 3..][..3].to_vec();
     assert_ne!(pick(10, 8), pick(20, 8));
 }

@@ -171,7 +171,7 @@ fn check_by_pairs(a: &Body, b: &Body, name: &str) -> SurfaceIntersection {
         .chain(rings)
         .flat_map(|points| points.windows(2))
         .collect();
-    let (mut same, mut turned, mut places) = (0.0, 0.0, Vec::new());
+    let (mut same, mut turned, mut midpoints) = (0.0, 0.0, Vec::new());
     for one in triangles(a) {
         for other in triangles(b) {
             let shared = common(one, other);
@@ -185,14 +185,14 @@ fn check_by_pairs(a: &Body, b: &Body, name: &str) -> SurfaceIntersection {
             // position.
             for from in &shared {
                 for to in &shared {
-                    places.push([0, 1, 2].map(|axis| (from[axis] + to[axis]) / 2.0));
+                    midpoints.push([0, 1, 2].map(|axis| (from[axis] + to[axis]) / 2.0));
                 }
             }
         }
     }
-    for place in places {
-        let nearest = segments.iter().map(|ends| distance_to_segment(place, ends));
-        let points = found.points.iter().map(|point| size(minus(point.point, place)));
+    for midpoint in midpoints {
+        let nearest = segments.iter().map(|ends| distance_to_segment(midpoint, ends));
+        let points = found.points.iter().map(|point| size(minus(point.point, midpoint)));
         let nearest = nearest.chain(points).fold(f64::INFINITY, f64::min);
         // Edges within an area are not reported.
         let is_in_area = || {
@@ -200,10 +200,10 @@ fn check_by_pairs(a: &Body, b: &Body, name: &str) -> SurfaceIntersection {
                 let ring = &area.polygon.rings[0];
                 let normal = (2..ring.len()).map(|i| normal([ring[0], ring[i - 1], ring[i]]));
                 let normal = normal.fold([0.0; 3], |sum, part| [0, 1, 2].map(|axis| sum[axis] + part[axis]));
-                dot(normal, minus(place, ring[0])).abs() < tolerance * size(normal)
+                dot(normal, minus(midpoint, ring[0])).abs() < tolerance * size(normal)
             })
         };
-        assert!(nearest < tolerance || is_in_area(), "{name}: {place:?} is missing, {nearest}, {found:?}");
+        assert!(nearest < tolerance || is_in_area(), "{name}: {midpoint:?} is missing, {nearest}, {found:?}");
     }
     let near = |a: f64, b: f64| (a - b).abs() < tolerance * (1.0 + a + b);
     assert!(near(area(&found, true), same), "{name}: {} {same}", area(&found, true));
@@ -262,10 +262,10 @@ fn boxes_in_all_ways() {
     for (ends, [[left, _], _]) in line.points.windows(2).zip(&line.faces) {
         let along = minus(ends[1], ends[0]);
         let to_left = cross(normal(faces[left][0]), along);
-        let beside = |way: f64| {
+        let next_to_line = |way: f64| {
             [0, 1, 2].map(|axis| (ends[0][axis] + ends[1][axis] + way * to_left[axis] / size(to_left)) / 2.0)
         };
-        assert!(b.is_inside(beside(1.0)) && !b.is_inside(beside(-1.0)));
+        assert!(b.is_inside(next_to_line(1.0)) && !b.is_inside(next_to_line(-1.0)));
     }
     // Inside with a common wall: no line, since points on the wall count as inside.
     assert_eq!(with([40, 30, 30], [60, 50, 50], "inside at a wall").2, [400.0, 0.0]);
@@ -408,7 +408,7 @@ fn results_of_operations_are_operands() {
     let b = Body::of(&tetrahedron([[100, 90, 80], [1, 70, 6], [90, 2, 11], [40, 50, 125]]).unwrap(), 7);
     let crossing = found(&a, &b);
     let without = combined(2, &[&a, &b]);
-    assert_ne!(without.model.volume_beside().unwrap(), 0.0);
+    assert_ne!(without.model.volume_correction().unwrap(), 0.0);
     // The cut wall is entirely a wall of the other solid, from the other side; the rest of the
     // first one's boundary coincides with its own walls.
     let cut = found(&without, &b);
@@ -428,14 +428,14 @@ fn results_of_operations_are_operands() {
     assert!(rims(&cut) >= length(&crossing, LineKind::Crossing) - 1e-9);
     for line in &crossing.lines {
         for point in &line.points {
-            let place = a.model.locate(*point).unwrap();
-            assert!(place != Location::Inside || a.model.signed_distance(*point).unwrap().abs() < 1e-9);
+            let midpoint = a.model.locate(*point).unwrap();
+            assert!(midpoint != Location::Inside || a.model.signed_distance(*point).unwrap().abs() < 1e-9);
         }
     }
 }
 
 #[test]
-fn threads_and_memory_do_not_matter_or_are_told() {
+fn threads_do_not_change_results_and_insufficient_memory_is_reported() {
     let mut random = Random(3);
     let mut faces = Vec::new();
     for x in 0..12 {

@@ -1,7 +1,7 @@
 //! All symmetries of the square and the cube, singly and in pairs, against permuted cell arrays.
 
 use spinney::raw::ops::{AffineMap, Axis, View};
-use spinney::{DataKind, Frame, Rule, ViewStep};
+use spinney::{DataKind, Frame, Rule, ViewOperation};
 
 use crate::common::{
     Cells, OCT, QUAD, assert_same, goblin, goblin_bytes, goblin_from_view, seen, view_in, view_of_cells,
@@ -86,7 +86,7 @@ fn each_cell(size: [u64; 3], mut each: impl FnMut([u64; 3])) {
 
 /// Applies an operation in text form.
 fn done(view: View, step: &str) -> View {
-    let step: ViewStep = step.parse().unwrap();
+    let step: ViewOperation = step.parse().unwrap();
     step.apply(view).unwrap()
 }
 

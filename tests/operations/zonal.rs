@@ -182,10 +182,10 @@ fn values_of(samples: &mut [(f64, Number)]) -> ZoneValues {
     };
     let all: f64 = samples.iter().map(|(weight, _)| weight).sum();
     // The integral of the samples laid out consecutively, each as long as its weight.
-    let sum_before = |place: f64| {
+    let sum_before = |rank: f64| {
         let (mut sum, mut at) = (0.0, 0.0);
         for (weight, sample) in samples.iter() {
-            sum += sample.to_f64() * weight.min((place - at).max(0.0));
+            sum += sample.to_f64() * weight.min((rank - at).max(0.0));
             at += weight;
         }
         sum
@@ -244,8 +244,8 @@ fn assert_alike(found: &ZoneStatistics, expected: &ZoneStatistics, what: &str) {
 }
 
 fn zones(form: TreeType, seed: u64, size: [u64; 3], (rule, kind): (Rule, DataKind)) {
-    let folder = tempfile::tempdir().unwrap();
-    let [goblin, autumnal] = ["t.goblin", "t.autumn"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [goblin, autumnal] = ["t.goblin", "t.autumn"].map(|name| directory.path().join(name));
     let cells = Cells::random(form, seed, size, 5 + seed % 30, true);
     write_cells(&goblin, &cells, &options(rule, kind, cells.depth()));
     convert(&goblin, false, Output::create(&autumnal).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
@@ -334,7 +334,7 @@ fn values_of_all_types_are_as_their_cells() {
 }
 
 #[test]
-fn values_beyond_memory_tell_the_same() {
+fn values_that_exceed_memory_have_the_same_measures() {
     for sample in [SampleType::F32, SampleType::I16, SampleType::U64] {
         let form = quad(sample, 1);
         let size = [220, 210, 1];
@@ -363,14 +363,14 @@ fn measures_have_names_and_quantiles_are_from_0_to_1() {
     for measure in ZoneMeasure::ALL {
         assert_eq!(measure.to_string().parse::<ZoneMeasure>().unwrap(), measure);
     }
-    let told = "middle".parse::<ZoneMeasure>().unwrap_err().to_string();
-    assert!(told.contains("middle") && told.contains("median"), "{told}");
+    let message = "middle".parse::<ZoneMeasure>().unwrap_err().to_string();
+    assert!(message.contains("middle") && message.contains("median"), "{message}");
     let cells = Cells::random(QUAD, 1, [9, 9, 1], 9, false);
     let file = dataset(&cells, Rule::Majority, DataKind::Categorical);
     for wrong in [-0.1, 1.1, f64::NAN] {
         let request = ZonalRequest { quantiles: vec![0.5, wrong], ..ZonalRequest::default() };
-        let told = file.zonal(&[], &request, &()).unwrap_err().to_string();
-        assert!(told.contains("from 0 to 1"), "{told}");
+        let message = file.zonal(&[], &request, &()).unwrap_err().to_string();
+        assert!(message.contains("from 0 to 1"), "{message}");
     }
     // Quantities that are not requested are not counted.
     let square = Polygon::new(&[vec![[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]]]).unwrap();
@@ -384,8 +384,8 @@ fn measures_have_names_and_quantiles_are_from_0_to_1() {
 
 #[test]
 fn zones_of_nothing_and_everything() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.goblin");
     let cells = Cells::random(QUAD, 3, [100, 80, 1], 9, false);
     write_cells(&path, &cells, &options(Rule::Majority, DataKind::Categorical, cells.depth()));
     let file = spinney::open(&path).unwrap();

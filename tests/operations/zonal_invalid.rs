@@ -129,12 +129,12 @@ fn areas(parts: &Parts) -> Vec<f64> {
 
 /// Returns the same content stored in all ways.
 fn stored(
-    folder: &std::path::Path,
+    directory: &std::path::Path,
     name: &str,
     cells: &Cells,
     (rule, kind): (Rule, DataKind),
 ) -> Vec<Dataset> {
-    let path = |extension: &str| folder.join(format!("{name}.{extension}"));
+    let path = |extension: &str| directory.join(format!("{name}.{extension}"));
     let (plain, packed, autumnal) = (path("goblin"), path("packed.goblin"), path("autumn"));
     write_cells(&plain, cells, &options(rule, kind, cells.depth()));
     for (to, packing) in [(&packed, Packing::packed()), (&autumnal, Packing::default())] {
@@ -153,12 +153,12 @@ fn near(found: f64, expected: f64, what: &str) {
 
 #[test]
 fn zones_that_overlap_and_cross_themselves_are_the_same_in_all_files() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let form = quad(SampleType::I16, 1);
     let (means, classes) = ((Rule::Mean, DataKind::Continuous), (Rule::Majority, DataKind::Categorical));
     let mut contents = Vec::new();
     let mut add = |name: &str, cells: Cells, how: (Rule, DataKind)| {
-        let files = stored(folder.path(), name, &cells, how);
+        let files = stored(directory.path(), name, &cells, how);
         contents.push((name.to_string(), cells, files));
     };
     let noise = Cells::noise(form, 1, SIZE, 250);

@@ -21,31 +21,26 @@ fn fixture(name: &str) -> String {
 
 /// A directory with the trees that are queried.
 struct Trees {
-    folder: TempDir,
+    directory: TempDir,
     classic: String,
     octree: String,
 }
 
 impl Trees {
     fn new() -> Trees {
-        let folder = tempfile::tempdir().unwrap();
-        let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
         let (classic, octree) = (path("classic.goblin"), path("octree.goblin"));
-        let picture = fixture("classic.png");
+        let image = fixture("classic.png");
         let rule = ["--rule", "dominant", "--kind", "categorical"];
-        command(&["build", "-q", &picture, "-o", &classic])
-            .args(rule)
-            .assert()
-            .success()
-            .stderr("")
-            .stdout("");
+        command(&["build", "-q", &image, "-o", &classic]).args(rule).assert().success().stderr("").stdout("");
         let cells = Cells::random(OCT, 5, [12, 9, 10], 9, true);
         std::fs::write(&octree, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
-        Trees { folder, classic, octree }
+        Trees { directory, classic, octree }
     }
 
     fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
+        self.directory.path().join(name)
     }
 
     fn name(&self, name: &str) -> String {
@@ -87,12 +82,16 @@ fn dump_gives_the_literature_back() {
     let codes = stdout(&["dump", &trees.classic, "--codes"]);
     assert_eq!(codes.lines().count(), 31);
     assert!(stdout(&["dump", &trees.octree, "--df"]).starts_with('M'));
-    assert!(complaint(&["dump", &trees.octree, "--limit", "1"], 1).contains("at most 1"));
+    let message = complaint(&["dump", &trees.octree, "--limit", "1"], 1);
+    assert!(
+        message.contains(&format!("{}: tree: got ", trees.octree)) && message.contains("at most 1"),
+        "{message}"
+    );
     complaint(&["dump", &trees.classic, "--df", "--codes"], 2);
 }
 
 #[test]
-fn info_tells_what_is_there() {
+fn info_describes_files() {
     let trees = Trees::new();
     let text = stdout(&["info", &trees.classic]);
     assert!(text.contains("8 x 8") && text.contains("dominant") && text.contains("quadtree"), "{text}");
@@ -115,7 +114,7 @@ fn info_tells_what_is_there() {
 }
 
 #[test]
-fn get_writes_what_was_read() {
+fn get_writes_the_cells_that_were_read() {
     let trees = Trees::new();
     for name in ["a.png", "a.tif"] {
         command(&["get", "-q", &trees.classic, &trees.name(name)]).assert().success().stdout("");
@@ -158,7 +157,9 @@ fn boxes_are_in_world_coordinates() {
         .assert()
         .success();
     assert!(complaint(&["point", &placed, "-5"], 2).contains("-5"));
-    assert!(complaint(&["get", &placed, &part, "--window", "-1,0,4,4"], 1).contains("none is negative"));
+    assert!(
+        complaint(&["get", &placed, &part, "--window", "-1,0,4,4"], 1).contains("expected integers from 0")
+    );
     assert!(
         complaint(&["get", &placed, &part, "--in", "world", "--window", "0,0,10,10"], 1)
             .contains("1000,1920,1080,2000")
@@ -167,7 +168,7 @@ fn boxes_are_in_world_coordinates() {
 }
 
 #[test]
-fn get_refuses_what_makes_no_sense() {
+fn get_rejects_invalid_arguments() {
     let trees = Trees::new();
     let before = std::fs::read(&trees.classic).unwrap();
     assert!(
@@ -183,9 +184,9 @@ fn get_refuses_what_makes_no_sense() {
     complaint(&["get", &trees.classic, &out, "--window", "0,0,0,1"], 1);
     complaint(&["get", &trees.classic, &out, "--window", "1,2,3"], 2);
     for outside in ["8,0,2,2", "0,8,2,2", "900,900,2,2"] {
-        for question in [&["get", &trees.classic, &out][..], &["stats", &trees.classic]] {
-            let said = complaint(&[question, &["--window", outside]].concat(), 1);
-            assert!(said.contains("outside the tree, which has 8 x 8 cells"), "{said}");
+        for query in [&["get", &trees.classic, &out][..], &["stats", &trees.classic]] {
+            let said = complaint(&[query, &["--window", outside]].concat(), 1);
+            assert!(said.contains("outside of the tree, which has 8 x 8 cells"), "{said}");
         }
     }
     for step in ["window=8,0,2,2", "window=-2,0,2,2", "window=100,100,120,120,in=world"] {
@@ -228,8 +229,11 @@ fn points() {
     let run =
         command(&["point", "--in", "cells", &trees.classic]).write_stdin("0,0\n\nhere\n").assert().code(1);
     let text = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
-    assert!(text.contains("standard input, line 3: `here`"), "{text}");
-    assert!(complaint(&["point", &trees.classic, "1,1", "1,2,3,4"], 1).contains("point 2: `1,2,3,4`"));
+    assert!(text.contains("standard input, line 3: got `here`, expected X,Y"), "{text}");
+    assert!(
+        complaint(&["point", &trees.classic, "1,1", "1,2,3,4"], 1)
+            .contains("point 2: got `1,2,3,4`, expected X,Y")
+    );
     complaint(&["point", &trees.classic, "nan,1"], 1);
     complaint(&["point", &trees.classic, "--level", "4", "1,1"], 1);
     assert_eq!(stdout(&["point", "--in", "cells", &trees.octree, "0,0,10", "12,0,0"]), "outside\noutside\n");
@@ -247,12 +251,16 @@ fn statistics() {
     let part = json(&["stats", &trees.classic, "--json", "--window", "3,1,4,2"]);
     assert_eq!((&part["cells"], &part["channels"][0]["mean"]), (&8.into(), &2.375.into()));
     let text = stdout(&["stats", &trees.classic]);
-    assert!(text.contains("cells      64") && text.contains("area       unknown: no EPSG number"), "{text}");
+    assert!(
+        text.contains("cells      64")
+            && text.contains("area       unknown: the coordinate system has no EPSG number"),
+        "{text}"
+    );
     let degrees = trees.name("degrees.goblin");
-    let place = ["--crs", "EPSG:4326", "--transform", "1,0,7,0,-1,50", "--kind", "categorical"];
-    command(&["build", "-q", &fixture("classic.png"), "-o", &degrees]).args(place).assert().success();
+    let georeference = ["--crs", "EPSG:4326", "--transform", "1,0,7,0,-1,50", "--kind", "categorical"];
+    command(&["build", "-q", &fixture("classic.png"), "-o", &degrees]).args(georeference).assert().success();
     let text = stdout(&["stats", &degrees]);
-    assert!(text.contains("area       unknown: cells of degrees"), "{text}");
+    assert!(text.contains("area       unknown: cells in degrees"), "{text}");
     assert!(json(&["stats", &degrees, "--json"])["area_m2"].is_null());
     for command in ["stats", "info"] {
         let text = stdout(&[command, &trees.octree]);
@@ -267,7 +275,7 @@ fn statistics() {
 }
 
 #[test]
-fn values_of_any_number_of_polygons_are_told() {
+fn statistics_of_any_number_of_polygons_are_printed() {
     let trees = Trees::new();
     let document = trees.name("many.geojson");
     let squares = (0..300).map(|i| {
@@ -283,9 +291,9 @@ fn values_of_any_number_of_polygons_are_told() {
         ["stats", &trees.classic, "--zones", &document, "--measure", "majority,sum,median,void_share"];
     let words = [&words[..], &["--quantiles", "0.1,0.025", "--edge", "area"]].concat();
     for format in ["--json", "--csv"] {
-        let told = |memory: &str| stdout(&[&words[..], &[format, "--memory", memory]].concat());
+        let printed = |memory: &str| stdout(&[&words[..], &[format, "--memory", memory]].concat());
         // Fewer than ten of 300 features at a time.
-        assert_eq!(told("8K"), told("256M"));
+        assert_eq!(printed("8K"), printed("256M"));
     }
     let found = json(&[&words[..], &["--json"]].concat());
     let zones = found["zones"].as_array().unwrap();
@@ -313,10 +321,15 @@ fn values_of_any_number_of_polygons_are_told() {
         assert_eq!(Some(last(2)), channel["quantiles"]["0.1"].as_f64());
     }
     let text = stdout(&words);
-    assert!(
-        text.contains(" outside") && text.contains("  majority ") && text.contains("  quantile 0.025 "),
-        "{text}"
-    );
+    for printed in [" VOID", "  channel 1  sum ", "  majority ", "  median ", "  quantile 0.025 "] {
+        assert!(text.contains(printed), "{printed}: {text}");
+    }
+    // Text and tables have the requested measures only.
+    for other in [" outside", " cells", "min ", "mean ", "standard deviation", "minority", "variety"] {
+        assert!(!text.contains(other), "{other}: {text}");
+    }
+    let columns = [&["zone", "id", "layer", "time", "channel"][..], &rows[0][rows[0].len() - 6..]].concat();
+    assert_eq!(rows[0], columns);
     complaint(&[&words[..6], &["--quantiles", "2"]].concat(), 1);
     complaint(&[&words[..4], &["--measure", "middle"]].concat(), 2);
 }
@@ -333,7 +346,7 @@ fn statistics_of_polygons() {
     let features = [
         polygon("all", "[[0,0],[8,0],[8,8],[0,8],[0,0]]"),
         polygon("half a column", "[[2,0],[2.5,0],[2.5,8],[2,8]]"),
-        polygon("elsewhere", "[[20,0],[28,0],[28,8]]"),
+        polygon("outside", "[[20,0],[28,0],[28,8]]"),
     ];
     std::fs::write(
         &document,
@@ -356,7 +369,7 @@ fn statistics_of_polygons() {
     }
     let text = stdout(&["stats", &trees.classic, "--zones", &document, "--edge", "area"]);
     assert!(
-        text.contains("half a column  4 cells, and 0 VOID") && text.contains("elsewhere  0 cells"),
+        text.contains("half a column  4 cells, and 0 VOID") && text.contains("outside  0 cells"),
         "{text}"
     );
     // By default, cells count by their centres.
@@ -376,9 +389,9 @@ fn statistics_of_polygons() {
     let found = json(&[&some[..], &["--attribute", "name"]].concat());
     assert_eq!((found["zones"].as_array().unwrap().len(), &found["zones"][0]["cells"]), (1, &8.0.into()));
     for (wrong, advice) in [
-        (["--where", "name=nobody"], "none with name=nobody"),
-        (["--where", "place=x"], "a feature has: name"),
-        (["--attribute", "name,place"], "a feature has: name"),
+        (["--where", "name=missing"], "none with name=missing"),
+        (["--where", "place=x"], "features' attributes: name"),
+        (["--attribute", "name,place"], "features' attributes: name"),
     ] {
         let query = ["stats", &trees.classic, "--zones", &document, "--json"];
         let said = complaint(&[&query, &wrong[..]].concat(), 1);
@@ -432,7 +445,7 @@ fn searches() {
 
 #[cfg(unix)]
 #[test]
-fn a_closed_pipe_is_no_failure_to_tell_about() {
+fn a_closed_pipe_is_not_reported() {
     let file = fixture("v1/segments.goblin");
     for arguments in [&["find", &file, "--above", "-1"][..], &["dump", &file, "--codes"], &["info", &file]] {
         let mut child = Process::new(assert_cmd::cargo::cargo_bin("spinney"))
@@ -448,7 +461,7 @@ fn a_closed_pipe_is_no_failure_to_tell_about() {
 }
 
 #[test]
-fn verify_tells_good_from_damaged() {
+fn verify_distinguishes_good_from_corrupt_files() {
     let trees = Trees::new();
     command(&["verify", &trees.classic]).assert().code(0);
     command(&["verify", &trees.octree]).assert().code(0);
@@ -491,8 +504,8 @@ fn files_that_are_no_trees() {
     std::fs::write(&empty, "").unwrap();
     std::fs::write(&text, "hello\n".repeat(100)).unwrap();
     let missing = trees.name("missing.goblin");
-    let folder = trees.folder.path().to_str().unwrap();
-    for file in [&empty, &text, &missing, folder, &fixture("classic.png")] {
+    let directory = trees.directory.path().to_str().unwrap();
+    for file in [&empty, &text, &missing, directory, &fixture("classic.png")] {
         let out = trees.name("never.png");
         let commands: [&[&str]; 7] = [
             &["info", file],
@@ -508,7 +521,7 @@ fn files_that_are_no_trees() {
         }
         assert!(!trees.path("never.png").exists());
     }
-    for input in [&empty, &text, &missing, folder] {
+    for input in [&empty, &text, &missing, directory] {
         let out = trees.name("never.goblin");
         assert!(complaint(&["build", input, "-o", &out], 1).contains(input.trim_end_matches('/')));
         assert!(!trees.path("never.goblin").exists());

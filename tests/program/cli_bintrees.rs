@@ -5,9 +5,9 @@ use std::fs;
 use crate::common::command::{complaint, spinney, stdout};
 
 #[test]
-fn what_is_dumped_is_built_again() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+fn dumps_are_built_to_the_same_tree() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let fixture = |name: &str| format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"));
     spinney(&["-q", "build", &fixture("island_elevation.tif"), "-o", &path("heights.goblin")]).success();
     for tree in [
@@ -38,9 +38,9 @@ fn what_is_dumped_is_built_again() {
 }
 
 #[test]
-fn what_is_no_bintree_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+fn invalid_bintrees_are_rejected() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (text, tree) = (path("text.bintree"), path("tree.goblin"));
     let refused = |bytes: &[u8], more: &[&str]| {
         fs::write(&text, bytes).unwrap();
@@ -49,7 +49,7 @@ fn what_is_no_bintree_is_refused() {
     let good = b"bintree:alternating:xy:3:u8:8x8 G1W";
     for (bytes, expected) in [
         (&b""[..], "byte 0: got its end"),
-        (b"\xff", "got a byte that is no text at 0"),
+        (b"\xff", "got invalid UTF-8 at byte 0"),
         (b"bintree:alternating:xy:3:u8:8x8 G1", "byte 34: got its end, expected both halves of every node"),
     ] {
         let said = refused(bytes, &[]);
@@ -59,8 +59,8 @@ fn what_is_no_bintree_is_refused() {
         (&["--nodata", "0"][..], "--nodata"),
         (&["--depth", "5"], "--depth"),
         (&["--grid", "xyz"], "--grid"),
-        (&["--cells", "64"], "options for solids"),
-        (&[text.as_str()], "the only one"),
+        (&["--cells", "64"], "which --cells needs"),
+        (&[text.as_str()], "got 2 inputs, expected one bintree"),
     ] {
         let said = refused(good, more);
         assert!(said.contains(expected), "{said}");

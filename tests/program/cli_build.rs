@@ -17,21 +17,21 @@ use crate::common::tiff_file::{Ifd, Values, file};
 const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
 
 /// Runs the program. Returns its exit code, standard output and standard error.
-fn run(args: &[&str], folder: &Path) -> (Option<i32>, Vec<u8>, String) {
-    let output = Command::new(PROGRAM).args(args).current_dir(folder).output().unwrap();
+fn run(args: &[&str], directory: &Path) -> (Option<i32>, Vec<u8>, String) {
+    let output = Command::new(PROGRAM).args(args).current_dir(directory).output().unwrap();
     (output.status.code(), output.stdout, String::from_utf8(output.stderr).unwrap())
 }
 
 /// Returns a directory with a small grey image `p.tif`.
 fn small() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let strip = (0..300 * 200).map(|i: u32| (i % 300 / 9 + i / 300 / 7) as u8).collect();
-    fs::write(folder.path().join("p.tif"), file(&[Ifd::grey(300, 200, strip)])).unwrap();
-    folder
+    fs::write(directory.path().join("p.tif"), file(&[Ifd::grey(300, 200, strip)])).unwrap();
+    directory
 }
 
 /// Writes an image of 2^15 x 2^12 pixels: one in 64 chunks is a ramp, the others are uniform.
-fn large(folder: &Path, tiled: bool) -> PathBuf {
+fn large(directory: &Path, tiled: bool) -> PathBuf {
     let chunk = |pixel: &dyn Fn(u32, u32) -> u8, width: u32, height: u32| {
         let pixels: Vec<u8> = (0..height).flat_map(|y| (0..width).map(move |x| pixel(x, y))).collect();
         let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
@@ -54,128 +54,135 @@ fn large(folder: &Path, tiled: bool) -> PathBuf {
     } else {
         ifd.short(278, &[height as u16])
     };
-    let path = folder.join(if tiled { "tiles.tif" } else { "strips.tif" });
+    let path = directory.join(if tiled { "tiles.tif" } else { "strips.tif" });
     fs::write(&path, file(&[ifd.chunks(&chunks)])).unwrap();
     path
 }
 
 /// Returns the names of all files in a directory, including hidden ones.
-fn names(folder: &Path) -> Vec<String> {
-    let names = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+fn names(directory: &Path) -> Vec<String> {
+    let names =
+        fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let mut names: Vec<String> = names.collect();
     names.sort();
     names
 }
 
 #[test]
-fn a_picture_becomes_a_tree() {
-    let folder = small();
-    let (code, out, err) = run(&["build", "p.tif", "-o", "p.goblin"], folder.path());
+fn a_raster_becomes_a_tree() {
+    let directory = small();
+    let (code, out, err) = run(&["build", "p.tif", "-o", "p.goblin"], directory.path());
     assert_eq!((code, out.as_slice()), (Some(0), &b""[..]), "{err}");
     for expected in
         ["300 x 200 pixels", "1 channel of u8", "continuous", "mean", "p.goblin: ", "of the input's 58."]
     {
         assert!(err.contains(expected), "{expected}: {err}");
     }
-    let tree = Goblin::open(&folder.path().join("p.goblin"), &OpenOptions::new()).unwrap();
+    let tree = Goblin::open(&directory.path().join("p.goblin"), &OpenOptions::new()).unwrap();
     assert_eq!((tree.header().form, tree.header().extent), (QUAD, [300, 200, 1]));
-    let (code, out, err) = run(&["build", "p.tif", "-o", "-", "--quiet"], folder.path());
+    let (code, out, err) = run(&["build", "p.tif", "-o", "-", "--quiet"], directory.path());
     assert_eq!((code, err.as_str()), (Some(0), ""));
-    assert!(out == fs::read(folder.path().join("p.goblin")).unwrap());
-    assert_eq!(names(folder.path()), ["p.goblin", "p.tif"]);
+    assert!(out == fs::read(directory.path().join("p.goblin")).unwrap());
+    assert_eq!(names(directory.path()), ["p.goblin", "p.tif"]);
 }
 
 #[test]
 fn threads_do_not_change_the_bytes() {
-    let folder = small();
+    let directory = small();
     let build = |threads| {
-        run(&["build", "p.tif", "-qo", "-", "--kind", "categorical", "--threads", threads], folder.path()).1
+        run(&["build", "p.tif", "-qo", "-", "--kind", "categorical", "--threads", threads], directory.path())
+            .1
     };
     let one = build("1");
     assert!(!one.is_empty() && one == build("2") && one == build("5"));
 }
 
 #[test]
-fn failures_are_told_and_leave_nothing() {
-    let folder = small();
-    fs::write(folder.path().join("text.tif"), "no raster").unwrap();
-    let whole = fs::read(folder.path().join("p.tif")).unwrap();
+fn failures_are_reported_and_leave_no_files() {
+    let directory = small();
+    fs::write(directory.path().join("text.tif"), "no raster").unwrap();
+    let whole = fs::read(directory.path().join("p.tif")).unwrap();
     // The tags are at the end; an offset of samples beyond the file is only found when building.
-    let mut damaged = whole.clone();
-    let offset = damaged.windows(8).position(|tag| tag == [0x11, 1, 4, 0, 1, 0, 0, 0]).unwrap() + 8;
-    damaged[offset..offset + 4].copy_from_slice(&(whole.len() as u32 - 10).to_le_bytes());
-    fs::write(folder.path().join("damaged.tif"), damaged).unwrap();
-    fs::write(folder.path().join("old.goblin"), "old").unwrap();
-    std::os::unix::fs::symlink("p.tif", folder.path().join("link.tif")).unwrap();
-    let before = names(folder.path());
+    let mut corrupt = whole.clone();
+    let offset = corrupt.windows(8).position(|tag| tag == [0x11, 1, 4, 0, 1, 0, 0, 0]).unwrap() + 8;
+    corrupt[offset..offset + 4].copy_from_slice(&(whole.len() as u32 - 10).to_le_bytes());
+    fs::write(directory.path().join("corrupt.tif"), corrupt).unwrap();
+    fs::write(directory.path().join("old.goblin"), "old").unwrap();
+    std::os::unix::fs::symlink("p.tif", directory.path().join("link.tif")).unwrap();
+    let before = names(directory.path());
     for (args, expected_code, expected) in [
         (&["build", "none.tif", "-o", "old.goblin"][..], 1, "none.tif: cannot open"),
         (&["build", "text.tif", "-o", "old.goblin"], 1, "text.tif: a file of this format is not supported"),
-        (&["build", "damaged.tif", "-qo", "old.goblin"], 1, "damaged.tif"),
+        (&["build", "corrupt.tif", "-qo", "old.goblin"], 1, "corrupt.tif"),
         (&["build", "p.tif", "-o", "p.tif"], 1, "is an input and the output"),
         (&["build", "p.tif", "-o", "link.tif"], 1, "is an input and the output"),
         (&["build", "p.tif", "-o", "none/p.goblin", "-q"], 1, "none/p.goblin: cannot create"),
-        (&["build", "p.tif", "-qo", "x.goblin", "--band", "2"], 1, "bands: got 2"),
-        (&["build", "p.tif", "-qo", "x.goblin", "--depth", "8"], 1, "depth: got 8"),
+        (&["build", "p.tif", "-qo", "x.goblin", "--band", "2"], 1, "--band: got 2"),
+        (&["build", "p.tif", "-qo", "x.goblin", "--depth", "8"], 1, "--depth: got 8"),
         (&["build", "p.tif", "-o", "x.goblin", "--memory", "lots"], 2, "--memory"),
-        (&["build", "p.tif", "-o", "x.goblin", "--transform", "1,2"], 2, "six numbers"),
+        (&["build", "p.tif", "-o", "x.goblin", "--transform", "1,2"], 2, "expected 6 numbers"),
         (&["build", "p.tif", "-o", "x.goblin", "--rule", "best"], 2, "mean, majority"),
+        (
+            &["build", "p.tif", "-qo", "x.goblin", "--kind", "categorical", "--rule", "mean"],
+            1,
+            "p.tif: the rule mean for categorical values is not supported; averages of class numbers",
+        ),
         (&["build", "p.tif", "-o", "x.goblin", "--threads", "0"], 2, "--threads"),
         (&["build", "p.tif"], 2, "--output"),
         (&["build"], 2, "INPUT"),
         (&["plant"], 2, "plant"),
     ] {
-        let (code, _, err) = run(args, folder.path());
+        let (code, _, err) = run(args, directory.path());
         assert_eq!(code, Some(expected_code), "{args:?}: {err}");
         assert!(err.contains(expected), "{args:?}: {err}");
         if expected_code == 1 {
             assert!(err.starts_with("spinney: ") && err.lines().count() == 1, "{args:?}: {err}");
         }
-        assert_eq!(names(folder.path()), before, "{args:?}");
+        assert_eq!(names(directory.path()), before, "{args:?}");
     }
-    assert_eq!(fs::read(folder.path().join("old.goblin")).unwrap(), b"old");
-    assert!(fs::read(folder.path().join("p.tif")).unwrap() == whole);
+    assert_eq!(fs::read(directory.path().join("old.goblin")).unwrap(), b"old");
+    assert!(fs::read(directory.path().join("p.tif")).unwrap() == whole);
 }
 
 #[test]
 fn completions_and_help() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
-        let (code, out, _) = run(&["completions", shell], folder.path());
+        let (code, out, _) = run(&["completions", shell], directory.path());
         assert!(code == Some(0) && String::from_utf8(out).unwrap().contains("spinney"), "{shell}");
     }
-    let (code, out, _) = run(&["build", "--help"], folder.path());
+    let (code, out, _) = run(&["build", "--help"], directory.path());
     assert!(code == Some(0) && String::from_utf8(out).unwrap().contains("Examples:"));
 }
 
 #[test]
-fn a_reader_that_goes_away_is_no_error() {
-    let folder = small();
+fn a_reader_that_closes_the_pipe_is_not_an_error() {
+    let directory = small();
     let mut command = std::process::Command::new(PROGRAM);
-    command.args(["build", "p.tif", "-qo", "-"]).current_dir(folder.path());
+    command.args(["build", "p.tif", "-qo", "-"]).current_dir(directory.path());
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
     assert_eq!((output.status.code(), output.stderr.as_slice()), (Some(141), &b""[..]));
 }
 
-fn start(mut program: std::process::Command, args: &[&str], folder: &Path) -> Child {
-    program.args(args).current_dir(folder).stderr(Stdio::piped()).spawn().unwrap()
+fn start(mut program: std::process::Command, args: &[&str], directory: &Path) -> Child {
+    program.args(args).current_dir(directory).stderr(Stdio::piped()).spawn().unwrap()
 }
 
 #[test]
-fn interruption_leaves_nothing() {
+fn cancellation_leaves_no_files() {
     if interruptible(PROGRAM).is_none() {
         return;
     }
     let input = tempfile::tempdir().unwrap();
     let input = large(input.path(), true).canonicalize().map(|path| (path, input)).unwrap();
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let args = ["build", input.0.to_str().unwrap(), "-qo", "t.goblin", "--threads", "1"];
     let interrupted = || {
-        let child = start(interruptible(PROGRAM).unwrap(), &args, folder.path());
+        let child = start(interruptible(PROGRAM).unwrap(), &args, directory.path());
         let deadline = Instant::now() + Duration::from_secs(20);
-        while names(folder.path()).is_empty() && Instant::now() < deadline {
+        while names(directory.path()).is_empty() && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(1));
         }
         let pid = rustix::process::Pid::from_child(&child);
@@ -184,7 +191,7 @@ fn interruption_leaves_nothing() {
     };
     // On a busy machine the program may have ended before the signal arrives.
     let outputs = std::iter::repeat_with(|| {
-        let _ = fs::remove_file(folder.path().join("t.goblin"));
+        let _ = fs::remove_file(directory.path().join("t.goblin"));
         interrupted()
     });
     let output =
@@ -192,7 +199,7 @@ fn interruption_leaves_nothing() {
     let err = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(130), "{err}");
     assert!(err.starts_with("spinney: interrupted"), "{err}");
-    assert!(names(folder.path()).is_empty());
+    assert!(names(directory.path()).is_empty());
 }
 
 #[test]
@@ -200,12 +207,12 @@ fn interruption_leaves_nothing() {
 fn memory_stays_within_its_budget() {
     /// Allowance in bytes for the program, thread stacks and allocator overhead.
     const ALLOWANCE: u64 = 32 << 20;
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     // With so little memory, strips are copied to a temporary file.
     for (tiled, memory, budget) in [(true, "64M", 64 << 20), (false, "24M", 24 << 20)] {
-        let path = large(folder.path(), tiled);
+        let path = large(directory.path(), tiled);
         let args = ["build", path.to_str().unwrap(), "-qo", "t.goblin", "--memory", memory];
-        let peak = peak_memory(&mut start(std::process::Command::new(PROGRAM), &args, folder.path()));
+        let peak = peak_memory(&mut start(std::process::Command::new(PROGRAM), &args, directory.path()));
         assert!(peak > 0 && peak < budget + ALLOWANCE, "{} MiB with {memory}", peak >> 20);
     }
     // Operations on the tree of the same image: its file is small, so that mapped bytes hardly
@@ -219,7 +226,7 @@ fn memory_stays_within_its_budget() {
     ];
     for (job, windows) in jobs {
         let arguments = [job, &["-q", "--memory", "16M"]].concat();
-        let peak = peak_memory(&mut start(std::process::Command::new(PROGRAM), &arguments, folder.path()));
+        let peak = peak_memory(&mut start(std::process::Command::new(PROGRAM), &arguments, directory.path()));
         assert!(peak < (16 << 20) + windows + ALLOWANCE, "{} MiB for {job:?}", peak >> 20);
     }
 }

@@ -6,8 +6,8 @@ use crate::common::command::{spinney, stderr, stdout};
 
 #[test]
 fn regions_and_lines_become_chains_and_trees() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let [text, tree, some, roads, lines, wide] =
         ["a.chain", "a.goblin", "some.chain", "roads.csv", "lines.chain", "wide.goblin"].map(at);
     let map = "fixtures/v1/classes.goblin";
@@ -37,23 +37,29 @@ fn regions_and_lines_become_chains_and_trees() {
     assert!(found.ends_with("line 1 0 0\n0000\nend 1\n"), "{found}");
     for (arguments, expected) in [
         (&["export", map, &text, "--simplify", "3"][..], "--polygons"),
-        (&["export", map, &text, "--smooth"], "--smooth is for solids"),
-        (&["export", map, &at("x.tif"), "--class", "3"], "--class is for regions"),
+        (&["export", map, &text, "--smooth"], "--smooth works only with meshes of solids"),
+        (&["export", map, &at("x.tif"), "--class", "3"], "--class works only with --polygons or .chain"),
         (
             &["export", map, &at("x.geojson"), "--polygons", "--directions", "8"],
-            "--directions is not for --polygons",
+            "--directions: has no effect on --polygons",
         ),
         (&["export", map, &text, "--directions", "6"], "4 or 8"),
-        (&["export", map, &lines, "--lines", &roads, "--directions", "4"], "8 for lines"),
-        (&["export", map, &lines, "--lines", &roads, "--class", "4"], "for regions, not for --lines"),
-        (&["export", map, &lines, "--lines", &tree], "is no file of features"),
+        (
+            &["export", map, &lines, "--lines", &roads, "--directions", "4"],
+            "expected 8, since chains of lines",
+        ),
+        (
+            &["export", map, &lines, "--lines", &roads, "--class", "4"],
+            "--class and --connect: have no effect on --lines",
+        ),
+        (&["export", map, &lines, "--lines", &tree], "is not a feature file"),
         (&["export", "fixtures/v1/elevation.goblin", &text], "continuous values"),
         (&["show", &text], "a chain code"),
     ] {
-        let told = stderr(spinney(arguments).failure());
-        assert!(told.contains(expected), "{arguments:?}: {told}");
+        let message = stderr(spinney(arguments).failure());
+        assert!(message.contains(expected), "{arguments:?}: {message}");
     }
     fs::write(&text, "freeman-chain-code 1\ndirections 8\nregion 7 0 0\n0123\n").unwrap();
-    let told = stderr(spinney(&["build", &text, "-o", &tree]).failure());
-    assert!(told.contains("a.chain: line 4: found a step to 2,-1"), "{told}");
+    let message = stderr(spinney(&["build", &text, "-o", &tree]).failure());
+    assert!(message.contains("a.chain: line 4: found a move to column 2, row -1"), "{message}");
 }

@@ -18,11 +18,11 @@ fn hill(crs: Option<Crs>) -> (TempDir, String) {
         let height = 100.0 - 6.0 * x.hypot(y);
         (x.hypot(y) > 3.0).then(|| form.value.nearest(|_| height))
     });
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("hill.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("hill.goblin");
     let frame = Frame { crs, ..Frame::planar([10.0, 0.0, 500_000.0, 0.0, -10.0, 5_200_000.0]) };
     write_goblin(&path, &cells, (Rule::Mean, DataKind::Continuous), frame);
-    (folder, path.to_str().unwrap().into())
+    (directory, path.to_str().unwrap().into())
 }
 
 fn features(path: &Path) -> (Value, Vec<Value>) {
@@ -33,8 +33,10 @@ fn features(path: &Path) -> (Value, Vec<Value>) {
 
 #[test]
 fn lines_as_geojson_have_values_and_a_coordinate_system() {
-    let (folder, file) = hill(Some(Crs::epsg(32632)));
-    let out = folder.path().join("lines.geojson");
+    let (directory, file) = hill(Some(Crs::epsg(32632)));
+    let out = directory.path().join("lines.geojson");
+    let usage = complaint(&["contours", &file, "--every", "20", "c.geojson"], 2);
+    assert!(usage.contains("tip: write the output with -o: '-o c.geojson'"), "{usage}");
     spinney(&["contours", &file, "--every", "20", "-o", out.to_str().unwrap()]).success();
     let (all, lines) = features(&out);
     assert_eq!(all["crs"]["properties"]["name"], "urn:ogc:def:crs:EPSG::32632");
@@ -57,8 +59,8 @@ fn lines_as_geojson_have_values_and_a_coordinate_system() {
     assert!(turn < 0.0, "higher values are on the right");
     // The member is absent for WGS 84, and null without a coordinate system.
     for (crs, member) in [(None, Some(&serde_json::Value::Null)), (Some(Crs::epsg(4326)), None)] {
-        let (folder, file) = hill(crs);
-        let out = folder.path().join("lines.json");
+        let (directory, file) = hill(crs);
+        let out = directory.path().join("lines.json");
         spinney(&["-q", "contours", &file, "--at", "40,60", "-o", out.to_str().unwrap()]).success();
         assert_eq!(features(&out).0.get("crs"), member);
     }
@@ -66,8 +68,8 @@ fn lines_as_geojson_have_values_and_a_coordinate_system() {
 
 #[test]
 fn bands_cover_what_has_values() {
-    let (folder, file) = hill(None);
-    let out = folder.path().join("bands.geojson");
+    let (directory, file) = hill(None);
+    let out = directory.path().join("bands.geojson");
     spinney(&["-q", "contours", &file, "--every", "25", "--filled", "-o", out.to_str().unwrap()]).success();
     let (_, bands) = features(&out);
     let area = |ring: &Value| {
@@ -92,8 +94,8 @@ fn bands_cover_what_has_values() {
 
 #[test]
 fn all_formats_have_the_same_lines() {
-    let (folder, file) = hill(Some(Crs::epsg(32632)));
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (directory, file) = hill(Some(Crs::epsg(32632)));
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let run = |name: &str, more: &[&str]| {
         let out = path(name);
         let mut words = vec!["-q", "contours", &file, "--every", "20", "--ends", "close", "-o", &out];
@@ -121,15 +123,15 @@ fn all_formats_have_the_same_lines() {
     let shapes = run("a.shp", &["--3d"]);
     let number = |bytes: &[u8], at: usize| u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap());
     assert_eq!((number(&shapes, 0), 2 * number(&shapes, 24)), (9994, shapes.len() as u32));
-    let [places, table] = ["a.shx", "a.dbf"].map(|name| fs::read(path(name)).unwrap());
-    assert_eq!((places.len(), table.len()), (100 + 8 * count, 32 + 32 + 1 + 25 * count + 1));
-    assert_eq!((number(&places, 100), table[4] as usize), (50, count));
+    let [index_file, table] = ["a.shx", "a.dbf"].map(|name| fs::read(path(name)).unwrap());
+    assert_eq!((index_file.len(), table.len()), (100 + 8 * count, 32 + 32 + 1 + 25 * count + 1));
+    assert_eq!((number(&index_file, 100), table[4] as usize), (50, count));
     let database = run("a.gpkg", &[]);
     assert!(database == run("b.gpkg", &["--threads", "1", "--memory", "1"]), "the same bytes every time");
     let database = rusqlite::Connection::open(path("a.gpkg")).unwrap();
-    let ask = |question: &str| database.query_row(question, [], |row| row.get::<_, i64>(0)).unwrap();
-    assert_eq!(ask("SELECT count(*) FROM contours WHERE value IS NOT NULL"), count as i64);
-    assert_eq!(ask("SELECT srs_id FROM gpkg_geometry_columns"), 32632);
+    let query = |sql: &str| database.query_row(sql, [], |row| row.get::<_, i64>(0)).unwrap();
+    assert_eq!(query("SELECT count(*) FROM contours WHERE value IS NOT NULL"), count as i64);
+    assert_eq!(query("SELECT srs_id FROM gpkg_geometry_columns"), 32632);
     let geometry: Vec<u8> = database.query_row("SELECT geom FROM contours", [], |row| row.get(0)).unwrap();
     let points = u32::from_le_bytes(geometry[13..17].try_into().unwrap()) as usize;
     assert_eq!((&geometry[..4], geometry.len()), (&b"GP\0\x01"[..], 17 + 16 * points));
@@ -137,8 +139,8 @@ fn all_formats_have_the_same_lines() {
 
 #[test]
 fn smooth_lines_stay_closed() {
-    let (folder, file) = hill(None);
-    let out = folder.path().join("lines.geojson");
+    let (directory, file) = hill(None);
+    let out = directory.path().join("lines.geojson");
     let run = |times: &str| {
         let out = out.to_str().unwrap();
         spinney(&["-q", "contours", &file, "--at", "40", "--smooth", times, "-o", out]).success();
@@ -158,8 +160,8 @@ fn memory_does_not_grow_with_lines() {
     use crate::common::command::peak_memory;
     let form = quad(SampleType::U8, 1);
     let cells = made(form, [600, 600, 1], |[x, y, _]| Some(byte((Random(x << 20 | y).next() % 4) as u8)));
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let file = path("noise.goblin");
     write_goblin(Path::new(&file), &cells, (Rule::Mean, DataKind::Continuous), Frame::identity());
     let mut command = std::process::Command::new(assert_cmd::cargo::cargo_bin("spinney"));
@@ -172,16 +174,16 @@ fn memory_does_not_grow_with_lines() {
 
 #[test]
 fn what_cannot_be_done_leaves_no_file() {
-    let (folder, file) = hill(None);
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (directory, file) = hill(None);
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let out = path("out.geojson");
     let refused = |words: &[&str], code: i32| {
         let text = complaint(&[&["contours"], words].concat(), code);
         assert!(!Path::new(&out).exists(), "{words:?}");
         text
     };
-    assert!(refused(&[&file, "--every", "0", "-o", &out], 1).contains("contour levels"));
-    assert!(refused(&[&file, "--every", "1e-9", "-o", &out], 1).contains("farther apart"));
+    assert!(refused(&[&file, "--every", "0", "-o", &out], 1).contains("--every: got step 0"));
+    assert!(refused(&[&file, "--every", "1e-9", "-o", &out], 1).contains("fewer levels"));
     assert!(refused(&[&file, "--every", "10", "--max-bytes", "100", "-o", &out], 1).contains("100"));
     assert!(refused(&[&file, "--every", "10", "--level", "30", "-o", &out], 1).contains("--level"));
     assert!(refused(&[&file, "--every", "10", "-o", &path("out.xyz")], 1).contains("unknown format"));
@@ -207,13 +209,13 @@ fn what_cannot_be_done_leaves_no_file() {
 }
 
 #[test]
-fn systems_without_a_number_go_into_files_or_are_told() {
+fn coordinate_systems_without_a_code_are_stored_or_reported() {
     let definition = "+proj=laea +lat_0=45 +lon_0=-100 +ellps=bessel";
     let crs = Crs::parse(definition).unwrap();
     let text = crs.to_wkt2().unwrap();
-    let (folder, file) = hill(Some(crs));
+    let (directory, file) = hill(Some(crs));
     let run = |name: &str| {
-        let out = folder.path().join(name);
+        let out = directory.path().join(name);
         let run = spinney(&["contours", &file, "--every", "20", "-o", out.to_str().unwrap()]).success();
         (String::from_utf8_lossy(&run.get_output().stderr).into_owned(), fs::read(out).unwrap())
     };
@@ -221,11 +223,11 @@ fn systems_without_a_number_go_into_files_or_are_told() {
     assert!(!said.contains("coordinate system"), "{said}");
     assert!(flat.windows(text.len()).any(|part| part == text.as_bytes()));
     assert!(!run("a.gpkg").0.contains("coordinate system"));
-    let database = rusqlite::Connection::open(folder.path().join("a.gpkg")).unwrap();
-    let ask = "SELECT definition FROM gpkg_spatial_ref_sys JOIN gpkg_geometry_columns USING (srs_id)";
-    assert_eq!(database.query_row(ask, [], |row| row.get::<_, String>(0)).unwrap(), text);
+    let database = rusqlite::Connection::open(directory.path().join("a.gpkg")).unwrap();
+    let query = "SELECT definition FROM gpkg_spatial_ref_sys JOIN gpkg_geometry_columns USING (srs_id)";
+    assert_eq!(database.query_row(query, [], |row| row.get::<_, String>(0)).unwrap(), text);
     assert!(!run("a.shp").0.contains("coordinate system"));
-    let esri = fs::read_to_string(folder.path().join("a.prj")).unwrap();
+    let esri = fs::read_to_string(directory.path().join("a.prj")).unwrap();
     assert!(esri.starts_with("PROJCS[\"unknown\",GEOGCS["), "{esri}");
     assert!(Crs::parse(&esri).is_ok());
     // GeoJSON stores its definition.
@@ -234,18 +236,18 @@ fn systems_without_a_number_go_into_files_or_are_told() {
     let json: serde_json::Value = serde_json::from_slice(&json).unwrap();
     assert!(Crs::parse(json["crs"]["properties"]["name"].as_str().unwrap()).is_ok(), "{json}");
     // Shapefiles also store coordinate systems with an EPSG code.
-    let (folder, file) = hill(Some(Crs::epsg(32632)));
-    let out = folder.path().join("a.shp");
+    let (directory, file) = hill(Some(Crs::epsg(32632)));
+    let out = directory.path().join("a.shp");
     spinney(&["contours", &file, "--every", "20", "-o", out.to_str().unwrap()]).success();
-    let esri = fs::read_to_string(folder.path().join("a.prj")).unwrap();
+    let esri = fs::read_to_string(directory.path().join("a.prj")).unwrap();
     assert!(esri.starts_with("PROJCS[\"WGS_84_UTM_zone_32N\",GEOGCS[\"GCS_WGS_1984\","), "{esri}");
 }
 
 #[test]
 fn areas_between_contours_are_zones_from_files_of_any_format() {
-    let (folder, file) = hill(Some(Crs::epsg(32632)));
+    let (directory, file) = hill(Some(Crs::epsg(32632)));
     let zones = |ending: &str, more: &[&str]| -> Value {
-        let out = folder.path().join(format!("areas.{ending}"));
+        let out = directory.path().join(format!("areas.{ending}"));
         let out = out.to_str().unwrap();
         if !Path::new(out).exists() {
             spinney(&["contours", &file, "--at", "20,60", "--filled", "-o", out]).success();
@@ -256,7 +258,7 @@ fn areas_between_contours_are_zones_from_files_of_any_format() {
         serde_json::from_str(&stdout(&[&words[..], own, more].concat())).unwrap()
     };
     let of = |found: &Value| {
-        let mut told: Vec<(u64, f64)> = found["zones"]
+        let mut listed: Vec<(u64, f64)> = found["zones"]
             .as_array()
             .unwrap()
             .iter()
@@ -267,8 +269,8 @@ fn areas_between_contours_are_zones_from_files_of_any_format() {
                 ((zone["cells"].as_f64().unwrap() * 1e3).round() as u64, (mean * 1e3).round())
             })
             .collect();
-        told.sort_by(|a, b| a.partial_cmp(b).unwrap());
-        told
+        listed.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        listed
     };
     let expected = zones("geojson", &[]);
     assert!(expected["zones"].as_array().unwrap().len() >= 3);
@@ -286,13 +288,17 @@ fn areas_between_contours_are_zones_from_files_of_any_format() {
         assert!(!high.is_empty() && high.len() < of(&expected).len(), "{ending}");
         let lows = high.iter().map(|zone| zone["properties"][&attributes[0]].as_f64().unwrap());
         assert!(lows.into_iter().all(|low| low >= 60.0), "{ending}");
-        let out = folder.path().join(format!("areas.{ending}"));
-        let told = complaint(&["stats", &file, "--zones", out.to_str().unwrap(), "--where", "nothing=1"], 1);
-        assert!(told.contains("nothing, which no feature has") && told.contains(&attributes[0]), "{told}");
+        let out = directory.path().join(format!("areas.{ending}"));
+        let listed =
+            complaint(&["stats", &file, "--zones", out.to_str().unwrap(), "--where", "nothing=1"], 1);
+        assert!(
+            listed.contains("nothing, which no feature has") && listed.contains(&attributes[0]),
+            "{listed}"
+        );
     }
     // Lines are not zones.
-    let lines = folder.path().join("lines.fgb");
+    let lines = directory.path().join("lines.fgb");
     spinney(&["contours", &file, "--at", "20", "-o", lines.to_str().unwrap()]).success();
-    let told = complaint(&["stats", &file, "--zones", lines.to_str().unwrap()], 1);
-    assert!(told.contains("`LineString`") && told.contains("zones are polygons"), "{told}");
+    let listed = complaint(&["stats", &file, "--zones", lines.to_str().unwrap()], 1);
+    assert!(listed.contains("`LineString`") && listed.contains("zones are polygons"), "{listed}");
 }

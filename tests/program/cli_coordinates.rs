@@ -13,7 +13,7 @@ use crate::common::command::{command, complaint, spinney, stderr, stdout};
 use crate::common::{options, quad, with};
 
 /// A directory with trees of 200 x 100 cells: each cell's value is its column (modulo 250).
-struct Place(tempfile::TempDir);
+struct TestDirectory(tempfile::TempDir);
 
 const EXTENT: [u64; 3] = [200, 100, 1];
 
@@ -25,9 +25,9 @@ fn utm() -> Frame {
     framed(32632, [500.0, 0.0, 480_000.0, 0.0, -500.0, 5_350_000.0])
 }
 
-impl Place {
-    fn new() -> Place {
-        Place(tempfile::tempdir().unwrap())
+impl TestDirectory {
+    fn new() -> TestDirectory {
+        TestDirectory(tempfile::tempdir().unwrap())
     }
 
     fn name(&self, name: &str) -> String {
@@ -68,7 +68,7 @@ impl Place {
 fn corners(frame: &Frame, [left, top, right, bottom]: [f64; 4], epsg: u32) -> Vec<[f64; 2]> {
     let own = Projection::new(frame.crs.as_ref().unwrap(), false).unwrap();
     let other = Projection::new(&Crs::epsg(epsg), false).unwrap();
-    let place = |[column, row]: [f64; 2]| {
+    let project = |[column, row]: [f64; 2]| {
         let [x, y, _] = frame.to_world([column, row, 0.0]);
         other.forward(own.inverse([x, y]).unwrap()).unwrap()
     };
@@ -77,7 +77,7 @@ fn corners(frame: &Frame, [left, top, right, bottom]: [f64; 4], epsg: u32) -> Ve
         (0..64).map(move |i| [0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * f64::from(i) / 64.0))
     };
     let ends = [[left, top], [right, top], [right, bottom], [left, bottom]];
-    (0..4).flat_map(|side| steps(ends[side], ends[(side + 1) % 4])).map(place).collect()
+    (0..4).flat_map(|side| steps(ends[side], ends[(side + 1) % 4])).map(project).collect()
 }
 
 fn zones_of(tree: &str, zones: &str, more: &[&str]) -> Json {
@@ -87,8 +87,8 @@ fn zones_of(tree: &str, zones: &str, more: &[&str]) -> Json {
 
 #[test]
 fn zones_are_in_their_own_system_and_keep_ids_and_attributes() {
-    let place = Place::new();
-    let tree = place.tree("utm.goblin", utm());
+    let temp = TestDirectory::new();
+    let tree = temp.tree("utm.goblin", utm());
     // A box whose edges pass between cell centres.
     let window = [20.25, 30.25, 60.25, 50.25];
     for (epsg, crs) in [
@@ -97,7 +97,7 @@ fn zones_are_in_their_own_system_and_keep_ids_and_attributes() {
         (3035, "urn:ogc:def:crs:EPSG::3035"),
         (32632, "EPSG:32632"),
     ] {
-        let zones = place.zones("zones.geojson", &corners(&utm(), window, epsg), crs);
+        let zones = temp.zones("zones.geojson", &corners(&utm(), window, epsg), crs);
         let found = zones_of(&tree, &zones, &[]);
         let zone = &found["zones"][0];
         assert_eq!((&zone["cells"], &zone["channels"][0]["mean"]), (&json!(800.0), &json!(39.5)), "{crs}");
@@ -108,24 +108,24 @@ fn zones_are_in_their_own_system_and_keep_ids_and_attributes() {
         assert_eq!(zone["properties"]["lots"], json!([1, 2]));
     }
     // Explicit options take precedence over the document.
-    let own = place.zones("own.geojson", &corners(&utm(), window, 32632), "");
+    let own = temp.zones("own.geojson", &corners(&utm(), window, 32632), "");
     assert_eq!(zones_of(&tree, &own, &["--in", "world"])["zones"][0]["cells"], 800.0);
     assert_eq!(zones_of(&tree, &own, &["--in", "EPSG:32632"])["zones"][0]["cells"], 800.0);
-    // Read as degrees, these are out of range; other positions miss the tree.
-    let told = complaint(&["stats", &tree, "--zones", &own], 1);
+    // These are not degrees; other positions miss the tree.
+    let message = complaint(&["stats", &tree, "--zones", &own], 1);
     assert!(
-        told.contains("own.geojson") && told.contains("EPSG:4326") && told.contains("outside of the tree"),
-        "{told}"
+        message.contains("own.geojson") && message.contains("is not in degrees") && message.contains("--in"),
+        "{message}"
     );
-    let away = place.zones("away.geojson", &[[20.0, 10.0], [21.0, 10.0], [21.0, 11.0]], "");
-    let told = complaint(&["stats", &tree, "--zones", &away], 1);
-    assert!(told.contains("20,10,21,11") && told.contains("8.7"), "{told}");
+    let away = temp.zones("away.geojson", &[[20.0, 10.0], [21.0, 10.0], [21.0, 11.0]], "");
+    let message = complaint(&["stats", &tree, "--zones", &away], 1);
+    assert!(message.contains("20,10,21,11") && message.contains("8.7"), "{message}");
     let swapped: Vec<_> = corners(&utm(), window, 4326).into_iter().map(|[x, y]| [y, x]).collect();
-    let told = complaint(&["stats", &tree, "--zones", &place.zones("swapped.geojson", &swapped, "")], 1);
-    assert!(told.contains("swapped"), "{told}");
+    let message = complaint(&["stats", &tree, "--zones", &temp.zones("swapped.geojson", &swapped, "")], 1);
+    assert!(message.contains("swapped"), "{message}");
     // A tree without a coordinate system takes them unchanged, and reports it.
-    let bare = place.tree("bare.goblin", Frame::planar([1.0, 0.0, 0.0, 0.0, -1.0, 100.0]));
-    let zones = place.zones("bare.geojson", &[[0.0, 90.0], [10.0, 90.0], [10.0, 100.0], [0.0, 100.0]], "");
+    let bare = temp.tree("bare.goblin", Frame::planar([1.0, 0.0, 0.0, 0.0, -1.0, 100.0]));
+    let zones = temp.zones("bare.geojson", &[[0.0, 90.0], [10.0, 90.0], [10.0, 100.0], [0.0, 100.0]], "");
     let run = spinney(&["stats", &bare, "--zones", &zones]).success();
     assert!(stderr(run).contains("no coordinate system"));
     assert_eq!(zones_of(&bare, &zones, &[])["zones"][0]["cells"], 100.0);
@@ -133,8 +133,8 @@ fn zones_are_in_their_own_system_and_keep_ids_and_attributes() {
 
 #[test]
 fn points_are_found_in_any_coordinates() {
-    let place = Place::new();
-    let tree = place.tree("utm.goblin", utm());
+    let temp = TestDirectory::new();
+    let tree = temp.tree("utm.goblin", utm());
     let at = |epsg: u32| corners(&utm(), [33.5, 44.5, 34.0, 45.0], epsg)[0];
     let [longitude, latitude] = at(4326);
     let lonlat = format!("{longitude},{latitude}");
@@ -148,23 +148,23 @@ fn points_are_found_in_any_coordinates() {
     let run =
         spinney(&["point", &tree, "--in", "lonlat", &format!("{latitude},{longitude}"), "7,100"]).success();
     assert_eq!(run.get_output().stdout, b"outside\noutside\n");
-    let told = stderr(run);
+    let message = stderr(run);
     assert!(
-        told.contains("2 points are outside") && told.contains("swapped") && told.contains("8.7"),
-        "{told}"
+        message.contains("2 points are outside") && message.contains("swapped") && message.contains("8.7"),
+        "{message}"
     );
     assert!(complaint(&["point", &tree, "--in", "there", "1,2"], 2).contains("lonlat"));
     assert!(complaint(&["point", &tree, "--in", "EPSG:999999", "1,2"], 2).contains("EPSG registry"));
-    let bare = place.tree("bare.goblin", Frame::identity());
+    let bare = temp.tree("bare.goblin", Frame::identity());
     assert!(complaint(&["point", &bare, "--in", "lonlat", "1,2"], 1).contains("crs="));
 }
 
 #[test]
 fn parts_are_found_in_any_coordinates_and_across_the_180th_meridian() {
-    let place = Place::new();
-    let world = place.tree("world.goblin", framed(4326, [1.8, 0.0, -180.0, 0.0, -1.8, 90.0]));
-    let pacific = place.tree("pacific.goblin", framed(4326, [0.1, 0.0, 170.0, 0.0, -0.1, 5.0]));
-    let utm = place.tree("utm.goblin", utm());
+    let temp = TestDirectory::new();
+    let world = temp.tree("world.goblin", framed(4326, [1.8, 0.0, -180.0, 0.0, -1.8, 90.0]));
+    let pacific = temp.tree("pacific.goblin", framed(4326, [0.1, 0.0, 170.0, 0.0, -0.1, 5.0]));
+    let utm = temp.tree("utm.goblin", utm());
     let stats = |words: &[&str]| -> Json {
         serde_json::from_str(&stdout(&[&["stats", "--json"], words].concat())).unwrap()
     };
@@ -185,7 +185,7 @@ fn parts_are_found_in_any_coordinates_and_across_the_180th_meridian() {
     let values: Vec<f64> = (195..200).chain(0..5).map(f64::from).collect();
     let expected = (values.iter().map(|value| (value - 99.5).powi(2)).sum::<f64>() / 10.0).sqrt();
     assert!((spread - expected).abs() < 1e-9);
-    let out = place.name("seam.npy");
+    let out = temp.name("seam.npy");
     command(&["get", &world, &out, "--in", "lonlat", "--window", "171,0,-171,1.8"]).assert().success();
     let bytes = std::fs::read(&out).unwrap();
     assert_eq!(bytes[bytes.len() - 10..], [195, 196, 197, 198, 199, 0, 1, 2, 3, 4]);
@@ -200,7 +200,7 @@ fn parts_are_found_in_any_coordinates_and_across_the_180th_meridian() {
     let frame = self::utm();
     let around = corners(&frame, [50.0, 50.0, 60.0, 60.0], 4326);
     let side = |axis: usize, pick: fn(f64, f64) -> f64, start: f64| {
-        around.iter().map(|place| place[axis]).fold(start, pick)
+        around.iter().map(|corner| corner[axis]).fold(start, pick)
     };
     let (west, south) = (side(0, f64::min, 999.0), side(1, f64::min, 999.0));
     let (east, north) = (side(0, f64::max, -999.0), side(1, f64::max, -999.0));
@@ -209,19 +209,19 @@ fn parts_are_found_in_any_coordinates_and_across_the_180th_meridian() {
     assert!((100..=13 * 13).contains(&cells), "{cells}");
     for (words, expected) in [
         (["--in", "lonlat", "--window", "48,9,49,10"], "swapped"),
-        (["--in", "lonlat", "--window", "20,9,21,10"], "outside the picture, which is 8.7"),
-        (["--in", "lonlat", "--window", "9,48,8,47"], "least"),
-        (["--in", "cells", "--window", "9.5,48,8,47"], "whole numbers"),
+        (["--in", "lonlat", "--window", "20,9,21,10"], "outside of the raster, which is 8.7"),
+        (["--in", "lonlat", "--window", "9,48,8,47"], "minimum coordinates"),
+        (["--in", "cells", "--window", "9.5,48,8,47"], "expected integers from 0"),
     ] {
-        let told = complaint(&[&["stats", utm.as_str()], &words[..]].concat(), 1);
-        assert!(told.contains(expected), "{words:?}: {told}");
+        let message = complaint(&[&["stats", utm.as_str()], &words[..]].concat(), 1);
+        assert!(message.contains(expected), "{words:?}: {message}");
     }
 }
 
 #[test]
 fn edits_are_done_in_any_coordinates() {
-    let place = Place::new();
-    let tree = place.tree("utm.autumn", utm());
+    let temp = TestDirectory::new();
+    let tree = temp.tree("utm.autumn", utm());
     let frame = utm();
     let ring = corners(&frame, [20.25, 30.25, 60.25, 50.25], 4326);
     let text: Vec<String> = ring.iter().map(|[x, y]| format!("{x},{y}")).collect();
@@ -237,7 +237,7 @@ fn edits_are_done_in_any_coordinates() {
             .sum::<u64>()
     };
     assert_eq!(count(&tree), 800);
-    let world = place.tree("world.autumn", framed(4326, [1.8, 0.0, -180.0, 0.0, -1.8, 90.0]));
+    let world = temp.tree("world.autumn", framed(4326, [1.8, 0.0, -180.0, 0.0, -1.8, 90.0]));
     spinney(&["edit", &world, "fill", "--in", "lonlat", "--window", "171,-9,-171,9", "--value", "250"])
         .success();
     assert_eq!(count(&world), 100);
@@ -249,12 +249,15 @@ fn edits_are_done_in_any_coordinates() {
 
 #[test]
 fn trees_are_warped_to_any_system() {
-    let place = Place::new();
-    let tree = place.tree("utm.goblin", utm());
-    let out = place.name("laea.goblin");
+    let temp = TestDirectory::new();
+    let tree = temp.tree("utm.goblin", utm());
+    let out = temp.name("laea.goblin");
     let run =
         spinney(&["transform", &tree, "warp=EPSG:3035,cell=1000,resampling=nearest", "-o", &out]).success();
-    assert!(!stderr(run).contains("area error"));
+    assert!(!stderr(run).contains("compared with"));
+    let scaled = spinney(&["transform", &tree, "scale=0.7", "-o", &temp.name("scaled.goblin")]).success();
+    let report = stderr(scaled);
+    assert!(report.contains("\narea       ") && report.contains("% compared with the source's"), "{report}");
     let info: Json = serde_json::from_str(&stdout(&["info", &out, "--json"])).unwrap();
     assert!(info.to_string().contains("EPSG:3035"), "{info}");
     let warped = spinney::open(&out).unwrap();
@@ -274,8 +277,8 @@ fn trees_are_warped_to_any_system() {
     for row in 0..height {
         for column in 0..width {
             let [x, y, _] = frame.to_world([column as f64 + 0.5, row as f64 + 0.5, 0.0]);
-            let place = own.forward(other.inverse([x, y]).unwrap()).unwrap();
-            let [x, y, _] = utm().to_cells([place[0], place[1], 0.0]).unwrap();
+            let projected = own.forward(other.inverse([x, y]).unwrap()).unwrap();
+            let [x, y, _] = utm().to_cells([projected[0], projected[1], 0.0]).unwrap();
             let is_in = (0.0..200.0).contains(&x) && (0.0..100.0).contains(&y);
             let index = (row * width + column) as usize;
             let is_edge = [x, y, x - 200.0, y - 100.0].into_iter().any(|away| away.abs() < 1e-3)
@@ -297,16 +300,16 @@ fn trees_are_warped_to_any_system() {
         (0..margin).any(|column| has(Box::new((0..height).map(move |row| row * width + width - 1 - column))))
     );
     // As a view, without a cell width, to degrees across their seam, and around a pole.
-    let picture = place.name("view.tif");
-    spinney(&["get", &tree, &picture, "--view", "warp=EPSG:4326", "--size", "64x64"]).success();
-    let fiji = place.tree("fiji.goblin", framed(32701, [2000.0, 0.0, 200_000.0, 0.0, -2000.0, 8_000_000.0]));
-    let out = place.name("fiji_lonlat.goblin");
+    let image = temp.name("view.tif");
+    spinney(&["get", &tree, &image, "--view", "warp=EPSG:4326", "--size", "64x64"]).success();
+    let fiji = temp.tree("fiji.goblin", framed(32701, [2000.0, 0.0, 200_000.0, 0.0, -2000.0, 8_000_000.0]));
+    let out = temp.name("fiji_lonlat.goblin");
     spinney(&["transform", &fiji, "warp=EPSG:4326", "-o", &out]).success();
     let [width, height, _] = spinney::open(&out).unwrap().header().extent;
     assert!(width < 300 && height < 150, "{width} x {height}");
     let pole =
-        place.tree("pole.goblin", framed(3413, [20_000.0, 0.0, -2_000_000.0, 0.0, -20_000.0, 1_000_000.0]));
-    let out = place.name("pole_lonlat.goblin");
+        temp.tree("pole.goblin", framed(3413, [20_000.0, 0.0, -2_000_000.0, 0.0, -20_000.0, 1_000_000.0]));
+    let out = temp.name("pole_lonlat.goblin");
     spinney(&["transform", &pole, "warp=EPSG:4326,cell=0.5", "-o", &out]).success();
     assert_eq!(spinney::open(&out).unwrap().header().extent[0], 720);
     for (step, expected) in [
@@ -316,8 +319,8 @@ fn trees_are_warped_to_any_system() {
     ] {
         assert!(complaint(&["transform", &tree, step, "-o", &out], 2).contains(expected), "{step}");
     }
-    let told = complaint(&["transform", &tree, "warp=EPSG:3035,cell=1e-9", "-o", &out], 1);
-    assert!(told.contains("larger cell"), "{told}");
+    let message = complaint(&["transform", &tree, "warp=EPSG:3035,cell=1e-9", "-o", &out], 1);
+    assert!(message.contains("larger cell"), "{message}");
     assert!(
         complaint(&["build", "fixtures/island_elevation.tif", "--crs", "EPSG:999999", "-o", &out], 2)
             .contains("EPSG registry")
@@ -325,12 +328,12 @@ fn trees_are_warped_to_any_system() {
 }
 
 #[test]
-fn pictures_of_web_maps_end_where_data_do() {
-    let place = Place::new();
-    let tree = place.tree("utm.goblin", utm());
-    let picture = place.name("map.npy");
-    let run = spinney(&["get", &tree, &picture, "--view", "grid=xyz,9"]).success();
-    assert!(stderr(run).contains("where data are"));
-    let length = std::fs::metadata(&picture).unwrap().len();
+fn images_of_web_maps_end_where_the_data_end() {
+    let temp = TestDirectory::new();
+    let tree = temp.tree("utm.goblin", utm());
+    let image = temp.name("map.npy");
+    let run = spinney(&["get", &tree, &image, "--view", "grid=xyz,9"]).success();
+    assert!(stderr(run).contains("the box of all data"));
+    let length = std::fs::metadata(&image).unwrap().len();
     assert!((10_000..1_000_000).contains(&length), "{length}");
 }

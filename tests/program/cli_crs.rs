@@ -34,14 +34,14 @@ impl Setting {
     }
 
     /// Builds a tree of an image. Returns the messages.
-    fn build(&self, picture: &str, tree: &str, options: &[&str]) -> String {
-        let run = command(&["build", picture, "-o", &self.name(tree)]).args(options).assert().success();
+    fn build(&self, raster: &str, tree: &str, options: &[&str]) -> String {
+        let run = command(&["build", raster, "-o", &self.name(tree)]).args(options).assert().success();
         stderr(run)
     }
 
     /// Exports a tree as an image. Returns the messages.
-    fn get(&self, tree: &str, picture: &str) -> String {
-        stderr(command(&["-q", "get", &self.name(tree), &self.name(picture)]).assert().success())
+    fn get(&self, tree: &str, raster: &str) -> String {
+        stderr(command(&["-q", "get", &self.name(tree), &self.name(raster)]).assert().success())
     }
 
     fn info(&self, tree: &str) -> Json {
@@ -122,20 +122,20 @@ fn keys(path: &Path) -> (Vec<[u16; 4]>, Vec<u8>, Vec<u8>) {
     let entries = table.as_chunks::<4>().0;
     let count = entries.first().map_or(0, |[.., count]| usize::from(*count));
     let entries = entries.iter().skip(1).take(count).filter(|entry| entry[0] != 1025).copied().collect();
-    let [doubles, mut texts] = [34736, 34737].map(|tag| tag_bytes(path, tag).unwrap_or_default());
-    texts.truncate(texts.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1));
-    (entries, doubles, texts)
+    let [doubles, mut strings] = [34736, 34737].map(|tag| tag_bytes(path, tag).unwrap_or_default());
+    strings.truncate(strings.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1));
+    (entries, doubles, strings)
 }
 
 #[test]
-fn keys_of_geotiff_files_come_back_as_they_were() {
+fn geokeys_round_trip() {
     let setting = Setting::new();
     let mut files = vec![PathBuf::from(setting.equal_area("africa.tif", 12.0))];
     if let Some(data) = shared_data() {
-        for folder in
+        for directory in
             ["raster/gdal_gcore", "raster/rasterio", "raster/georust", "raster/nlcd_zion", "hostile/raster"]
         {
-            let entries = std::fs::read_dir(data.join(folder)).unwrap().map(|entry| entry.unwrap().path());
+            let entries = std::fs::read_dir(data.join(directory)).unwrap().map(|entry| entry.unwrap().path());
             files.extend(entries.filter(|path| path.extension().is_some_and(|ending| ending == "tif")));
         }
     }
@@ -171,10 +171,10 @@ fn keys_of_geotiff_files_come_back_as_they_were() {
 }
 
 #[test]
-fn systems_that_keys_cannot_define_stand_beside_the_picture() {
+fn coordinate_systems_without_geokeys_are_in_sidecars() {
     let setting = Setting::new();
-    let picture = setting.name("rows.png");
-    std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/classic.png"), &picture).unwrap();
+    let raster = setting.name("rows.png");
+    std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/classic.png"), &raster).unwrap();
     setting.write("rows.pgw", b"2\n0\n0\n-2\n101\n199\n");
     // Geokeys have no number for this method.
     let world = AFRICA.replace("Lambert_Azimuthal_Equal_Area", "Mollweide").replace(
@@ -182,14 +182,14 @@ fn systems_that_keys_cannot_define_stand_beside_the_picture() {
         "PARAMETER[\"central_meridian\",3]",
     );
     setting.write("rows.prj", world.as_bytes());
-    let said = setting.build(&picture, "t.goblin", &[]);
+    let said = setting.build(&raster, "t.goblin", &[]);
     assert!(said.contains("Africa & beyond (WKT without an EPSG number)"), "{said}");
     let said = setting.get("t.goblin", "out.tif");
     assert!(said.contains("out.tif.aux.xml"), "{said}");
-    let beside = std::fs::read_to_string(setting.path("out.tif.aux.xml")).unwrap();
+    let sidecar = std::fs::read_to_string(setting.path("out.tif.aux.xml")).unwrap();
     assert!(
-        beside.starts_with("<PAMDataset>\n  <SRS>PROJCS[") && beside.contains("Africa &amp; beyond"),
-        "{beside}"
+        sidecar.starts_with("<PAMDataset>\n  <SRS>PROJCS[") && sidecar.contains("Africa &amp; beyond"),
+        "{sidecar}"
     );
     assert_eq!(tag_bytes(&setting.path("out.tif"), 34735), None);
     assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::Wkt(world)));
@@ -198,14 +198,14 @@ fn systems_that_keys_cannot_define_stand_beside_the_picture() {
     assert!(stderr(run).contains("has no coordinate system"));
     // Likewise PROJJSON, and EPSG codes that geokeys cannot store.
     for definition in [JSON, "EPSG:900913"] {
-        setting.build(&picture, "t.goblin", &["--crs", definition]);
+        setting.build(&raster, "t.goblin", &["--crs", definition]);
         setting.get("t.goblin", "out.tif");
         assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::parse(definition).unwrap()));
     }
     // A system with an EPSG code becomes geokeys; the old sidecar is removed, which is reported.
     let numbered = AFRICA.replace("UNIT[\"metre\",1]", "UNIT[\"metre\",1],AUTHORITY[\"EPSG\",\"32628\"]");
-    setting.build(&picture, "t.goblin", &["--crs", &numbered]);
-    assert!(setting.get("t.goblin", "out.tif").contains("earlier picture"));
+    setting.build(&raster, "t.goblin", &["--crs", &numbered]);
+    assert!(setting.get("t.goblin", "out.tif").contains("earlier image"));
     assert_eq!(setting.get("t.goblin", "out.tif"), "");
     assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::epsg(32628)));
     assert!(!setting.path("out.tif.aux.xml").exists());
@@ -214,11 +214,11 @@ fn systems_that_keys_cannot_define_stand_beside_the_picture() {
 #[test]
 fn systems_without_a_number_become_keys() {
     let setting = Setting::new();
-    let picture = setting.name("rows.png");
-    std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/classic.png"), &picture).unwrap();
+    let raster = setting.name("rows.png");
+    std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/classic.png"), &raster).unwrap();
     setting.write("rows.pgw", b"2\n0\n0\n-2\n101\n199\n");
     setting.write("rows.prj", AFRICA.as_bytes());
-    setting.build(&picture, "t.goblin", &[]);
+    setting.build(&raster, "t.goblin", &[]);
     assert_eq!(setting.get("t.goblin", "out.tif"), "");
     assert!(!setting.path("out.tif.aux.xml").exists());
     let crs = frame(&setting.path("out.tif")).crs.unwrap();
@@ -226,14 +226,14 @@ fn systems_without_a_number_become_keys() {
 }
 
 #[test]
-fn systems_are_told_by_whoever_builds() {
+fn coordinate_systems_are_set_by_build_options() {
     let setting = Setting::new();
-    let picture = setting.equal_area("africa.tif", 12.0);
+    let raster = setting.equal_area("africa.tif", 12.0);
     let definition = setting.write("africa.wkt", AFRICA.as_bytes());
     let at = format!("@{definition}");
     for given in [AFRICA, &definition, &at] {
-        let said = setting.build(&picture, "t.goblin", &["--crs", given]);
-        assert!(said.contains("as you said; the input says unknown (GeoTIFF keys without"), "{said}");
+        let said = setting.build(&raster, "t.goblin", &["--crs", given]);
+        assert!(said.contains("as requested; the input has unknown (GeoTIFF keys without"), "{said}");
         let info = setting.info("t.goblin");
         let text = Crs::parse(AFRICA).unwrap().to_wkt2().unwrap();
         assert!(text.starts_with("PROJCRS[\"Africa & beyond\",BASEGEOGCRS[\"ball\""), "{text}");
@@ -246,7 +246,7 @@ fn systems_are_told_by_whoever_builds() {
         "{text}"
     );
     assert!(text.contains("... (--json shows all)"), "{text}");
-    setting.build(&picture, "t.goblin", &["--crs", "EPSG:4326+5773"]);
+    setting.build(&raster, "t.goblin", &["--crs", "EPSG:4326+5773"]);
     let info = setting.info("t.goblin");
     assert_eq!(
         [&info["epsg"], &info["vertical_epsg"], &info["unit"]],
@@ -255,7 +255,7 @@ fn systems_are_told_by_whoever_builds() {
     setting.get("t.goblin", "out.tif");
     assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::parse("EPSG:4326+5773").unwrap()));
     for (given, word) in [("EPSG:x", "EPSG:4326"), ("@nowhere.wkt", "nowhere.wkt"), ("PROJCS[", "WKT")] {
-        let said = complaint(&["build", &picture, "-o", &setting.name("x.goblin"), "--crs", given], 2);
+        let said = complaint(&["build", &raster, "-o", &setting.name("x.goblin"), "--crs", given], 2);
         assert!(said.contains(word), "{said}");
     }
 }
@@ -263,10 +263,10 @@ fn systems_are_told_by_whoever_builds() {
 #[test]
 fn different_systems_do_not_pass_as_equal() {
     let setting = Setting::new();
-    let pictures = [("a", 12.0), ("b", 52.0), ("again", 12.0)];
-    for (name, latitude) in pictures {
-        let picture = setting.equal_area(&format!("{name}.tif"), latitude);
-        setting.build(&picture, &format!("{name}.goblin"), &[]);
+    let rasters = [("a", 12.0), ("b", 52.0), ("again", 12.0)];
+    for (name, latitude) in rasters {
+        let raster = setting.equal_area(&format!("{name}.tif"), latitude);
+        setting.build(&raster, &format!("{name}.goblin"), &[]);
     }
     let plain = setting.write("none.tif", &file(&[placed()]));
     setting.build(&plain, "none.goblin", &[]);
@@ -320,8 +320,8 @@ fn different_systems_do_not_pass_as_equal() {
 #[test]
 fn definitions_survive_edits_and_operations() {
     let setting = Setting::new();
-    let picture = setting.equal_area("africa.tif", 12.0);
-    setting.build(&picture, "t.autumn", &[]);
+    let raster = setting.equal_area("africa.tif", 12.0);
+    setting.build(&raster, "t.autumn", &[]);
     let (tree, out) = (setting.name("t.autumn"), setting.name("out.goblin"));
     let expected = setting.info("t.autumn")["crs"].clone();
     assert!(expected["definition"].as_str().unwrap().contains("3089=12.0"), "{expected}");

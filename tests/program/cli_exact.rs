@@ -20,11 +20,11 @@ const COLOURED: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float 
     property list uchar int vertex_indices\nend_header\n0 0 0 255 0 0\n6 0 0 255 0 0\n0 6 0 255 0 0\n\
     0 0 6 255 0 0\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
 
-struct Folder(TempDir);
+struct TestDirectory(TempDir);
 
-impl Folder {
-    fn new() -> Folder {
-        Folder(tempfile::tempdir().unwrap())
+impl TestDirectory {
+    fn new() -> TestDirectory {
+        TestDirectory(tempfile::tempdir().unwrap())
     }
 
     fn name(&self, name: &str) -> String {
@@ -47,10 +47,10 @@ impl Folder {
     fn render(&self, file: &str, options: &[&str]) -> Vec<u8> {
         let out = self.name("out.png");
         command(&["render", "-q", file, &out]).args(options).assert().success().stdout("").stderr("");
-        let mut picture = raster::open(Path::new(&out), &Default::default()).unwrap();
-        let (width, height) = (picture.info().width, picture.info().height);
+        let mut image = raster::open(Path::new(&out), &Default::default()).unwrap();
+        let (width, height) = (image.info().width, image.info().height);
         let mut pixels = Pixels::default();
-        picture.read(Region::new(0, 0, width, height), &mut pixels).unwrap();
+        image.read(Region::new(0, 0, width, height), &mut pixels).unwrap();
         pixels.bytes
     }
 }
@@ -72,20 +72,20 @@ fn outline(pixels: &[bool], width: usize) -> usize {
 
 /// Rendered exact models equal rendered fine cells of the same model.
 #[test]
-fn pictures_of_exact_models_are_those_of_fine_cells() {
-    let folder = Folder::new();
-    let mut meshes = vec![folder.mesh("cube.off", CUBE)];
+fn images_of_exact_models_match_those_of_fine_cells() {
+    let directory = TestDirectory::new();
+    let mut meshes = vec![directory.mesh("cube.off", CUBE)];
     match shared_data().map(|data| data.join("mesh/fandisk.ply")).filter(|path| path.exists()) {
         Some(path) => meshes.push(path.to_str().unwrap().into()),
         None => println!("skipped: no fandisk.ply"),
     }
     for mesh in meshes {
-        let exact = folder.built(&mesh, "exact.goblin", &["--brep"]);
-        let cells = folder.built(&mesh, "cells.goblin", &["--cells", "512"]);
+        let exact = directory.built(&mesh, "exact.goblin", &["--brep"]);
+        let cells = directory.built(&mesh, "cells.goblin", &["--cells", "512"]);
         for options in
             [&["--size", "160x120"][..], &["--size", "160x120", "--orthographic", "--from", "60,10"]]
         {
-            let [a, b] = [&exact, &cells].map(|file| folder.render(file, options));
+            let [a, b] = [&exact, &cells].map(|file| directory.render(file, options));
             let sum: u64 = a.iter().zip(&b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
             let mean = sum as f64 / a.len() as f64;
             let [a, b] = [a, b].map(|pixels| background(&pixels));
@@ -100,19 +100,19 @@ fn pictures_of_exact_models_are_those_of_fine_cells() {
 }
 
 #[test]
-fn pictures_have_flat_faces_and_the_options_of_cells() {
-    let folder = Folder::new();
-    let cube = folder.built(&folder.mesh("cube.off", CUBE), "cube.goblin", &["--brep"]);
+fn images_have_flat_faces_and_the_options_of_cells() {
+    let directory = TestDirectory::new();
+    let cube = directory.built(&directory.mesh("cube.off", CUBE), "cube.goblin", &["--brep"]);
     // Seen straight on, with parallel light and rays: one colour inside, without highlights.
     let options = ["--size", "40x40", "--orthographic", "--from", "180,0", "--background", "#102030"];
-    let pixels = folder.render(&cube, &options);
+    let pixels = directory.render(&cube, &options);
     let colours: BTreeSet<&[u8]> = pixels.chunks(3).collect();
     assert!(pixels[..3] == [0x10, 0x20, 0x30] && colours.len() <= 4, "{colours:?}");
     let inside = pixels.chunks(3).filter(|pixel| *pixel != [0x10, 0x20, 0x30]).count();
     assert!((inside as f64 - (0.92 * 40.0f64).powi(2)).abs() <= 4.0 * 40.0, "{inside}");
     // The image does not depend on the thread count.
     let threads = |number: &str| {
-        let out = folder.name("threads.png");
+        let out = directory.name("threads.png");
         command(&["render", "-q", &cube, &out, "--size", "50x70", "--samples", "3"])
             .env("RAYON_NUM_THREADS", number)
             .assert()
@@ -121,18 +121,18 @@ fn pictures_have_flat_faces_and_the_options_of_cells() {
     };
     assert_eq!(threads("1"), threads("3"));
     let options = ["--size", "20x20", "--background", "transparent", "--up", "y", "--scale", "0.5"];
-    let pixels = folder.render(&cube, &options);
+    let pixels = directory.render(&cube, &options);
     assert_eq!((pixels.len(), &pixels[..4]), (1600, &[0; 4][..]));
     // Colours are those of vertices.
-    let coloured = folder.built(&folder.mesh("red.ply", COLOURED), "red.goblin", &["--brep"]);
-    let pixels = folder.render(&coloured, &["--size", "20x20", "--background", "black"]);
+    let coloured = directory.built(&directory.mesh("red.ply", COLOURED), "red.goblin", &["--brep"]);
+    let pixels = directory.render(&coloured, &["--size", "20x20", "--background", "black"]);
     let [red, green, blue] =
         [0, 1, 2].map(|channel| pixels.chunks(3).map(|pixel| u64::from(pixel[channel])).sum::<u64>());
     assert!(red > 5000 && green < red / 2 && green == blue, "{red} {green} {blue}");
-    let never = folder.name("never.png");
+    let never = directory.name("never.png");
     let refuse =
         |options: &[&str], code: i32| complaint(&[&["render", &cube, &never], options].concat(), code);
-    assert!(refuse(&["--level", "3"], 1).contains("--level means nothing"));
+    assert!(refuse(&["--level", "3"], 1).contains("--level has no effect"));
     assert!(refuse(&["--view", "rotate=30,z"], 1).contains("spinney transform"));
     assert!(refuse(&["--size", "10000000x10"], 1).contains("65536"));
     assert!(refuse(&["--scale", "0"], 1).contains("scale"));
@@ -141,9 +141,9 @@ fn pictures_have_flat_faces_and_the_options_of_cells() {
 
 #[test]
 fn leaves_are_found_by_their_kinds() {
-    let folder = Folder::new();
-    let mesh = folder.mesh("cube.off", CUBE);
-    let cube = folder.built(&mesh, "cube.goblin", &["--brep", "--leaf-size", "0"]);
+    let directory = TestDirectory::new();
+    let mesh = directory.mesh("cube.off", CUBE);
+    let cube = directory.built(&mesh, "cube.goblin", &["--brep", "--leaf-size", "0"]);
     let info: Json = serde_json::from_str(&stdout(&["info", &cube, "--json"])).unwrap();
     let all = stdout(&["find", &cube, "--leaf", "void,full,face,edge,vertex,boolean"]);
     let mut counts = BTreeMap::<&str, u64>::new();
@@ -182,10 +182,10 @@ fn leaves_are_found_by_their_kinds() {
 
 #[test]
 fn conditions_are_those_of_the_kind_of_file() {
-    let folder = Folder::new();
-    let mesh = folder.mesh("cube.off", CUBE);
-    let cube = folder.built(&mesh, "cube.goblin", &["--brep"]);
-    let cells = folder.built(&mesh, "cells.goblin", &["--cells", "8"]);
+    let directory = TestDirectory::new();
+    let mesh = directory.mesh("cube.off", CUBE);
+    let cube = directory.built(&mesh, "cube.goblin", &["--brep"]);
+    let cells = directory.built(&mesh, "cells.goblin", &["--cells", "8"]);
     let refuse =
         |file: &str, options: &[&str], code: i32| complaint(&[&["find", file], options].concat(), code);
     for file in [&cube, &cells] {
@@ -194,16 +194,21 @@ fn conditions_are_those_of_the_kind_of_file() {
         assert!(refuse(file, &["--leaf", "flat"], 2).contains("void, full, face"));
     }
     for options in [["--above", "3"], ["--below", "3"], ["--class", "3"]] {
-        assert!(refuse(&cube, &options, 1).contains(&format!("{} means nothing", options[0])));
+        assert!(refuse(&cube, &options, 1).contains(&format!("{} has no effect", options[0])));
     }
-    for (options, told) in [
-        (["--window", "0,0,1,1"], "--window means nothing"),
+    for (options, expected) in [
+        (["--window", "0,0,1,1"], "--window has no effect"),
         (["--view", "rotate=30,z"], "spinney transform"),
     ] {
         let given = [&["--leaf", "full"][..], &options].concat();
-        assert!(refuse(&cube, &given, 1).contains(told));
+        assert!(refuse(&cube, &given, 1).contains(expected));
     }
-    assert!(refuse(&cells, &["--leaf", "full"], 1).contains("no exact model"));
+    assert!(refuse(&cells, &["--leaf", "full"], 1).contains("is not an exact model"));
+    let text = complaint(&["get", &cube, &directory.name("cube.png")], 1);
+    assert!(
+        text.contains(&format!("{cube}: is an exact model")) && text.contains("spinney render"),
+        "{text}"
+    );
 }
 
 /// Two cubes that intersect.
@@ -213,35 +218,35 @@ const CROSSING: &str = "OFF\n16 12 0\n0 0 0\n64 0 0\n64 64 0\n0 64 0\n0 0 64\n64
     4 11 10 9 8\n4 12 13 14 15\n4 8 9 13 12\n4 9 10 14 13\n4 10 11 15 14\n4 11 8 12 15\n";
 
 #[test]
-fn what_passes_through_itself_is_repaired_where_that_is_asked_for() {
-    let folder = Folder::new();
-    let mesh = folder.mesh("crossing.off", CROSSING);
-    let file = folder.name("x.goblin");
-    let told = complaint(&["build", &mesh, "--brep", "-o", &file], 1);
-    assert!(told.contains("passes through itself") && told.contains("--repair"), "{told}");
-    let told = complaint(&["build", &mesh, "--brep", "--repair", "-o", &file], 0);
-    assert!(told.contains("faces divided") && told.contains("no corner was moved"), "{told}");
+fn self_intersections_are_repaired_on_request() {
+    let directory = TestDirectory::new();
+    let mesh = directory.mesh("crossing.off", CROSSING);
+    let file = directory.name("x.goblin");
+    let message = complaint(&["build", &mesh, "--brep", "-o", &file], 1);
+    assert!(message.contains("intersects itself") && message.contains("--repair"), "{message}");
+    let message = complaint(&["build", &mesh, "--brep", "--repair", "-o", &file], 0);
+    assert!(message.contains("faces divided") && message.contains("no vertex was moved"), "{message}");
     let stats: Json = serde_json::from_str(&stdout(&["stats", &file, "--json"])).unwrap();
     assert_eq!(stats["volume"], 2.0 * 64f64.powi(3) - 32f64.powi(3));
     // Six faces with a corner cut out, and the others of both.
     assert_eq!(stats["topology"]["faces"], 12);
     assert_eq!(stats["topology"]["genus"], 0);
-    let cube = folder.mesh("cube.off", CUBE);
-    let told = complaint(&["build", &cube, "--brep", "--repair", "-o", &file], 0);
-    assert!(told.contains("the surface is in order"), "{told}");
+    let cube = directory.mesh("cube.off", CUBE);
+    let message = complaint(&["build", &cube, "--brep", "--repair", "-o", &file], 0);
+    assert!(message.contains("the surface is valid"), "{message}");
     // The option applies to exact models.
     for option in [vec!["--repair"], vec!["--close"], vec!["--snap", "1"], vec!["--leaf-size", "3"]] {
         let words = [&["build", &mesh, "--cells", "8", "-o", &file][..], &option[..]].concat();
-        let told = complaint(&words, 1);
-        assert!(told.contains(option[0]) && told.contains("--brep"), "{told}");
+        let message = complaint(&words, 1);
+        assert!(message.contains(option[0]) && message.contains("--brep"), "{message}");
     }
 }
 
 /// Attributes of CityJSON objects are reported, and a warning is issued if a format cannot store
 /// them.
 #[test]
-fn attributes_are_told() {
-    let folder = Folder::new();
+fn attributes_are_listed() {
+    let directory = TestDirectory::new();
     let sides = "[[[0,2,1]],[[0,1,3]],[[0,3,2]],[[1,2,3]]]";
     let text = format!(
         r#"{{"type":"CityJSON","version":"2.0","transform":{{"scale":[1,1,1],"translate":[0,0,0]}},
@@ -249,10 +254,10 @@ fn attributes_are_told() {
         "geometry":[{{"type":"Solid","lod":"2","boundaries":[{sides}]}}]}},"x":{{"type":"GenericCityObject"}}}},
         "vertices":[[0,0,0],[4,0,0],[0,4,0],[0,0,4]]}}"#
     );
-    let mesh = folder.mesh("a.city.json", &text);
-    let file = folder.name("a.goblin");
-    let told = |arguments: &[&str]| stderr(command(arguments).assert().success());
-    let built = told(&["build", "--brep", &mesh, "-o", &file]);
+    let mesh = directory.mesh("a.city.json", &text);
+    let file = directory.name("a.goblin");
+    let message = |arguments: &[&str]| stderr(command(arguments).assert().success());
+    let built = message(&["build", "--brep", &mesh, "-o", &file]);
     assert!(built.contains("attributes") && built.contains("of 1 parts\n"), "{built}");
     let info: Json = serde_json::from_str(&stdout(&["info", "--json", &file])).unwrap();
     let road = serde_json::json!({ "type": "Road", "attributes": { "lanes": { "n": 2 } } });
@@ -261,29 +266,30 @@ fn attributes_are_told() {
     assert_eq!(info["attributes"]["files"][0]["metadata"]["title"], "One");
     let text = stdout(&["info", &file]);
     assert!(text.contains("attributes  of 1 parts"), "{text}");
-    let export = told(&["export", &file, &folder.name("a.ply")]);
-    assert!(export.contains("what is said of 2 parts and files"), "{export}");
-    assert_eq!(export.matches("the format has no room for").count(), 1, "{export}");
-    let export = told(&["export", &file, &folder.name("b.city.json")]);
-    assert!(!export.contains("what is said"), "{export}");
-    let written = std::fs::read_to_string(folder.name("b.city.json")).unwrap();
+    let export = message(&["export", &file, &directory.name("a.ply")]);
+    assert!(export.contains("the attributes of 2 parts and files"), "{export}");
+    assert_eq!(export.matches("the format cannot store").count(), 1, "{export}");
+    let export = message(&["export", &file, &directory.name("b.city.json")]);
+    assert!(!export.contains("the attributes of"), "{export}");
+    let written = std::fs::read_to_string(directory.name("b.city.json")).unwrap();
     assert!(written.contains(r#""r":{"type":"Road","attributes":{"lanes":{"n":2}},"geometry""#), "{written}");
 }
 
 #[test]
-fn distances_and_rays_are_told() {
-    let folder = Folder::new();
-    let cube = folder.built(&folder.mesh("cube.off", CUBE), "cube.goblin", &["--brep", "--snap", "1"]);
-    let told = stdout(&["point", &cube, "--distance", "--", "32,32,1", "64,0,0", "-3,32,32", "67,68,32"]);
-    assert_eq!(told, "-1\n0\n3\n5\n");
+fn distances_and_rays_are_printed() {
+    let directory = TestDirectory::new();
+    let cube = directory.built(&directory.mesh("cube.off", CUBE), "cube.goblin", &["--brep", "--snap", "1"]);
+    let printed = stdout(&["point", &cube, "--distance", "--", "32,32,1", "64,0,0", "-3,32,32", "67,68,32"]);
+    assert_eq!(printed, "-1\n0\n3\n5\n");
     // From inside, from outside, past it, along an edge, through two corners.
     let rays = ["32,32,32,0,0,2", "1,2,80,0,0,-8", "99,99,99,1,0,0", "0,0,-9,0,0,1", "-1,-1,-1,1,1,1"];
     let all = stdout(&["point", &cube, "--rays", "all", "--", rays[0], rays[1], rays[2]]);
     let lines: Vec<&str> = all.lines().collect();
     assert_eq!(lines[0], "ray,distance,x,y,z,face,part,enters");
-    let told = |line: &str| -> Vec<f64> { line.split(',').map(|number| number.parse().unwrap()).collect() };
+    let printed =
+        |line: &str| -> Vec<f64> { line.split(',').map(|number| number.parse().unwrap()).collect() };
     let near = |line: &str, expected: &[f64]| {
-        let found = told(line);
+        let found = printed(line);
         assert!(found.len() == expected.len(), "{line}");
         assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3), "{line}: {expected:?}");
     };
@@ -307,16 +313,18 @@ fn distances_and_rays_are_told() {
         assert_eq!(first, own.first().copied(), "{all}");
     }
     for wrong in ["1,2,3", "1,2,3,0,0,0", "1,2,3,nan,0,1", "1,2,3,4,5,6,7"] {
-        assert!(complaint(&["point", &cube, "--rays", "first", wrong], 1).contains("is not X,Y,Z,DX,DY,DZ"));
+        assert!(
+            complaint(&["point", &cube, "--rays", "first", wrong], 1).contains("expected X,Y,Z,DX,DY,DZ")
+        );
     }
     assert!(complaint(&["point", &cube, "--distance", "--rays", "all", "1,2,3"], 2).contains("--rays"));
-    let cells = folder.name("cells.goblin");
+    let cells = directory.name("cells.goblin");
     command(&["build", &cube, "-o", &cells, "--cells", "16"]).assert().success();
-    assert!(complaint(&["point", &cells, "--distance", "1,2,3"], 1).contains("for exact models"));
+    assert!(complaint(&["point", &cells, "--distance", "1,2,3"], 1).contains("only with exact models"));
 }
 
 /// Three cubes as objects: one valid, one open, and one inside out; and two that overlap.
-fn street(folder: &Folder) -> String {
+fn street(directory: &TestDirectory) -> String {
     let mut text = String::new();
     let mut first = 1;
     let sides = [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]];
@@ -337,23 +345,25 @@ fn street(folder: &Folder) -> String {
         }
         first += 8;
     }
-    folder.mesh("street.obj", &text)
+    directory.mesh("street.obj", &text)
 }
 
 #[test]
 fn objects_are_skipped_repaired_measured_and_exported() {
-    let folder = Folder::new();
-    let mesh = street(&folder);
-    let out = folder.name("street.goblin");
+    let directory = TestDirectory::new();
+    let mesh = street(&directory);
+    let out = directory.name("street.goblin");
     let refused = complaint(&["build", &mesh, "-o", &out, "--brep"], 1);
     assert!(refused.contains("of open") && refused.contains("--skip-bad"), "{refused}");
-    let told = stderr(spinney(&["build", &mesh, "-o", &out, "--brep", "--repair", "--skip-bad"]).success());
+    let message =
+        stderr(spinney(&["build", &mesh, "-o", &out, "--brep", "--repair", "--skip-bad"]).success());
     for part in [
-        "objects    3; 1 LEFT OUT, which are no bodies:",
+        "objects    3; 1 LEFT OUT, which are not valid bodies:",
         "skipped    open: open: 4 edges have a face on one side only",
         "turned     1 body that was inside out, 6 of 18 faces",
+        " of the result, ",
     ] {
-        assert!(told.contains(part), "{part}: {told}");
+        assert!(message.contains(part), "{part}: {message}");
     }
     let info = stdout(&["info", &out, "--json"]);
     for part in [
@@ -366,8 +376,8 @@ fn objects_are_skipped_repaired_measured_and_exported() {
     let json = stdout(&["stats", &out, "--json"]);
     assert_eq!(serde_json::from_str::<Json>(&json).unwrap()["volume"], 2500.0);
     let all = ["build", &mesh, "-o", &out, "--brep", "--repair", "--close"];
-    let told = stderr(command(&all).args(["--inside", "odd"]).assert().success());
-    assert!(told.contains("percent of what cells of the models have"), "{told}");
+    let message = stderr(command(&all).args(["--inside", "odd"]).assert().success());
+    assert!(message.contains("percent from that of cells of the models"), "{message}");
     let json = stdout(&["stats", &out, "--json"]);
     assert_eq!(serde_json::from_str::<Json>(&json).unwrap()["volume"], 3000.0);
     let found = stdout(&["point", &out, "--object", "1,5,5", "45,5,5", "15,5,5", "60,5,5"]);
@@ -377,16 +387,24 @@ fn objects_are_skipped_repaired_measured_and_exported() {
     let lines: Vec<&str> = table.lines().map(str::trim_end).collect();
     assert_eq!(lines.len(), 2, "{table}");
     assert!(lines[1].ends_with("right,,true,6,1000,600,0,10,5,5,5"), "{table}");
-    let some = folder.name("some.obj");
+    let some = directory.name("some.obj");
     command(&["export", "-q", &out, "-o", &some, "--where", "id=right"]).assert().success();
     assert_eq!(
         std::fs::read_to_string(&some).unwrap().lines().filter(|line| line.starts_with("f ")).count(),
         6
     );
     let refused = complaint(&["export", &out, "-o", &some, "--where", "id=wrong"], 1);
-    assert!(refused.contains("--where id=wrong: no object is such"), "{refused}");
+    assert!(refused.contains("--where id=wrong: no object satisfies the conditions"), "{refused}");
     let refused = complaint(&["build", &mesh, "-o", &out, "--brep", "--where", "id=wrong"], 1);
-    assert!(refused.contains("no object is such"), "{refused}");
+    assert!(
+        refused.contains("street.obj: --where id=wrong: no object satisfies the conditions"),
+        "{refused}"
+    );
+    for words in [["build", &mesh, "-o", &out, "--brep"], ["export", &out, "-o", &some, "-q"]] {
+        let refused = complaint(&[&words[..], &["--where", "roof=flat"]].concat(), 1);
+        assert!(refused.contains("--where: got roof, which no object has"), "{refused}");
+        assert!(refused.contains("street.") && refused.contains("id, type"), "{refused}");
+    }
     let refused = complaint(&["build", &mesh, "-o", &out, "--brep", "--repair", "--inside", "even"], 2);
     assert!(refused.contains("nonzero, positive or odd"), "{refused}");
     let refused = complaint(&["build", &mesh, "-o", &out, "--brep", "--inside", "odd"], 2);
@@ -396,12 +414,12 @@ fn objects_are_skipped_repaired_measured_and_exported() {
 /// Objects of a file that is not a valid exact model, and of one that is; one of them by name.
 #[test]
 fn objects_are_found() {
-    let folder = Folder::new();
-    let mesh = street(&folder);
-    let told = spinney(&["find", &mesh, "--contacts"]).success();
-    assert_eq!(String::from_utf8_lossy(&told.get_output().stdout), "overlap 500 0 5,0,0\tright\ttwice\n");
-    assert!(stderr(told).contains("1 objects are open, and left out: open"));
-    let out = folder.name("street.goblin");
+    let directory = TestDirectory::new();
+    let mesh = street(&directory);
+    let printed = spinney(&["find", &mesh, "--contacts"]).success();
+    assert_eq!(String::from_utf8_lossy(&printed.get_output().stdout), "overlap 500 0 5,0,0\tright\ttwice\n");
+    assert!(stderr(printed).contains("1 objects are open and were left out: open"));
+    let out = directory.name("street.goblin");
     command(&["build", &mesh, "-o", &out, "--brep", "--where", "id=right"]).assert().success();
     assert_eq!(stdout(&["find", &out, "--contacts"]), "");
     assert_eq!(stdout(&["find", &out, "--object", "right"]), "0 0,0,0,10,10,10 1000\tright\n");
@@ -411,23 +429,33 @@ fn objects_are_found() {
         (&600.0.into(), &true.into(), &Json::Null)
     );
     let refused = complaint(&["find", &out, "--object", "rigth"], 1);
-    assert!(refused.contains("has no object rigth; there are right"), "{refused}");
+    assert!(refused.contains("has no object rigth; similar names are right"), "{refused}");
+    for name in ["town hall", "x"] {
+        let refused = complaint(&["find", &out, "--object", name], 1);
+        assert!(
+            refused.contains("among its 1; `spinney stats --each") && !refused.contains("similar"),
+            "{refused}"
+        );
+    }
     let refused = complaint(&["find", &out, "--contacts", "--window", "0,0,0,1,1,1"], 1);
-    assert!(refused.contains("--window means nothing"), "{refused}");
-    let cells = folder.built(&mesh, "cells.goblin", &["--cells", "16"]);
+    assert!(refused.contains("--window has no effect"), "{refused}");
+    let cells = directory.built(&mesh, "cells.goblin", &["--cells", "16"]);
     let refused = complaint(&["find", &cells, "--contacts"], 1);
-    assert!(refused.contains("is no exact model and no mesh"), "{refused}");
+    assert!(refused.contains("is not an exact model or a mesh file"), "{refused}");
     // On a coarse grid, objects are at their snapped positions.
-    let told = stdout(&["find", &mesh, "--contacts", "--snap", "4"]);
-    assert!(told.starts_with("overlap ") && told != "overlap 500 0 5,0,0\tright\ttwice\n", "{told}");
+    let printed = stdout(&["find", &mesh, "--contacts", "--snap", "4"]);
+    assert!(printed.starts_with("overlap ") && printed != "overlap 500 0 5,0,0\tright\ttwice\n", "{printed}");
     assert!(complaint(&["find", &mesh, "--contacts", "--snap", "0"], 1).contains("a width above zero"));
-    assert!(complaint(&["find", &out, "--contacts", "--snap", "1"], 1).contains("--snap is for mesh files"));
+    assert!(
+        complaint(&["find", &out, "--contacts", "--snap", "1"], 1)
+            .contains("--snap works only with mesh files")
+    );
     let refused = complaint(&["find", &cells, "--object", "right"], 1);
-    assert!(refused.contains("--object are for"), "{refused}");
+    assert!(refused.contains("is not an exact model, which --leaf and --object need"), "{refused}");
 
     let wall = |low: i32| json_box([low, 0, 0], [low + 2, 2, 2]);
-    let city = folder.mesh("city.city.json", &city(&[("a", wall(0)), ("b b", wall(2))]));
-    let out = folder.built(&city, "city.goblin", &["--brep"]);
+    let city = directory.mesh("city.city.json", &city(&[("a", wall(0)), ("b b", wall(2))]));
+    let out = directory.built(&city, "city.goblin", &["--brep"]);
     for file in [&city, &out] {
         let found = stdout(&["find", file, "--contacts", "--json", "--limit", "9"]);
         let found: Json = serde_json::from_str(&found).unwrap();
@@ -446,19 +474,19 @@ fn objects_are_found() {
 /// Semantics of surfaces stay with faces that `combine` splits.
 #[test]
 fn combine_keeps_values_of_faces() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     let built = |name: &str, low: i32| {
         let mesh = city(&[(name, json_box([low; 3], [low + 4; 3]))]);
-        let mesh = folder.mesh(&format!("{name}.city.json"), &mesh);
-        folder.built(&mesh, &format!("{name}.goblin"), &["--brep", "--snap", "1"])
+        let mesh = directory.mesh(&format!("{name}.city.json"), &mesh);
+        directory.built(&mesh, &format!("{name}.goblin"), &["--brep", "--snap", "1"])
     };
     let (a, b) = (built("a", 0), built("b", 2));
-    let out = folder.name("c.goblin");
-    let told = command(&["combine", "a-b", &a, &b, "-o", &out]).assert().success();
-    let told = stderr(told);
-    assert!(!told.contains("not kept"), "{told}");
+    let out = directory.name("c.goblin");
+    let message = command(&["combine", "a-b", &a, &b, "-o", &out]).assert().success();
+    let message = stderr(message);
+    assert!(!message.contains("not kept"), "{message}");
     assert!(stdout(&["info", &out]).contains("values      of faces: surface, type\n"));
-    let city = folder.name("c.city.json");
+    let city = directory.name("c.city.json");
     command(&["export", &out, &city]).assert().success();
     let city: Json = serde_json::from_slice(&std::fs::read(&city).unwrap()).unwrap();
     let semantics = |name: &str| city["CityObjects"][name]["geometry"][0]["semantics"].clone();
@@ -469,19 +497,19 @@ fn combine_keeps_values_of_faces() {
 /// Fragments of faces that `section --split` makes keep the faces' values.
 #[test]
 fn divided_faces_keep_values() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     let built = |name: &str, low: i32| {
         let mesh = city(&[(name, json_box([low; 3], [low + 4; 3]))]);
-        let mesh = folder.mesh(&format!("{name}.city.json"), &mesh);
-        folder.built(&mesh, &format!("{name}.goblin"), &["--brep", "--snap", "1"])
+        let mesh = directory.mesh(&format!("{name}.city.json"), &mesh);
+        directory.built(&mesh, &format!("{name}.goblin"), &["--brep", "--snap", "1"])
     };
     let (a, b) = (built("a", 0), built("b", 2));
-    let out = folder.name("c.goblin");
-    let told = stderr(command(&["section", &a, &b, "--split", &out]).assert().success());
-    assert!(told.contains("3 of 6 faces divided, into 9 in all"), "{told}");
+    let out = directory.name("c.goblin");
+    let message = stderr(command(&["section", &a, &b, "--split", &out]).assert().success());
+    assert!(message.contains("3 of 6 faces divided, 9 faces after"), "{message}");
     let info: Json = serde_json::from_str(&stdout(&["info", &out, "--json"])).unwrap();
     assert_eq!(info["face_columns"], serde_json::json!(["surface", "type"]));
-    let city = folder.name("c.city.json");
+    let city = directory.name("c.city.json");
     command(&["export", &out, &city]).assert().success();
     let city: Json = serde_json::from_slice(&std::fs::read(&city).unwrap()).unwrap();
     assert_eq!(city["CityObjects"].as_object().unwrap().keys().collect::<Vec<_>>(), ["a"]);

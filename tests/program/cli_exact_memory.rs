@@ -50,9 +50,9 @@ fn torus(path: &Path, [x, y, z]: [f64; 3]) {
 #[test]
 #[cfg(target_os = "linux")]
 fn memory_of_exact_models_stays_within_its_budget() {
-    let folder = tempfile::tempdir().unwrap();
-    torus(&folder.path().join("a.ply"), [0.0; 3]);
-    torus(&folder.path().join("b.ply"), [780.0, 3.0, 1.0]);
+    let directory = tempfile::tempdir().unwrap();
+    torus(&directory.path().join("a.ply"), [0.0; 3]);
+    torus(&directory.path().join("b.ply"), [780.0, 3.0, 1.0]);
     let jobs: [(&[&str], u64); 7] = [
         (&["build", "a.ply", "-o", "a.goblin", "--brep", "--snap", "0.0001", "--memory", "16M"], 16 << 20),
         (&["build", "b.ply", "-o", "b.goblin", "--brep", "--snap", "0.0001", "--memory", "16M"], 16 << 20),
@@ -65,12 +65,12 @@ fn memory_of_exact_models_stays_within_its_budget() {
     for (job, memory) in jobs {
         let mut command = Command::new(env!("CARGO_BIN_EXE_spinney"));
         // Model files are small, and mapped pages would count.
-        command.args(job).args(["-q", "--positioned"]).current_dir(folder.path());
+        command.args(job).args(["-q", "--positioned"]).current_dir(directory.path());
         let peak = peak_memory(&mut command.spawn().unwrap());
         assert!(peak > 0 && peak < memory + ALLOWANCE, "{} MiB for {job:?}", peak >> 20);
     }
     let volume = |name: &str| {
-        let stats = stdout(&["stats", "--json", text(&folder.path().join(name))]);
+        let stats = stdout(&["stats", "--json", text(&directory.path().join(name))]);
         serde_json::from_str::<serde_json::Value>(&stats).unwrap()["volume"].as_f64().unwrap()
     };
     let (a, b, both) = (volume("a.goblin"), volume("b.goblin"), volume("or.goblin"));
@@ -80,16 +80,13 @@ fn memory_of_exact_models_stays_within_its_budget() {
 /// A repair holds the faces in memory, and reports insufficient memory before it splits any.
 #[test]
 fn repairs_without_memory_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let [mesh, model] = ["a.ply", "a.goblin"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [mesh, model] = ["a.ply", "a.goblin"].map(|name| directory.path().join(name));
     torus(&mesh, [0.0; 3]);
     let words = ["build", text(&mesh), "-qo", text(&model), "--brep", "--snap", "0.0001", "--repair"];
     let said = complaint(&[&words[..], &["--memory", "64M"]].concat(), 1);
-    assert!(
-        said.contains("the faces of a surface that is to be repaired") && said.contains("--memory"),
-        "{said}"
-    );
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    assert!(said.contains("the list of faces to repair") && said.contains("--memory"), "{said}");
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
     #[cfg(target_os = "linux")]
     {
         let mut command = Command::new(env!("CARGO_BIN_EXE_spinney"));

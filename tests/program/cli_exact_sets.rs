@@ -8,8 +8,8 @@ use tempfile::TempDir;
 use crate::common::command::{command, complaint, stderr, stdout};
 
 /// Two cubes with sides of 64 that have one of 32 in common, and one of their own.
-struct Folder {
-    folder: TempDir,
+struct TestDirectory {
+    directory: TempDir,
     a: String,
     b: String,
 }
@@ -25,16 +25,17 @@ fn cube(low: i32, high: i32) -> String {
     text + "4 3 2 1 0\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n"
 }
 
-impl Folder {
-    fn new() -> Folder {
-        let mut made = Folder { folder: tempfile::tempdir().unwrap(), a: String::new(), b: String::new() };
+impl TestDirectory {
+    fn new() -> TestDirectory {
+        let mut made =
+            TestDirectory { directory: tempfile::tempdir().unwrap(), a: String::new(), b: String::new() };
         made.a = made.built("a", &cube(0, 64), &["--brep", "--snap", "1"]);
         made.b = made.built("b", &cube(32, 96), &["--brep", "--snap", "1"]);
         made
     }
 
     fn name(&self, name: &str) -> String {
-        self.folder.path().join(name).to_str().unwrap().into()
+        self.directory.path().join(name).to_str().unwrap().into()
     }
 
     fn built(&self, name: &str, text: &str, options: &[&str]) -> String {
@@ -62,7 +63,7 @@ fn json(arguments: &[&str]) -> Json {
 
 #[test]
 fn operations_have_names_and_numbers() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     let (side, common) = (64f64.powi(3), 32f64.powi(3));
     let cases = [
         ("none", "0", 0.0),
@@ -84,65 +85,71 @@ fn operations_have_names_and_numbers() {
     ];
     for (name, number, volume) in cases {
         let files = [name, number]
-            .map(|operation| folder.combined(operation, &format!("{number}-{}.goblin", operation.len())));
+            .map(|operation| directory.combined(operation, &format!("{number}-{}.goblin", operation.len())));
         let bytes = files.each_ref().map(|file| std::fs::read(file).unwrap());
         assert!(bytes[0] == bytes[1], "{name}");
         assert_eq!(json(&["stats", &files[0], "--json"])["volume"], volume, "{name}");
     }
     assert_eq!(
-        std::fs::read(folder.combined("union", "u.goblin")).unwrap(),
-        std::fs::read(folder.combined("7", "v.goblin")).unwrap()
+        std::fs::read(directory.combined("union", "u.goblin")).unwrap(),
+        std::fs::read(directory.combined("7", "v.goblin")).unwrap()
     );
     // Of one file, and of three.
-    let c = folder.built("c", &cube(90, 100), &["--brep", "--snap", "1"]);
-    let file = folder.name("many.goblin");
-    let told = stderr(command(&["combine", "or", &folder.a, &folder.b, &c, "-o", &file]).assert().success());
-    assert!(told.contains("faces divided") && told.contains("result"), "{told}");
+    let c = directory.built("c", &cube(90, 100), &["--brep", "--snap", "1"]);
+    let file = directory.name("many.goblin");
+    let message =
+        stderr(command(&["combine", "or", &directory.a, &directory.b, &c, "-o", &file]).assert().success());
+    assert!(message.contains("faces divided") && message.contains("result"), "{message}");
     assert_eq!(json(&["stats", &file, "--json"])["volume"], 2.0 * side - common + 1000.0 - 216.0);
-    let told = stderr(command(&["combine", "not", &folder.a, "-o", &file]).assert().success());
-    assert!(told.contains("far away"), "{told}");
+    let message = stderr(command(&["combine", "not", &directory.a, "-o", &file]).assert().success());
+    assert!(message.contains("unbounded"), "{message}");
 }
 
 #[test]
-fn what_means_nothing_is_refused() {
-    let folder = Folder::new();
-    let (a, b, never) = (&folder.a, &folder.b, folder.name("never.goblin"));
-    let cells = folder.built("cells", &cube(0, 64), &["--cells", "16"]);
+fn options_without_an_effect_are_refused() {
+    let directory = TestDirectory::new();
+    let (a, b, never) = (&directory.a, &directory.b, directory.name("never.goblin"));
+    let cells = directory.built("cells", &cube(0, 64), &["--cells", "16"]);
     let refuse = |arguments: &[&str]| {
-        let told = complaint(&[&["combine"], arguments, &["-o", &never]].concat(), 1);
+        let message = complaint(&[&["combine"], arguments, &["-o", &never]].concat(), 1);
         assert!(!Path::new(&never).exists());
-        told
+        message
     };
     // Cells and exact models.
     for files in [[a, &cells], [&cells, a]] {
-        let told = refuse(&["union", files[0], files[1]]);
+        let message = refuse(&["union", files[0], files[1]]);
         assert!(
-            told.contains("cells.goblin: ") && told.contains("--brep") && told.contains("spinney build"),
-            "{told}"
+            message.contains("cells.goblin: ")
+                && message.contains("--brep")
+                && message.contains("spinney build"),
+            "{message}"
         );
     }
     for options in [&["--values", "b"][..], &["--fill", "3"]] {
-        let told = refuse(&[&["union", a, b], options].concat());
-        assert!(told.contains(&format!("{} means nothing", options[0])), "{told}");
+        let message = refuse(&[&["union", a, b], options].concat());
+        assert!(message.contains(&format!("which {} needs", options[0])), "{message}");
     }
     for options in [["--within", "0,0,0,9,9,9"], ["--margin", "4"]] {
         assert!(
-            refuse(&[&["nor", a, b], &options[..]].concat()).contains("--within or --margin means nothing")
+            refuse(&[&["nor", a, b], &options[..]].concat()).contains("which --within or --margin needs")
         );
     }
     for operation in ["over", "min", "max", "add", "subtract", "equal", "changed"] {
-        let told = refuse(&[operation, a, b]);
-        assert!(told.contains("no values") && told.contains("set operations"), "{operation}: {told}");
+        let message = refuse(&[operation, a, b]);
+        assert!(message.contains("no values") && message.contains("set operation"), "{operation}: {message}");
     }
     assert!(complaint(&["combine", "cross", a, b], 1).contains("exact model"));
     for files in
         [&["union", a][..], &["a-b", a], &["and", a], &["b", a, b, a], &["b-a", a, b, a], &["not", a, b, a]]
     {
-        let told = refuse(files);
-        assert!(told.contains("bodies") || told.contains("files") || told.contains("body"), "{told}");
+        let message = refuse(files);
+        assert!(
+            message.contains("bodies") || message.contains("files") || message.contains("body"),
+            "{message}"
+        );
     }
     complaint(&["combine", "16", a, b, "-o", &never], 2);
-    complaint(&["combine", "union", a, &folder.name("none.goblin"), "-o", &never], 1);
+    complaint(&["combine", "union", a, &directory.name("none.goblin"), "-o", &never], 1);
     complaint(&["combine", "union", a, b], 1);
     // Inputs are not overwritten.
     let before = std::fs::read(a).unwrap();
@@ -154,65 +161,61 @@ fn what_means_nothing_is_refused() {
 
 /// Empty and unbounded solids support the same queries as all others.
 #[test]
-fn questions_to_results() {
-    let folder = Folder::new();
-    let (a, never) = (&folder.a, folder.name("none.goblin"));
+fn queries_of_results() {
+    let directory = TestDirectory::new();
+    let (a, never) = (&directory.a, directory.name("none.goblin"));
     command(&["combine", "-q", "a-b", a, a, "-o", &never]).assert().success();
     let cases = [
-        (folder.combined("or", "or.goblin"), "inside\ninside\noutside\noutside\n", 12, false),
-        (folder.combined("nor", "nor.goblin"), "outside\noutside\ninside\ninside\n", 12, true),
+        (directory.combined("or", "or.goblin"), "inside\ninside\noutside\noutside\n", 12, false),
+        (directory.combined("nor", "nor.goblin"), "outside\noutside\ninside\ninside\n", 12, true),
         (never, "outside\noutside\noutside\noutside\n", 0, false),
-        (folder.combined("all", "all.goblin"), "inside\ninside\ninside\ninside\n", 0, true),
+        (directory.combined("all", "all.goblin"), "inside\ninside\ninside\ninside\n", 0, true),
     ];
-    for (file, places, faces, is_unbounded) in &cases {
-        assert_eq!(stdout(&["point", file, "1,1,1", "90,90,90", "90,1,1", "1e6,0,0"]), *places, "{file}");
+    for (file, locations, faces, is_unbounded) in &cases {
+        assert_eq!(stdout(&["point", file, "1,1,1", "90,90,90", "90,1,1", "1e6,0,0"]), *locations, "{file}");
         command(&["verify", file]).assert().success();
         let stats = json(&["stats", file, "--json"]);
         assert_eq!(stats["volume"].as_f64().unwrap() < 0.0, *is_unbounded && *faces > 0, "{stats}");
         assert_eq!(stats["topology"]["faces"], *faces, "{stats}");
-        let texts = [
+        let messages = [
             stdout(&["stats", file]),
             stdout(&["info", file]),
             stdout(&["info", file, "--json"]),
             stdout(&["find", file, "--leaf", "void,full,face,edge,vertex,boolean"]),
             stats.to_string(),
         ];
-        for text in &texts {
+        for text in &messages {
             let is_odd = ["NaN", "inf\n", "inf ", "-0 ", "1844674407370955", "null,null"]
                 .iter()
                 .find(|odd| text.contains(*odd));
             assert!(is_odd.is_none() && !text.is_empty(), "{file}: {is_odd:?} in {text}");
         }
-        assert!(
-            !is_unbounded || texts[1].contains("far away") || texts[1].contains("unbounded"),
-            "{}",
-            texts[1]
-        );
+        assert!(!is_unbounded || messages[1].contains("unbounded"), "{}", messages[1]);
         // Meshes need a surface, and therefore a solid; an empty set is not a valid mesh file.
         for format in ["ply", "stl", "obj", "off", "city.json"] {
-            let mesh = folder.name(&format!("out.{format}"));
+            let mesh = directory.name(&format!("out.{format}"));
             let run = command(&["export", file, &mesh]).assert();
             let code = run.get_output().status.code().unwrap();
-            let told = stderr(run);
-            assert!(code <= 1 && !told.contains("panicked"), "{format}: {told}");
-            assert_eq!(code == 0, Path::new(&mesh).exists(), "{format}: {told}");
-            assert!(code == 0 || *faces == 0 || *is_unbounded, "{format}: {told}");
+            let message = stderr(run);
+            assert!(code <= 1 && !message.contains("panicked"), "{format}: {message}");
+            assert_eq!(code == 0, Path::new(&mesh).exists(), "{format}: {message}");
+            assert!(code == 0 || *faces == 0 || *is_unbounded, "{format}: {message}");
             let _ = std::fs::remove_file(mesh);
         }
         for words in [
             vec!["render", file.as_str(), "--size", "20x20"],
             vec!["build", file.as_str(), "--cells", "8", "-o"],
         ] {
-            let out = folder.name(if words[0] == "render" { "out.png" } else { "out.goblin" });
+            let out = directory.name(if words[0] == "render" { "out.png" } else { "out.goblin" });
             let run = command(&words).arg(&out).assert();
             let code = run.get_output().status.code().unwrap();
-            let told = stderr(run);
-            assert!(code <= 1 && !told.contains("panicked"), "{words:?}: {told}");
+            let message = stderr(run);
+            assert!(code <= 1 && !message.contains("panicked"), "{words:?}: {message}");
         }
     }
     // They are operands again: everything minus one is its complement; everything minus that is the
     // first again.
-    let [one, two] = ["one.goblin", "two.goblin"].map(|name| folder.name(name));
+    let [one, two] = ["one.goblin", "two.goblin"].map(|name| directory.name(name));
     command(&["combine", "-q", "a-b", &cases[3].0, a, "-o", &one]).assert().success();
     command(&["combine", "-q", "a-b", &cases[3].0, &one, "-o", &two]).assert().success();
     assert_eq!(json(&["stats", &two, "--json"])["volume"], 64f64.powi(3));
@@ -223,26 +226,26 @@ fn questions_to_results() {
 /// and exported ones that are built again.
 #[test]
 fn models_built_with_default_options_are_combined() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     let scaled = |name: &str, file: &str, factor: &str| {
-        let path = folder.name(name);
+        let path = directory.name(name);
         command(&["transform", "-q", file, &format!("scale={factor}"), "-o", &path]).assert().success();
         path
     };
     let volume = |operation: &str, files: &[&str], warns: bool| {
-        let path = folder.name("result.goblin");
+        let path = directory.name("result.goblin");
         let words = [&["combine", "-q", operation], files, &["-o", &path]].concat();
         let done = command(&words).assert().success();
-        let told = String::from_utf8(done.get_output().stderr.clone()).unwrap();
-        assert_eq!(told.contains("moved to a common grid"), warns, "{words:?}: {told}");
+        let message = String::from_utf8(done.get_output().stderr.clone()).unwrap();
+        assert_eq!(message.contains("moved to a common grid"), warns, "{words:?}: {message}");
         assert_eq!(stdout(&["verify", &path]).trim(), format!("{path}: good"));
         json(&["stats", &path, "--json"])["volume"].as_f64().unwrap()
     };
     let near = |found: f64, expected: f64| {
         assert!((found - expected).abs() < 1e-4 * expected.abs().max(1.0), "{found} {expected}");
     };
-    let unit = folder.built("unit", &cube(0, 1), &["--brep"]);
-    let two = folder.built("two", &cube(-1, 1), &["--brep"]);
+    let unit = directory.built("unit", &cube(0, 1), &["--brep"]);
+    let two = directory.built("two", &cube(-1, 1), &["--brep"]);
     near(volume("and", &[&unit, &two], false), 1.0);
     let doubled = scaled("doubled.goblin", &unit, "2");
     near(volume("b-a", &[&unit, &doubled], false), 7.0);
@@ -253,10 +256,10 @@ fn models_built_with_default_options_are_combined() {
     // Decimal coordinates on a decimal grid, as single-precision STL, next to the model it was
     // exported from.
     let lines = cube(0, 11).replace("11", "1.1");
-    let decimal = folder.built("decimal", &lines, &["--brep", "--snap", "0.1"]);
-    let stl = folder.name("decimal.stl");
+    let decimal = directory.built("decimal", &lines, &["--brep", "--snap", "0.1"]);
+    let stl = directory.name("decimal.stl");
     command(&["export", "-q", &decimal, &stl]).assert().success();
-    let again = folder.name("again.goblin");
+    let again = directory.name("again.goblin");
     command(&["build", "-q", &stl, "--brep", "-o", &again]).assert().success();
     near(volume("and", &[&decimal, &again], false), 1.1f64.powi(3));
     near(volume("xor", &[&again, &decimal], false), 0.0);
@@ -265,7 +268,7 @@ fn models_built_with_default_options_are_combined() {
 /// Tiles of one city, built separately, with the grids of their files.
 #[test]
 fn tiles_of_a_city_are_combined() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     let tile = |name: &str, scale: &str, at: i32, side: i32| {
         let corner = |i: i32| [i & 1, i >> 1 & 1, i >> 2 & 1].map(|bit| bit * side);
         let vertices: Vec<String> =
@@ -277,7 +280,7 @@ fn tiles_of_a_city_are_combined() {
             "vertices":[{}]}}"#,
             vertices.join(",")
         );
-        let [city, file] = ["city.json", "goblin"].map(|end| folder.name(&format!("{name}.{end}")));
+        let [city, file] = ["city.json", "goblin"].map(|end| directory.name(&format!("{name}.{end}")));
         std::fs::write(&city, text).unwrap();
         command(&["build", "-q", &city, "--brep", "-o", &file]).assert().success();
         file
@@ -289,11 +292,41 @@ fn tiles_of_a_city_are_combined() {
         tile("c", "0.01", 300, 100),
         tile("d", "0.0007", -3000, 1000),
     ];
-    let path = folder.name("city.goblin");
+    let path = directory.name("city.goblin");
     let files: Vec<&str> = tiles.iter().map(String::as_str).collect();
     let words = [&["combine", "-q", "or"], &files[..], &["-o", &path]].concat();
     command(&words).assert().success();
     assert_eq!(stdout(&["verify", &path]).trim(), format!("{path}: good"));
     let volume = json(&["stats", &path, "--json"])["volume"].as_f64().unwrap();
     assert!((volume - 3.343).abs() < 0.02, "{volume}");
+}
+
+/// Where a result is thinner than a grid unit, mending its surface on the grid must not lose a
+/// body: rounding pushes a sample of the thin body's neighbour to the other side of a face.
+#[test]
+fn mending_keeps_every_body() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let bodies = "OFF\n20 18 0\n0 200 100\n970 50 217\n970 350 217\n970 200 60\n315 180 138\n\
+         663 180 180\n663 220 180\n315 220 138\n315 180 288\n663 180 330\n663 220 330\n\
+         315 220 288\n0 600 100\n970 450 217\n970 750 217\n970 600 60\n315 600 138\n\
+         905 540 210\n905 660 210\n905 600 360\n3 0 1 2\n3 0 3 1\n3 0 2 3\n3 1 3 2\n\
+         4 4 7 6 5\n4 8 9 10 11\n4 4 5 9 8\n4 6 7 11 10\n4 4 8 11 7\n4 5 6 10 9\n3 12 13 14\n\
+         3 12 15 13\n3 12 14 15\n3 13 15 14\n3 16 18 17\n3 16 17 19\n3 16 19 18\n3 17 18 19\n";
+    let side = "OFF\n8 6 0\n900 0 0\n1000 0 0\n900 800 0\n1000 800 0\n900 0 900\n1000 0 900\n\
+         900 800 900\n1000 800 900\n4 0 2 3 1\n4 4 5 7 6\n4 0 1 5 4\n4 2 6 7 3\n4 0 4 6 2\n\
+         4 1 3 7 5\n";
+    for (name, text) in [("bodies", bodies), ("side", side)] {
+        let mesh = at(&format!("{name}.off"));
+        std::fs::write(&mesh, text).unwrap();
+        let model = at(&format!("{name}.goblin"));
+        command(&["build", "-q", &mesh, "-o", &model, "--brep", "--snap", "1"]).assert().success();
+    }
+    let result = at("result.goblin");
+    command(&["combine", "-q", "a-b", &at("bodies.goblin"), &at("side.goblin"), "-o", &result])
+        .assert()
+        .success();
+    for model in [&at("bodies.goblin"), &result] {
+        assert_eq!(stdout(&["point", model, "850,200,135"]), "inside\n");
+    }
 }

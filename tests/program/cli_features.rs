@@ -7,8 +7,8 @@ const DISTRICTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_di
 
 /// Returns the number of cells that are not VOID, and of a class.
 fn counts(file: &str, class: u64) -> (u64, u64) {
-    let told: serde_json::Value = serde_json::from_str(&stdout(&["stats", file, "--json"])).unwrap();
-    let classes = told["classes"].as_array().unwrap();
+    let statistics: serde_json::Value = serde_json::from_str(&stdout(&["stats", file, "--json"])).unwrap();
+    let classes = statistics["classes"].as_array().unwrap();
     let of = |row: &serde_json::Value| row["cells"].as_u64().unwrap();
     let found = classes.iter().find(|row| row["value"] == class);
     (classes.iter().map(of).sum(), found.map_or(0, of))
@@ -16,8 +16,8 @@ fn counts(file: &str, class: u64) -> (u64, u64) {
 
 #[test]
 fn features_fill_and_are_combined_and_searched() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (map, tree, zones) = (at("i.autumn"), at("i.goblin"), at("zones.goblin"));
     spinney(&["-q", "build", CLASSES, "-o", &map]).success();
     spinney(&["-q", "build", CLASSES, "-o", &tree]).success();
@@ -72,7 +72,7 @@ fn features_fill_and_are_combined_and_searched() {
         (&["edit", &map, "fill", "--zones", DISTRICTS, "--value", "name"], "classes"),
         (&["edit", &map, "fill", "--zones", DISTRICTS, "--value", "256"], "u8"),
         (&["edit", &map, "fill", "--zones", DISTRICTS, "--value", "1,2"], "1 number"),
-        (&["edit", &map, "fill", "--zones", CLASSES, "--value", "1"], "no file of features"),
+        (&["edit", &map, "fill", "--zones", CLASSES, "--value", "1"], "is not a feature file"),
         (&["combine", "or", &tree, &zones, "--where", "a=1", "-o", &at("x.goblin")], "features"),
         (&["combine", "or", &tree, DISTRICTS, "--where", "name=x", "-o", &at("x.goblin")], "at least one"),
         (&["find", &tree, "--class", "3", "--edge", "touch"], "--within"),
@@ -80,7 +80,7 @@ fn features_fill_and_are_combined_and_searched() {
         let said = complaint(arguments, 1);
         assert!(said.contains(what), "{arguments:?}: {said}");
     }
-    assert!(!folder.path().join("x.goblin").exists());
+    assert!(!directory.path().join("x.goblin").exists());
 }
 
 /// Returns longitude and latitude of a web mercator position, by its formula.
@@ -159,8 +159,8 @@ fn mercator(path: &str, geometries: &[&str]) -> serde_json::Value {
 
 #[test]
 fn features_of_all_kinds_are_brought_to_another_system() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (input, output) = (at("in.geojson"), at("out.geojson"));
     let given = mercator(&input, &GEOMETRIES);
     // Each vertex is transformed by the formula; heights, ids and attributes stay.
@@ -217,8 +217,8 @@ fn features_of_all_kinds_are_brought_to_another_system() {
 
 #[test]
 fn systems_of_features_are_declared_and_losses_are_reported() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (input, output) = (at("in.geojson"), at("out.geojson"));
     // Declaring a coordinate system changes no coordinates.
     let given = mercator(&input, &GEOMETRIES);
@@ -236,7 +236,7 @@ fn systems_of_features_are_declared_and_losses_are_reported() {
     std::fs::write(&table, "x,y\n5,95\n").unwrap();
     std::fs::write(
         &polar,
-        r#"{"type":"Feature","id":"north","properties":{},"geometry":{"type":"Point","coordinates":[5,95]}}"#,
+        r#"{"type":"Feature","id":"north","properties":{},"geometry":{"type":"Point","coordinates":[5,95]},"crs":{"type":"name","properties":{"name":"EPSG:4326"}}}"#,
     )
     .unwrap();
     let none = at("none.geojson");
@@ -246,8 +246,8 @@ fn systems_of_features_are_declared_and_losses_are_reported() {
             &["transform", &polar, "warp=EPSG:3857", "-o", &none],
             "feature 1 (id \"north\") with a vertex at 5,95",
         ),
-        (&["transform", &input, "-o", &none], "without a step"),
-        (&["transform", &input, "scale=2", "-o", &none], "features have two steps"),
+        (&["transform", &input, "-o", &none], "without an operation"),
+        (&["transform", &input, "scale=2", "-o", &none], "features have two operations"),
         (&["transform", &input, "warp=EPSG:4326,cell=3", "-o", &none], "cell= or resampling="),
         (&["transform", &input, "warp=EPSG:4326", "--resampling", "nearest", "-o", &none], "--resampling"),
         (&["transform", &input, "warp=EPSG:4326", "--codec", "packed", "-o", &none], "--codec"),
@@ -255,8 +255,114 @@ fn systems_of_features_are_declared_and_losses_are_reported() {
         (&["transform", &input, "warp=EPSG:4326", "-o", &input], "is an input"),
         (&["transform", &input, "raster=mean,cell=1", "-o", &none], "raster="),
     ] {
-        let told = complaint(arguments, 1);
-        assert!(told.contains(text), "{arguments:?}: {told}");
+        let message = complaint(arguments, 1);
+        assert!(message.contains(text), "{arguments:?}: {message}");
     }
-    assert!(!folder.path().join("none.geojson").exists());
+    assert!(!directory.path().join("none.geojson").exists());
+}
+
+/// Coordinates that are not degrees, in files that name no coordinate system.
+#[test]
+fn coordinates_beyond_degrees_need_a_system() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let (map, out, tree) = (at("utm.geojson"), at("out.goblin"), at("i.goblin"));
+    let ring = "[[303000,3194000],[307000,3194000],[307000,3198000],[303000,3194000]]";
+    let text = format!(
+        r#"{{"type":"Feature","properties":{{"v":1}},"geometry":{{"type":"Polygon","coordinates":[{ring}]}}}}"#
+    );
+    std::fs::write(&map, &text).unwrap();
+    let (points, plane) = (at("points.csv"), at("plane.geojson"));
+    std::fs::write(&points, "lon,lat\n303000,3194000\n").unwrap();
+    std::fs::write(&plane, text.replacen('{', r#"{"crs":null,"#, 1)).unwrap();
+    spinney(&["-q", "build", CLASSES, "-o", &tree]).success();
+    let refused: [&[&str]; 7] = [
+        &["build", &map, "-o", &out, "--cell", "25"],
+        &["build", &map, "-o", &out, "--grid", &tree],
+        &["build", &points, "-o", &out, "--index", "points"],
+        &["stats", &tree, "--zones", &map],
+        &["find", &tree, "--class", "3", "--within", &map],
+        &["combine", "and", &tree, &map, "-o", &out],
+        &["combine", "and", &map, DISTRICTS, "-o", &at("out.gpkg")],
+    ];
+    for words in refused {
+        let said = complaint(words, 1);
+        let parts = ["303000,3194000, which is not in degrees", "names no coordinate system", "EPSG:NUMBER"];
+        assert!(parts.iter().all(|part| said.contains(part)), "{words:?}: {said}");
+        let file = if words.contains(&points.as_str()) { "points.csv: " } else { "utm.geojson: " };
+        assert!(said.contains(file), "{words:?}: {said}");
+    }
+    let declared = at("declared.geojson");
+    spinney(&["-q", "transform", &map, "crs=EPSG:32628", "-o", &declared]).success();
+    for words in [
+        &["build", &map, "-o", &out, "--cell", "25", "--crs", "EPSG:32628"][..],
+        &["build", &points, "-o", &out, "--index", "points", "--crs", "EPSG:32628"],
+        &["build", &plane, "-o", &out, "--cell", "25"],
+        &["build", &declared, "-o", &out, "--grid", &tree],
+        &["stats", &tree, "--zones", &map, "--in", "world"],
+        &["find", &tree, "--class", "3", "--within", &map, "--in", "world"],
+    ] {
+        spinney(words).success();
+    }
+}
+
+/// Classes are given by value or by name, and parsers' errors are in words.
+#[test]
+fn classes_have_names_in_options() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let (tree, map, plain) = (at("d.goblin"), at("d.autumn"), at("p.goblin"));
+    for file in [&tree, &map] {
+        spinney(&["-q", "build", DISTRICTS, "-o", file, "--cell", "100", "--value", "name"]).success();
+    }
+    spinney(&["-q", "build", DISTRICTS, "-o", &plain, "--cell", "100"]).success();
+    let find = |class: &str| stdout(&["find", &tree, "--class", class, "--limit", "9"]);
+    let info: serde_json::Value = serde_json::from_str(&stdout(&["stats", &tree, "--json"])).unwrap();
+    let values: Vec<String> =
+        info["classes"].as_array().unwrap().iter().map(|row| row["value"].to_string()).collect();
+    let shore = find("North shore");
+    assert!(!shore.is_empty() && values.iter().any(|value| find(value) == shore), "{shore}");
+    let features = |class: &str| {
+        let output = at("x.geojson");
+        spinney(&["-q", "export", &tree, &output, "--polygons", "--class", class]).success();
+        std::fs::read_to_string(output).unwrap()
+    };
+    assert!(features("North shore").contains("North shore"));
+    spinney(&["-q", "edit", &map, "fill", "--window", "0,0,5,5", "--value", "North shore"]).success();
+    let unknown = complaint(&["find", &tree, "--class", "beach"], 1);
+    assert!(unknown.contains("d.goblin: --class: got beach") && unknown.contains("North shore"), "{unknown}");
+    let unnamed = complaint(&["find", &plain, "--class", "beach"], 1);
+    assert!(unnamed.contains("expected a number"), "{unnamed}");
+    let filled = complaint(&["edit", &map, "fill", "--window", "0,0,5,5", "--value", "wood"], 1);
+    assert!(filled.contains("--value: got wood"), "{filled}");
+    for (words, expected) in [
+        (&["build", CLASSES, "-o", &plain, "--nodata", "abc"][..], "'--nodata <NUMBER>': expected a number"),
+        (&["shard", "build", &plain, "x"], "expected an integer"),
+        (&["revert", &map, "last"], "expected an integer"),
+    ] {
+        let said = complaint(words, 2);
+        assert!(said.contains(expected) && !said.contains("literal") && !said.contains("digit"), "{said}");
+    }
+}
+
+/// Parameters of the library have the names of the options that set them.
+#[test]
+fn errors_name_options() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let (tree, out) = (at("i.goblin"), at("o.goblin"));
+    spinney(&["-q", "build", CLASSES, "-o", &tree]).success();
+    for (words, expected) in [
+        (&["build", CLASSES, CLASSES, "--stack", "--names", "a", "-o", &out][..], "--names: got 1"),
+        (
+            &["build", DISTRICTS, "-o", &out, "--cell", "100", "--value", "area"],
+            "districts.geojson: --value: got area",
+        ),
+        (&["stats", &tree, "--zones", DISTRICTS, "--quantiles", "2"], "--quantiles: got 2"),
+        (&["build", CLASSES, "-o", &out, "--max-bytes", "1024"], "bytes that --max-bytes allows"),
+        (&["stats", &tree, "--zones", DISTRICTS, "--in", "lonlat"], "--in (in Python: crs=)"),
+    ] {
+        let said = complaint(words, 1);
+        assert!(said.contains(expected), "{words:?}: {said}");
+    }
 }

@@ -9,29 +9,29 @@ const BALL: &str = "fixtures/v1/ball.goblin";
 
 #[test]
 fn tilesets_and_models_are_written_or_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let tileset = path("ball/tileset.json");
-    let told = stderr(spinney(&["export", BALL, &tileset, "--smooth"]).success());
-    assert!(told.contains("1 in 1 levels") && !told.contains("globe"), "{told}");
+    let message = stderr(spinney(&["export", BALL, &tileset, "--smooth"]).success());
+    assert!(message.contains("1 in 1 level,") && !message.contains("globe"), "{message}");
     let json = serde_json::from_slice(&fs::read(&tileset).unwrap()).unwrap();
-    let tiles = Tiles::read(&folder.path().join("ball"), &json);
+    let tiles = Tiles::read(&directory.path().join("ball"), &json);
     assert_eq!(tiles.tiles.into_iter().collect::<Vec<_>>(), [([0; 4], true)]);
     let model = path("ball.glb");
     spinney(&["export", "-q", BALL, &model, "--level", "4"]).success().stderr("");
     assert_eq!(Glb::read(model.as_ref()).meshes.len(), 1);
     let piped = spinney(&["export", "-q", BALL, "-", "--format", "glb", "--level", "4"]).success();
     assert_eq!(piped.get_output().stdout, fs::read(&model).unwrap());
-    let count = fs::read_dir(folder.path()).unwrap().count();
+    let count = fs::read_dir(directory.path()).unwrap().count();
     let bytes = fs::read(&tileset).unwrap();
     let other = path("other/tileset.json");
     let refusals: [(&[&str], i32, &[&str]); 9] = [
         // Existing files stay.
         (&["export", BALL, &tileset], 1, &["not empty", "another name"]),
-        (&["export", BALL, "tileset.json"], 1, &["name the folder", "x/tileset.json"]),
+        (&["export", BALL, "tileset.json"], 1, &["expected a directory", "x/tileset.json"]),
         (&["export", BALL, &path("missing/other/tileset.json")], 1, &["other"]),
         (&["export", "fixtures/v1/classic.goblin", &other], 1, &["a quadtree", "an octree"]),
-        (&["export", "fixtures/v1/chapel.goblin", &other], 1, &["3D Tiles", "make cells"]),
+        (&["export", "fixtures/v1/chapel.goblin", &other], 1, &["3D Tiles", "not a tree of cells"]),
         (&["export", BALL, &other, "--level", "6"], 1, &["level", "0 to 5"]),
         (&["export", BALL, &other, "--triangles"], 1, &["--triangles"]),
         (&["export", BALL, &other, "--zoom", "0..3"], 1, &["--zoom"]),
@@ -40,7 +40,7 @@ fn tilesets_and_models_are_written_or_refused() {
     for (arguments, code, words) in refusals {
         let text = complaint(arguments, code);
         assert!(words.iter().all(|word| text.contains(word)), "{arguments:?}: {text}");
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), count, "{arguments:?}");
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), count, "{arguments:?}");
     }
     assert_eq!(fs::read(&tileset).unwrap(), bytes);
 }

@@ -18,9 +18,9 @@ fn as_json(arguments: &[&str]) -> Json {
 }
 
 #[test]
-fn octrees_tell_where_they_lie_on_every_axis() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+fn info_prints_the_bounds_of_octrees_on_every_axis() {
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (model, tree) = (name("cube.off"), name("cube.goblin"));
     std::fs::write(&model, CUBE).unwrap();
     let build = ["build", &model, "-o", &tree, "--cell", "0.5", "--unit", "mm", "--stats"];
@@ -49,7 +49,7 @@ fn octrees_tell_where_they_lie_on_every_axis() {
     assert_eq!(as_json(&["stats", &tree, "--json"])["solid"]["unit"], "mm");
     // Without a declared unit none is reported.
     command(&["build", &model, "-o", &tree, "--cell", "0.5"]).assert().success();
-    assert!(stdout(&["stats", &tree]).contains("nobody told"));
+    assert!(stdout(&["stats", &tree]).contains("unknown (`build --unit` sets it)"));
     assert!(as_json(&["info", &tree, "--json"])["unit"].is_null());
     let cells = Cells::random(OCT, 5, [12, 9, 10], 9, true);
     std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
@@ -57,12 +57,13 @@ fn octrees_tell_where_they_lie_on_every_axis() {
 }
 
 #[test]
-fn quadtrees_tell_where_they_lie() {
-    let folder = tempfile::tempdir().unwrap();
-    let tree = folder.path().join("i.goblin").to_str().unwrap().to_string();
+fn info_prints_the_bounds_of_quadtrees() {
+    let directory = tempfile::tempdir().unwrap();
+    let tree = directory.path().join("i.goblin").to_str().unwrap().to_string();
     command(&["build", "-q", CLASSES, "-o", &tree]).assert().success();
     let text = stdout(&["info", &tree]);
     assert!(text.contains("cell        50 x 50 m\nworld       300000,3190000 to 312800,3200000\n"), "{text}");
+    assert!(text.contains("record slots of 1 segment\n"), "{text}");
     let info = as_json(&["info", &tree, "--json"]);
     assert_eq!((&info["unit"], &info["cell"]), (&json!("m"), &json!([50.0, 50.0])));
     // Classes are printed as integers.
@@ -78,8 +79,8 @@ fn quadtrees_tell_where_they_lie() {
 #[test]
 fn files_with_history_have_levels() {
     for share in [&["--share"][..], &[]] {
-        let folder = tempfile::tempdir().unwrap();
-        let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+        let directory = tempfile::tempdir().unwrap();
+        let name = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
         let (edited, published) = (name("i.autumn"), name("i.goblin"));
         command(&["build", "-q", CLASSES, "-o", &edited]).args(share).assert().success();
         let fill = ["fill", "--window", "3,5,90,70", "--value", "2"];

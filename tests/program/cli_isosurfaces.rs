@@ -19,11 +19,11 @@ fn ball() -> (TempDir, String) {
             cell.iter().zip([19.8, 18.1, 20.3]).map(|(at, middle)| (*at as f64 - middle).powi(2)).sum();
         Some(form.value.nearest(|_| 20.0 - away.sqrt()))
     });
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("ball.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("ball.goblin");
     let matrix = [[0.5, 0.0, 0.0, 100.0], [0.0, -0.5, 0.0, 200.0], [0.0, 0.0, 0.5, 300.0]];
     write_goblin(&path, &cells, (Rule::Mean, DataKind::Continuous), Frame { matrix, ..Frame::identity() });
-    (folder, path.to_str().unwrap().into())
+    (directory, path.to_str().unwrap().into())
 }
 
 fn check_ball(read: &Read, radius: f64) {
@@ -39,9 +39,9 @@ fn check_ball(read: &Read, radius: f64) {
 
 #[test]
 fn all_formats_have_the_same_surface() {
-    let (folder, file) = ball();
+    let (directory, file) = ball();
     let run = |name: &str| {
-        let out = folder.path().join(name);
+        let out = directory.path().join(name);
         spinney(&["-q", "contours", &file, "--at", "6", "-o", out.to_str().unwrap()]).success();
         fs::read(out).unwrap()
     };
@@ -54,9 +54,9 @@ fn all_formats_have_the_same_surface() {
 }
 
 #[test]
-fn several_surfaces_are_told_apart() {
-    let (folder, file) = ball();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+fn several_surfaces_are_distinguished() {
+    let (directory, file) = ball();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     spinney(&["-q", "contours", &file, "--at", "11.5,6.5", "-o", &path("a.obj")]).success();
     let text = fs::read_to_string(path("a.obj")).unwrap();
     let parts: Vec<&str> = text.lines().filter(|line| line.starts_with("o ")).collect();
@@ -81,12 +81,12 @@ fn several_surfaces_are_told_apart() {
 
 #[test]
 fn what_cannot_be_done_leaves_no_file() {
-    let (folder, file) = ball();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (directory, file) = ball();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let out = path("out.ply");
     let refused = |words: &[&str], code: i32| {
         let text = complaint(&[&["contours"], words].concat(), code);
-        let left = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name());
+        let left = fs::read_dir(directory.path()).unwrap().map(|entry| entry.unwrap().file_name());
         assert!(left.into_iter().all(|name| !name.to_str().unwrap().starts_with("out")), "{words:?}");
         text
     };
@@ -96,9 +96,9 @@ fn what_cannot_be_done_leaves_no_file() {
         assert!(text.contains(option.split('=').next().unwrap()) && text.contains("octree"), "{text}");
     }
     assert!(of(&["--at", "6", "--ends", "extend"]).contains("open or close"));
-    assert!(of(&["--every", "1e-9"]).contains("farther apart"));
-    assert!(of(&["--at", "nan"]).contains("contour levels"));
-    assert!(of(&["--at", "6,inf"]).contains("contour levels"));
+    assert!(of(&["--every", "1e-9"]).contains("fewer levels"));
+    assert!(of(&["--at", "nan"]).contains("--at: got NaN"));
+    assert!(of(&["--at", "6,inf"]).contains("--at: got"));
     assert!(of(&["--at", "6", "--level", "30"]).contains("--level"));
     assert!(of(&["--at", "6", "--max-bytes", "100"]).contains("100"));
     for name in ["out.geojson", "out.city.json", "out.glb"] {

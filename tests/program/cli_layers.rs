@@ -20,16 +20,16 @@ struct Layer {
 }
 
 /// A directory with a file of layers.
-struct Place(tempfile::TempDir);
+struct TestDirectory(tempfile::TempDir);
 
-impl Place {
+impl TestDirectory {
     fn name(&self, name: &str) -> String {
         self.0.path().join(name).to_str().unwrap().into()
     }
 
-    fn write(name: &str, layers: &[Layer]) -> (Place, String) {
-        let place = Place(tempfile::tempdir().unwrap());
-        let path = place.name(name);
+    fn write(name: &str, layers: &[Layer]) -> (TestDirectory, String) {
+        let temp = TestDirectory(tempfile::tempdir().unwrap());
+        let path = temp.name(name);
         let output = Output::create(path.as_ref()).unwrap();
         let mut file = TreeWriter::create(output, (Dimension::Quad, DEPTH), layers.len() as u32).unwrap();
         for layer in layers {
@@ -46,7 +46,7 @@ impl Place {
             file.slabs(layer.cells.form, &mut slabs, Some(nodata), &options, &()).unwrap();
         }
         file.finish().unwrap();
-        (place, path)
+        (temp, path)
     }
 }
 
@@ -85,7 +85,7 @@ fn json(words: &[&str]) -> Json {
 }
 
 /// Writes a square, a field with an unusual name, and one outside of the tree.
-fn zones(place: &Place) -> String {
+fn zones(temp: &TestDirectory) -> String {
     let feature = |properties: &str, ring: &str| {
         format!(
             r#"{{"type":"Feature","id":7,"properties":{{{properties}}},"geometry":{{"type":"Polygon","coordinates":[{ring}]}}}}"#
@@ -94,26 +94,26 @@ fn zones(place: &Place) -> String {
     let features = [
         feature(r#""name":"square","crop":"rye""#, "[[4,4],[40,4],[40,40],[4,40]]"),
         feature(r#""name":"a \"field\", or two","crop":null"#, "[[50.3,10.1],[80.7,20.9],[60.2,71.7]]"),
-        feature(r#""name":"elsewhere""#, "[[500,500],[510,500],[510,510]]"),
+        feature(r#""name":"outside""#, "[[500,500],[510,500],[510,510]]"),
     ];
-    let path = place.name("zones.geojson");
+    let path = temp.name("zones.geojson");
     let document = format!(r#"{{"type":"FeatureCollection","features":[{}]}}"#, features.join(","));
     std::fs::write(&path, document).unwrap();
     path
 }
 
 #[test]
-fn zones_are_told_of_all_layers_with_their_times() {
+fn zone_statistics_cover_all_layers_with_their_times() {
     for name in ["series.goblin", "series.autumn"] {
-        let (place, file) = Place::write(name, &series());
-        let zones = zones(&place);
+        let (temp, file) = TestDirectory::write(name, &series());
+        let zones = zones(&temp);
         for edge in ["centre", "touch", "area"] {
             let words = ["stats", &file, "--zones", &zones, "--in", "world", "--edge", edge, "--json"];
-            let asked = |layers: &[&str]| json(&[&words[..], layers].concat());
-            let found = asked(&[]);
+            let queried = |layers: &[&str]| json(&[&words[..], layers].concat());
+            let found = queried(&[]);
             for (number, layer) in series().iter().enumerate() {
                 // Each layer gives the same result as alone.
-                let alone = asked(&["--layer", &number.to_string()]);
+                let alone = queried(&["--layer", &number.to_string()]);
                 for (zone, expected) in
                     found["zones"].as_array().unwrap().iter().zip(alone["zones"].as_array().unwrap())
                 {
@@ -121,13 +121,13 @@ fn zones_are_told_of_all_layers_with_their_times() {
                     assert_eq!(row.shift_remove("layer").unwrap(), layer.name);
                     assert_eq!(row.shift_remove("time").unwrap().as_str(), layer.time);
                     let mut whole = expected.as_object().unwrap().clone();
-                    for told in ["id", "name", "properties"] {
-                        assert_eq!(whole.shift_remove(told).unwrap(), zone[told]);
+                    for key in ["id", "name", "properties"] {
+                        assert_eq!(whole.shift_remove(key).unwrap(), zone[key]);
                     }
                     assert_eq!(row, whole, "{edge}");
                 }
             }
-            let some = asked(&["--layer", "cover,june"]);
+            let some = queried(&["--layer", "cover,june"]);
             assert_eq!(some["zones"][1]["layers"][1], found["zones"][1]["layers"][0]);
             assert_eq!(some["zones"][1]["layers"].as_array().unwrap().len(), 2);
         }
@@ -136,8 +136,8 @@ fn zones_are_told_of_all_layers_with_their_times() {
 
 #[test]
 fn zones_of_layers_become_tables() {
-    let (place, file) = Place::write("series.goblin", &series());
-    let zones = zones(&place);
+    let (temp, file) = TestDirectory::write("series.goblin", &series());
+    let zones = zones(&temp);
     let words = ["stats", &file, "--zones", &zones, "--in", "world"];
     let found = json(&[&words[..], &["--json"]].concat());
     let table = stdout(&[&words[..], &["--csv", "--attribute", "crop"]].concat());
@@ -153,13 +153,13 @@ fn zones_of_layers_become_tables() {
     // The first zone: a row per channel, with the content of JSON.
     let layers = &found["zones"][0]["layers"];
     let row = |layer: usize, (name, time): (&str, &str), channel: usize| {
-        let told = &layers[layer];
-        let c = &told["channels"][channel];
+        let statistics = &layers[layer];
+        let c = &statistics["channels"][channel];
         format!(
             "square,7,rye,{name},{time},{},,{},{},,{},{},{},{},",
             channel + 1,
             number(&c["cells"]),
-            number(&told["void_cells"]),
+            number(&statistics["void_cells"]),
             number(&c["min"]),
             number(&c["max"]),
             number(&c["mean"]),
@@ -174,8 +174,8 @@ fn zones_of_layers_become_tables() {
         assert!(line.starts_with(&format!("square,7,rye,cover,,,{cells},")), "{line}");
     }
     assert!(table.contains("\n\"a \"\"field\"\", or two\",7,,june,"), "{table}");
-    assert_eq!(table.lines().filter(|line| line.starts_with("elsewhere,7,,")).count(), 3);
-    assert!(table.contains("\nelsewhere,7,,june,2024-06-01T10:20:30Z,,,0,0,,,,,,\n"), "{table}");
+    assert_eq!(table.lines().filter(|line| line.starts_with("outside,7,,")).count(), 3);
+    assert!(table.contains("\noutside,7,,june,2024-06-01T10:20:30Z,,,0,0,,,,,,\n"), "{table}");
     // The text format also has a row per zone and layer; for one layer it is unchanged.
     let text = stdout(&words);
     assert!(text.contains("square  July, late  2024-07-30  ") && text.contains("square  cover  "), "{text}");
@@ -191,8 +191,8 @@ fn zones_of_layers_become_tables() {
 }
 
 #[test]
-fn points_tell_layers_and_times() {
-    let (_place, file) = Place::write("series.autumn", &series());
+fn values_at_points_have_layers_and_times() {
+    let (_place, file) = TestDirectory::write("series.autumn", &series());
     let points = ["9,9", "30,51", "88,1", "200,3"];
     let words = [&["point", &file, "--in", "cells"], &points[..]].concat();
     let text = spinney(&words).success();
@@ -200,14 +200,14 @@ fn points_tell_layers_and_times() {
     let lines = stdout(&[&words[..], &["--json"]].concat());
     assert_eq!(lines.lines().count(), points.len());
     for (plain, line) in text.lines().zip(lines.lines()) {
-        let told: Json = serde_json::from_str(line).unwrap();
-        assert_eq!(told["outside"], plain.starts_with("outside"));
+        let json: Json = serde_json::from_str(line).unwrap();
+        assert_eq!(json["outside"], plain.starts_with("outside"));
         let mut numbers = Vec::new();
-        for (row, layer) in told["layers"].as_array().unwrap().iter().zip(series()) {
+        for (row, layer) in json["layers"].as_array().unwrap().iter().zip(series()) {
             assert_eq!((row["layer"].as_str(), row["time"].as_str()), (Some(layer.name), layer.time));
             match row["samples"].as_array() {
                 Some(samples) => numbers.extend(samples.iter().map(Json::to_string)),
-                None => numbers.push(if told["outside"] == true { "outside" } else { "void" }.into()),
+                None => numbers.push(if json["outside"] == true { "outside" } else { "void" }.into()),
             }
         }
         assert_eq!(numbers.join(","), plain);
@@ -240,17 +240,17 @@ fn pixels(path: &str) -> (usize, Vec<[u8; 4]>) {
 }
 
 #[test]
-fn pictures_have_layers_as_colours() {
+fn images_have_layers_as_colours() {
     for name in ["bands.goblin", "bands.autumn"] {
-        let (place, file) = Place::write(name, &bands());
-        let (out, names) = (place.name("rgb.png"), ["B08", "B05", "B04"]);
+        let (temp, file) = TestDirectory::write(name, &bands());
+        let (out, names) = (temp.name("rgb.png"), ["B08", "B05", "B04"]);
         for more in [&["--range", "10,180"][..], &["--range", "10,180", "--level", "5"]] {
             let get = |layer: &str, out: &str| {
                 spinney(&[&["-q", "get", &file, out, "--layer", layer], more].concat()).success();
                 pixels(out)
             };
             let (columns, found) = get(&names.join(","), &out);
-            let greys = names.map(|name| get(name, &place.name("grey.png")));
+            let greys = names.map(|name| get(name, &temp.name("grey.png")));
             // A layer of larger cells has fewer of them.
             let grey = |band: usize, index: usize| {
                 let (own, pixels) = &greys[band];
@@ -271,9 +271,9 @@ fn pictures_have_layers_as_colours() {
 }
 
 #[test]
-fn colours_of_16_bits_are_stretched_and_others_told() {
-    let (place, file) = Place::write("bands.goblin", &bands());
-    let out = place.name("rgb.png");
+fn colours_of_16_bits_are_stretched_and_others_reported() {
+    let (temp, file) = TestDirectory::write("bands.goblin", &bands());
+    let out = temp.name("rgb.png");
     let run = spinney(&["get", &file, &out, "--layer", "B08,B05,B04"]).success();
     let said = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
     assert!(said.contains(r#"{"draw":"rgb"}"#), "{said}");
@@ -294,45 +294,45 @@ fn colours_of_16_bits_are_stretched_and_others_told() {
     assert!(two.iter().zip(&found).all(|(two, three)| two[3] == 0 || two[..2] == three[..2]));
     // As a view, or written and drawn in other ways.
     assert_eq!(drawn(&["--layer", "B08", "--view", "composite=B08,B05,B04", "--style", "rgb"]), found);
-    let legend = place.name("legend.json");
+    let legend = temp.name("legend.json");
     spinney(&["legend", &file, &legend, "--layer", "B08,B05,B04"]).success();
     let legend = std::fs::read_to_string(legend).unwrap();
     assert!(["B08", "B05", "B04"].iter().all(|name| legend.contains(name)), "{legend}");
     assert!(!stdout(&["show", &file, "--layer", "B08,B05,B04"]).is_empty());
-    let cog = place.name("cog.tif");
+    let cog = temp.name("cog.tif");
     spinney(&["-q", "export", &file, &cog, "--layer", "B08,B05,B04"]).success();
-    let back = place.name("back.goblin");
+    let back = temp.name("back.goblin");
     spinney(&["-q", "build", &cog, "-o", &back]).success();
     spinney(&["-q", "get", &back, &out, "--style", "rgb"]).success();
     assert_eq!(pixels(&out).1, found);
     for (words, expected) in [
-        (&["--layer", "B08,B05,B04,B04,B04"][..], "two to four"),
+        (&["--layer", "B08,B05,B04,B04,B04"][..], "2 to 4 layers"),
         (&["--layer", "B08,none"], "none"),
         (&[], "--layer A,B,C"),
     ] {
         let text = complaint(&[&["get", &file, &out], words].concat(), 1);
         assert!(text.contains(expected), "{text}");
     }
-    let (_place, mixed) = Place::write("series.goblin", &series());
+    let (_place, mixed) = TestDirectory::write("series.goblin", &series());
     let text = complaint(&["get", &mixed, &out, "--layer", "june,cover"], 1);
     assert!(text.contains("`june` of i16, `cover` of u8, expected layers of one type"), "{text}");
 }
 
 #[test]
 fn tiles_of_layers_are_those_of_a_tree_with_their_channels() {
-    let place = Place(tempfile::tempdir().unwrap());
-    let [stack, tree] = ["stack.goblin", "tree.goblin"].map(|name| place.name(name));
+    let temp = TestDirectory(tempfile::tempdir().unwrap());
+    let [stack, tree] = ["stack.goblin", "tree.goblin"].map(|name| temp.name(name));
     let classes = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
     let elevation = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
     let words = ["-q", "build", classes, elevation, classes, "-o", &stack, "--stack", "--names", "a,h,b"];
     spinney(&words).success();
     spinney(&["-q", "transform", &format!("{stack}:a"), "composite=a,b,a", "-o", &tree]).success();
-    let files = |tree: &str, folder: &str, more: &[&str]| {
-        let folder = place.name(folder);
-        let pattern = format!("{folder}/{{z}}/{{x}}/{{y}}.png");
+    let files = |tree: &str, directory: &str, more: &[&str]| {
+        let directory = temp.name(directory);
+        let pattern = format!("{directory}/{{z}}/{{x}}/{{y}}.png");
         spinney(&[&["-q", "export", tree, &pattern, "--zoom", "7..11"], more].concat()).success();
         let mut found = Vec::new();
-        let mut pending = vec![std::path::PathBuf::from(&folder)];
+        let mut pending = vec![std::path::PathBuf::from(&directory)];
         while let Some(next) = pending.pop() {
             for entry in std::fs::read_dir(next).unwrap() {
                 let path = entry.unwrap().path();
@@ -340,7 +340,7 @@ fn tiles_of_layers_are_those_of_a_tree_with_their_channels() {
                     pending.push(path);
                 } else if path.extension().is_some_and(|extension| extension == "png") {
                     found.push((
-                        path.strip_prefix(&folder).unwrap().to_owned(),
+                        path.strip_prefix(&directory).unwrap().to_owned(),
                         std::fs::read(&path).unwrap(),
                     ));
                 }
@@ -352,9 +352,9 @@ fn tiles_of_layers_are_those_of_a_tree_with_their_channels() {
     let found = files(&stack, "stack", &["--layer", "a,b,a"]);
     assert!(found.len() > 4);
     assert!(found == files(&tree, "tree", &[]));
-    let update = ["export", &stack, &place.name("t.pmtiles"), "--layer", "a,b", "--update", &tree];
+    let update = ["export", &stack, &temp.name("t.pmtiles"), "--layer", "a,b", "--update", &tree];
     assert!(complaint(&update, 1).contains("several layers"));
     // All layers need the same type.
-    let text = complaint(&["export", &stack, &place.name("t.pmtiles"), "--layer", "a,h"], 1);
+    let text = complaint(&["export", &stack, &temp.name("t.pmtiles"), "--layer", "a,h"], 1);
     assert!(text.contains("`h` of f32") && text.contains("calc=b1,type=f32"), "{text}");
 }

@@ -8,7 +8,7 @@ use crate::common::command::{complaint, spinney, stderr, stdout};
 
 /// Writes the streets of a town as GeoJSON: a grid of straight ones and a ring of several lines,
 /// with coordinates in tenths.
-fn streets(folder: &Path) -> String {
+fn streets(directory: &Path) -> String {
     let mut features = Vec::new();
     for number in 0..20 {
         let at = f64::from(number) * 10.5;
@@ -25,7 +25,7 @@ fn streets(folder: &Path) -> String {
     features.push(
         r#"{"type":"Feature","properties":{"name":"ring","lanes":null},"geometry":{"type":"MultiLineString","coordinates":[[[300,0],[310,0],[310,10]],[[310,20],[300,20],[300,10]]]}}"#.into(),
     );
-    let path = folder.join("streets.geojson");
+    let path = directory.join("streets.geojson");
     let text = format!(
         r#"{{"type":"FeatureCollection","crs":{{"type":"name","properties":{{"name":"EPSG:25833"}}}},"features":[{}]}}"#,
         features.join(",\n")
@@ -39,10 +39,10 @@ fn complaint_of(arguments: &[&str]) -> String {
 }
 
 #[test]
-fn lines_are_built_asked_and_written_again() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    let (input, tree) = (streets(folder.path()), at("l.goblin"));
+fn lines_are_built_queried_and_exported() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let (input, tree) = (streets(directory.path()), at("l.goblin"));
     stdout(&["build", &input, "-o", &tree, "--index", "lines", "--leaf-size", "4"]);
     let info = stdout(&["info", &tree, "--json"]);
     let info: serde_json::Value = serde_json::from_str(&info).unwrap();
@@ -87,9 +87,9 @@ fn lines_are_built_asked_and_written_again() {
 
 #[test]
 fn points_are_joined_to_the_nearest_lines() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    let (input, tree) = (streets(folder.path()), at("l.goblin"));
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let (input, tree) = (streets(directory.path()), at("l.goblin"));
     stdout(&["build", &input, "-o", &tree, "--index", "lines"]);
     assert_eq!(stdout(&["point", &tree, "305,3"]), "1\t3\t305,0\t20\n");
     let two = stdout(&["point", &tree, "21,300", "305,3", "--nearest", "2", "--radius", "101"]);
@@ -101,8 +101,8 @@ fn points_are_joined_to_the_nearest_lines() {
     }
     let points = at("houses.csv");
     fs::write(&points, table).unwrap();
-    let told = stdout(&["stats", &tree, "--nearest", &points]);
-    assert!(told.starts_with("points      50, 50 of them with a line"), "{told}");
+    let printed = stdout(&["stats", &tree, "--nearest", &points]);
+    assert!(printed.starts_with("points      50, 50 of them joined to a line"), "{printed}");
     let joined = at("joined.geojson");
     stdout(&["stats", &tree, "--nearest", &points, "--attribute", "name", "-o", &joined]);
     let joined: serde_json::Value = serde_json::from_str(&fs::read_to_string(joined).unwrap()).unwrap();
@@ -127,10 +127,10 @@ fn points_are_joined_to_the_nearest_lines() {
 }
 
 #[test]
-fn what_other_lines_cross_is_found() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    let (input, tree) = (streets(folder.path()), at("l.goblin"));
+fn crossings_with_other_lines_are_found() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let (input, tree) = (streets(directory.path()), at("l.goblin"));
     stdout(&["build", &input, "-o", &tree, "--index", "lines", "--leaf-size", "4"]);
     // Along the first even streets, and one that ends on the ring; the third meets nothing.
     let rivers = at("rivers.csv");
@@ -138,8 +138,8 @@ fn what_other_lines_cross_is_found() {
     let rows: Vec<String> = lines.map(|line| format!("\"LINESTRING {line}\",river\n")).into();
     fs::write(&rivers, format!("wkt,name\n{}", rows.concat())).unwrap();
     // Even streets are at x = 0, 21, 42, ...
-    let told = stdout(&["stats", &tree, "--crossing", &rivers]);
-    assert_eq!(told, "lines       3\nfeatures    4\ncrossings   4\n");
+    let printed = stdout(&["stats", &tree, "--crossing", &rivers]);
+    assert_eq!(printed, "lines       3\nfeatures    4\ncrossings   4\n");
     let json = stdout(&["stats", &tree, "--crossing", &rivers, "--json"]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!((&json["features"], &json["crossings"]), (&4.into(), &4.into()));
@@ -158,7 +158,7 @@ fn what_other_lines_cross_is_found() {
     // Geometries other than lines, and files other than trees of lines.
     let points = at("points.csv");
     fs::write(&points, "x,y\n1,2\n").unwrap();
-    assert!(complaint_of(&["stats", &tree, "--crossing", &points]).contains("no line"));
+    assert!(complaint_of(&["stats", &tree, "--crossing", &points]).contains("not a line"));
     assert!(complaint_of(&["get", &tree, &rivers, "--crossing", &rivers]).contains("is an input"));
     let cells = at("cells.goblin");
     stdout(&["build", &input, "-o", &cells, "--cell", "5"]);
@@ -175,47 +175,47 @@ fn degrees([x, y]: [f64; 2]) -> [f64; 2] {
 /// Web mercator is a formula: inputs in degrees give the same results as inputs in metres.
 #[test]
 fn positions_and_features_in_other_systems_are_brought_to_the_tree() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    let input = streets(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let input = streets(directory.path());
     let text = fs::read_to_string(&input).unwrap().replace("25833", "3857");
     fs::write(&input, text).unwrap();
     let tree = at("l.goblin");
     stdout(&["build", &input, "-o", &tree, "--index", "lines"]);
     // Positions: the distance and the nearest position are in the tree's coordinate system.
     let [longitude, latitude] = degrees([305.0, 3.0]);
-    let place = format!("{longitude},{latitude}");
+    let position = format!("{longitude},{latitude}");
     for system in ["lonlat", "EPSG:4326", "EPSG:4258"] {
-        let told = stdout(&["point", &tree, &place, "--in", system]);
-        let words: Vec<&str> = told.trim().split(['\t', ',']).collect();
+        let printed = stdout(&["point", &tree, &position, "--in", system]);
+        let words: Vec<&str> = printed.trim().split(['\t', ',']).collect();
         let numbers: Vec<f64> = words.iter().map(|word| word.parse().unwrap()).collect();
         let expected = [1.0, 3.0, 305.0, 0.0, 20.0];
-        assert_eq!(numbers.len(), 5, "{told}");
-        assert!(numbers.iter().zip(expected).all(|(own, other)| (own - other).abs() < 1e-4), "{told}");
+        assert_eq!(numbers.len(), 5, "{printed}");
+        assert!(numbers.iter().zip(expected).all(|(own, other)| (own - other).abs() < 1e-4), "{printed}");
     }
     assert_eq!(stdout(&["point", &tree, "305,3", "--in", "EPSG:3857"]), "1\t3\t305,0\t20\n");
     assert!(complaint_of(&["point", &tree, "305,3", "--in", "cells"]).contains("there are no cells"));
     assert!(complaint_of(&["point", &tree, "5,95", "--in", "lonlat"]).contains("point 1"));
     // Points of a file: distances are in metres, and the points keep their own coordinate system.
-    let places: Vec<[f64; 2]> =
+    let positions: Vec<[f64; 2]> =
         (0..30).map(|number| [f64::from(7 * number), f64::from(11 * number % 190)]).collect();
     let feature = |kind: &str, coordinates: String, crs: &str| {
         format!(
             r#"{{"type":"FeatureCollection"{crs},"features":[{{"type":"Feature","properties":{{}},"geometry":{{"type":"{kind}","coordinates":{coordinates}}}}}]}}"#
         )
     };
-    let collection = |places: &[[f64; 2]]| {
-        let points = places.iter().map(|place| {
-            format!(r#"{{"type":"Feature","properties":{{}},"geometry":{{"type":"Point","coordinates":{place:?}}}}}"#)
+    let collection = |positions: &[[f64; 2]]| {
+        let points = positions.iter().map(|position| {
+            format!(r#"{{"type":"Feature","properties":{{}},"geometry":{{"type":"Point","coordinates":{position:?}}}}}"#)
         });
         format!(r#"{{"type":"FeatureCollection","features":[{}]}}"#, points.collect::<Vec<_>>().join(","))
     };
     let (metres, lonlat) = (at("metres.geojson"), at("lonlat.geojson"));
     let crs = r#","crs":{"type":"name","properties":{"name":"EPSG:3857"}}"#;
     let in_metres =
-        collection(&places).replacen(r#""FeatureCollection""#, &format!(r#""FeatureCollection"{crs}"#), 1);
+        collection(&positions).replacen(r#""FeatureCollection""#, &format!(r#""FeatureCollection"{crs}"#), 1);
     fs::write(&metres, in_metres).unwrap();
-    let in_degrees: Vec<[f64; 2]> = places.iter().copied().map(degrees).collect();
+    let in_degrees: Vec<[f64; 2]> = positions.iter().copied().map(degrees).collect();
     fs::write(&lonlat, collection(&in_degrees)).unwrap();
     let joined = |input: &str| -> Vec<(f64, i64, f64)> {
         let output = at("joined.geojson");
@@ -234,7 +234,9 @@ fn positions_and_features_in_other_systems_are_brought_to_the_tree() {
     for (number, (own, other)) in own.iter().zip(&other).enumerate() {
         assert!((own.0 - other.0).abs() < 1e-4, "{own:?} {other:?}");
         assert!(own.0 < 1e-4 || own.1 == other.1, "{own:?} {other:?}");
-        assert!((own.2 - places[number][0]).abs() < 1e-9 && (other.2 - in_degrees[number][0]).abs() < 1e-7);
+        assert!(
+            (own.2 - positions[number][0]).abs() < 1e-9 && (other.2 - in_degrees[number][0]).abs() < 1e-7
+        );
     }
     // Lines of a file: crossings are in the tree's coordinate system.
     let line = [[-5.0, 5.25], [50.0, 5.75]];
@@ -246,10 +248,10 @@ fn positions_and_features_in_other_systems_are_brought_to_the_tree() {
         let text = fs::read_to_string(&output).unwrap();
         assert!(text.contains("3857"), "{text}");
         let json: serde_json::Value = serde_json::from_str(&text).unwrap();
-        let place = |feature: &serde_json::Value| {
+        let position = |feature: &serde_json::Value| {
             [0, 1].map(|axis| feature["geometry"]["coordinates"][axis].as_f64().unwrap())
         };
-        json["features"].as_array().unwrap().iter().map(place).collect()
+        json["features"].as_array().unwrap().iter().map(position).collect()
     };
     let (own, other) = (crossed(&metres), crossed(&lonlat));
     assert_eq!((own.len(), other.len()), (3, 3));
@@ -265,29 +267,29 @@ fn positions_and_features_in_other_systems_are_brought_to_the_tree() {
     let (table, plain) = (at("plain.csv"), at("plain.goblin"));
     fs::write(&table, "wkt\n\"LINESTRING (0 0,100 0)\"\n").unwrap();
     stdout(&["build", &table, "-o", &plain, "--index", "lines"]);
-    let told = complaint_of(&["point", &plain, "5,5", "--in", "lonlat"]);
-    assert!(told.contains("coordinate system of the tree") && told.contains("--crs"), "{told}");
-    let told = stderr(spinney(&["stats", &plain, "--crossing", &lonlat]).success());
-    assert!(told.contains("taken to be in its own coordinates"), "{told}");
+    let printed = complaint_of(&["point", &plain, "5,5", "--in", "lonlat"]);
+    assert!(printed.contains("coordinate system of the tree") && printed.contains("--crs"), "{printed}");
+    let printed = stderr(spinney(&["stats", &plain, "--crossing", &lonlat]).success());
+    assert!(printed.contains("assumed to be in its own coordinates"), "{printed}");
 }
 
 #[test]
-fn what_makes_no_sense_is_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    let (input, tree) = (streets(folder.path()), at("l.goblin"));
+fn invalid_arguments_are_reported() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let (input, tree) = (streets(directory.path()), at("l.goblin"));
     stdout(&["build", &input, "-o", &tree, "--index", "lines"]);
     let points = at("points.csv");
     fs::write(&points, "x,y\n1,2\n").unwrap();
-    let told = complaint_of(&["build", &points, "-o", &at("x.goblin"), "--index", "lines"]);
-    assert!(told.contains("--index points"), "{told}");
-    let told = complaint_of(&["build", &input, "-o", &at("x.goblin"), "--index", "lines", "--cell", "3"]);
-    assert!(told.contains("--cell: means nothing for lines"), "{told}");
+    let message = complaint_of(&["build", &points, "-o", &at("x.goblin"), "--index", "lines"]);
+    assert!(message.contains("--index points"), "{message}");
+    let message = complaint_of(&["build", &input, "-o", &at("x.goblin"), "--index", "lines", "--cell", "3"]);
+    assert!(message.contains("--cell: has no effect on lines"), "{message}");
     assert!(complaint_of(&["get", &tree, &at("x.png")]).contains("unknown format"));
-    assert!(complaint_of(&["get", &tree, &at("x.csv"), "--level", "3"]).contains("--level means nothing"));
+    assert!(complaint_of(&["get", &tree, &at("x.csv"), "--level", "3"]).contains("--level has no effect"));
     assert!(complaint_of(&["get", &tree, &at("x.csv"), "--attribute", "height"]).contains("name, lanes"));
     assert!(complaint_of(&["render", &tree, &at("x.png")]).contains("a tree of lines"));
-    assert!(complaint_of(&["stats", &tree, "--nearest", &input]).contains("no single point"));
+    assert!(complaint_of(&["stats", &tree, "--nearest", &input]).contains("not a single point"));
     // A corrupt byte is reported.
     let mut bytes = fs::read(&tree).unwrap();
     bytes[30] ^= 1;

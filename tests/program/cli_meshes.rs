@@ -17,8 +17,8 @@ fn text(path: &Path) -> &str {
 
 #[test]
 fn a_model_becomes_a_solid_and_comes_out_again() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     let (model, tree) = (at("plate.obj"), at("plate.goblin"));
     std::fs::write(&model, BOX).unwrap();
     let said =
@@ -39,9 +39,9 @@ fn a_model_becomes_a_solid_and_comes_out_again() {
 }
 
 #[test]
-fn what_a_format_has_no_room_for_is_told_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+fn losses_of_a_format_are_reported_once() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     std::fs::write(at("plate.obj"), BOX).unwrap();
     let (solid, exact) = (at("solid.goblin"), at("exact.goblin"));
     let placed = ["--unit", "mm", "--crs", "EPSG:28992"];
@@ -52,13 +52,14 @@ fn what_a_format_has_no_room_for_is_told_once() {
     for (tree, mesh, lost) in [
         (&solid, "a.stl", "the coordinate system EPSG:28992"),
         (&solid, "a.glb", "the unit of length mm"),
-        (&exact, "b.ply", "the part's name"),
+        (&exact, "b.ply", "the name of the part"),
         (&exact, "b.obj", "the unit of length mm"),
     ] {
         // Also with --quiet, since it is a warning.
         for quiet in [&[][..], &["--quiet"]] {
             let said = stderr(spinney(&[&["export", text(tree), text(&at(mesh))], quiet].concat()).success());
-            let lines: Vec<&str> = said.lines().filter(|line| line.contains("has no room for")).collect();
+            let lines: Vec<&str> =
+                said.lines().filter(|line| line.contains("the format cannot store")).collect();
             assert!(
                 matches!(lines[..], [line] if line.starts_with("warning ") && line.contains(lost)),
                 "{said}"
@@ -76,8 +77,8 @@ fn what_a_format_has_no_room_for_is_told_once() {
 
 #[test]
 fn a_tree_without_cells_is_warned_of() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     let (model, tree) = (at("triangle.obj"), at("triangle.goblin"));
     std::fs::write(&model, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let said = |more: &[&str]| {
@@ -91,8 +92,8 @@ fn a_tree_without_cells_is_warned_of() {
 
 #[test]
 fn cells_have_units_and_fit_together() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     let (model, tree) = (at("plate.obj"), at("plate.goblin"));
     std::fs::write(&model, BOX).unwrap();
     let build = |more: &[&str]| {
@@ -107,22 +108,33 @@ fn cells_have_units_and_fit_together() {
     assert!(stderr(build(&["--cell", "1e-9"]).failure()).contains("2^19"));
     assert!(stderr(build(&["--cells", "0"]).failure()).contains("1 to 524288"));
     assert!(stderr(build(&["--depth", "20"]).failure()).contains("1 to 19"));
-    assert!(stderr(build(&["--attribute", "colour"]).failure()).contains("colour of a model that has none"));
-    assert!(stderr(build(&["--rule", "mean"]).failure()).contains("for pictures"));
+    assert!(
+        stderr(build(&["--attribute", "colour"]).failure())
+            .contains("the attribute colour for a model without colours")
+    );
+    assert!(stderr(build(&["--rule", "mean"]).failure()).contains("--rule: works only with rasters"));
     assert!(stderr(build(&["--shell", "--edge", "touch"]).failure()).contains("--edge"));
     let quadtree = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/classic.goblin");
-    assert!(stderr(build(&["--grid", quadtree]).failure()).contains("an octree is needed"));
+    assert!(stderr(build(&["--grid", quadtree]).failure()).contains("expected an octree"));
     // The output of the one successful build is still complete.
     assert!(stdout(&["verify", text(&tree)]).contains("good"));
-    let picture = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
-    let refused = spinney(&["build", picture, "-o", text(&tree), "--cells", "4"]).failure();
-    assert!(stderr(refused).contains("is no model"));
+    let raster = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
+    let refused = spinney(&["build", raster, "-o", text(&tree), "--cells", "4"]).failure();
+    let message = stderr(refused);
+    assert!(message.contains("is not a model") && message.contains("which --cells needs"), "{message}");
+    assert!(message.contains("scale="), "{message}");
+    // A model and a raster, in either order.
+    for inputs in [[raster, text(&model)], [text(&model), raster]] {
+        let message =
+            stderr(spinney(&["build", inputs[0], inputs[1], "-o", text(&tree), "--cells", "4"]).failure());
+        assert!(message.contains("build one tree for each"), "{message}");
+    }
 }
 
 #[test]
-fn bad_models_are_told_and_leave_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+fn bad_models_are_reported_and_leave_no_files() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
     let tree = at("x.goblin");
     for (name, content, said) in [
         ("missing.ply", None, "missing.ply"),
@@ -147,7 +159,7 @@ fn bad_models_are_told_and_leave_nothing() {
     assert!(error.contains("choose another output"), "{error}");
     assert_eq!(std::fs::read_to_string(&model).unwrap(), BOX);
     let left: Vec<_> =
-        std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        std::fs::read_dir(directory.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert!(!left.iter().any(|name| name.to_string_lossy().contains("partial")), "{left:?}");
 }
 
@@ -156,7 +168,7 @@ fn bad_models_are_told_and_leave_nothing() {
 fn memory_stays_within_its_budget() {
     /// Allowance in bytes for the program, thread stacks and allocator overhead.
     const ALLOWANCE: u64 = 32 << 20;
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     // A ball of 1.2 million triangles, a file of 60 MB that needs 60 MB in memory.
     let steps = 774u32;
     let point = |i: u32, j: u32| {
@@ -175,9 +187,9 @@ fn memory_stays_within_its_budget() {
             bytes.extend(numbers.flat_map(f32::to_le_bytes).chain([0, 0]));
         }
     }
-    let model = folder.path().join("ball.stl");
+    let model = directory.path().join("ball.stl");
     std::fs::write(&model, bytes).unwrap();
-    let (tree, program) = (folder.path().join("ball.goblin"), env!("CARGO_BIN_EXE_spinney"));
+    let (tree, program) = (directory.path().join("ball.goblin"), env!("CARGO_BIN_EXE_spinney"));
     for cells in ["512", "64"] {
         let words = ["build", text(&model), "-qo", text(&tree), "--cells", cells, "--memory", "24M"];
         let mut child = std::process::Command::new(program).args(words).spawn().unwrap();
@@ -192,8 +204,8 @@ fn memory_stays_within_its_budget() {
 
 #[test]
 fn export_of_a_volume_without_void_names_the_command_that_makes_zero_void() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     // A plate of 255 in a block of 0.
     let bytes: Vec<u8> = (0..8 * 8 * 8).map(|cell| if cell / 8 % 8 == 3 { 255 } else { 0 }).collect();
     std::fs::write(at("mask.raw"), bytes).unwrap();

@@ -11,12 +11,12 @@ use crate::common::octree::{frame, open, read, write};
 use crate::common::{Cells, OCT, QUAD, as_byte, assert_same, byte, made, oct, write_goblin};
 
 /// An array, and its first cell in the grid.
-struct Placed {
+struct OffsetCells {
     cells: Cells,
     at: [i64; 3],
 }
 
-impl Placed {
+impl OffsetCells {
     /// Returns the value at a cell of the grid.
     fn get(&self, cell: [i64; 3]) -> Cell {
         self.cells.at(std::array::from_fn(|axis| cell[axis] - self.at[axis]))
@@ -28,14 +28,14 @@ impl Placed {
 }
 
 /// Returns the bounding box of several arrays: its first cell and size.
-fn around(all: &[&Placed]) -> ([i64; 3], [u64; 3]) {
+fn around(all: &[&OffsetCells]) -> ([i64; 3], [u64; 3]) {
     let low = std::array::from_fn(|axis| all.iter().map(|one| one.at[axis]).min().unwrap());
     let high = |axis: usize| all.iter().map(|one| one.end(axis)).max().unwrap();
     (low, std::array::from_fn(|axis| (high(axis) - low[axis]) as u64))
 }
 
 /// Combines two arrays cell by cell.
-fn joined(a: &Placed, b: &Placed, rule: impl Fn(Cell, Cell) -> Cell) -> Cells {
+fn joined(a: &OffsetCells, b: &OffsetCells, rule: impl Fn(Cell, Cell) -> Cell) -> Cells {
     let (low, size) = around(&[a, b]);
     made(OCT, size, |cell| {
         let cell = std::array::from_fn(|axis| cell[axis] as i64 + low[axis]);
@@ -46,16 +46,16 @@ fn joined(a: &Placed, b: &Placed, rule: impl Fn(Cell, Cell) -> Cell) -> Cells {
 type Cell = Option<Value>;
 
 struct Setting {
-    folder: TempDir,
-    a: Placed,
-    b: Placed,
+    directory: TempDir,
+    a: OffsetCells,
+    b: OffsetCells,
 }
 
 impl Setting {
     /// Returns two octrees, each partially outside of the other, in `a.goblin` and `b.goblin`.
     fn new() -> Setting {
-        let a = Placed { cells: Cells::random(OCT, 31, [13, 9, 11], 6, true), at: [0; 3] };
-        let b = Placed { cells: Cells::random(OCT, 33, [10, 12, 8], 6, true), at: [5, -2, 4] };
+        let a = OffsetCells { cells: Cells::random(OCT, 31, [13, 9, 11], 6, true), at: [0; 3] };
+        let b = OffsetCells { cells: Cells::random(OCT, 33, [10, 12, 8], 6, true), at: [5, -2, 4] };
         // The data have cells in both, in either one and in none, with equal values and different
         // ones.
         let kinds = joined(&a, &b, |a, b| {
@@ -70,14 +70,14 @@ impl Setting {
             let count = kinds.cells.iter().filter(|cell| **cell == Some(byte(kind))).count();
             assert!(count > 20, "{count} cells of kind {kind}");
         }
-        let folder = tempfile::tempdir().unwrap();
-        write(&folder.path().join("a.goblin"), &a.cells, a.at);
-        write(&folder.path().join("b.goblin"), &b.cells, b.at);
-        Setting { folder, a, b }
+        let directory = tempfile::tempdir().unwrap();
+        write(&directory.path().join("a.goblin"), &a.cells, a.at);
+        write(&directory.path().join("b.goblin"), &b.cells, b.at);
+        Setting { directory, a, b }
     }
 
     fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
+        self.directory.path().join(name)
     }
 
     fn name(&self, name: &str) -> String {
@@ -182,7 +182,7 @@ fn octrees_that_are_turned_or_coarse() {
     let path = setting.path("coarse.goblin");
     write_goblin(&path, &small, (Rule::Mean, DataKind::Continuous), coarse);
     let fine = made(OCT, small.size.map(|cells| 2 * cells), |cell| small.get(cell.map(|cell| cell / 2)));
-    let blocks = Placed { cells: fine, at: [-2, 3, 6] };
+    let blocks = OffsetCells { cells: fine, at: [-2, 3, 6] };
     for (operation, _, join) in [OPERATIONS[0], OPERATIONS[4], OPERATIONS[19]] {
         let found = setting.combine(operation, &["a.goblin", "coarse.goblin"], &[]);
         assert_same(&found, &joined(&setting.a, &blocks, join), &format!("{operation}, second coarse"));
@@ -190,7 +190,7 @@ fn octrees_that_are_turned_or_coarse() {
 }
 
 #[test]
-fn cut_in_pieces_and_put_together() {
+fn blocks_of_an_octree_are_combined_to_the_original() {
     let setting = Setting::new();
     // Split along every axis, not aligned to nodes; the last box overlaps others.
     for (name, window) in [
@@ -201,21 +201,21 @@ fn cut_in_pieces_and_put_together() {
     ] {
         setting.transform("a.goblin", &[window], name);
     }
-    let pieces = ["4.goblin", "2.goblin", "1.goblin", "3.goblin"];
+    let blocks = ["4.goblin", "2.goblin", "1.goblin", "3.goblin"];
     for operation in ["union", "over"] {
-        assert_same(&setting.combine(operation, &pieces, &[]), &setting.a.cells, operation);
+        assert_same(&setting.combine(operation, &blocks, &[]), &setting.a.cells, operation);
     }
     // VOID in all operands stays VOID; a minimum ignores VOID.
-    let parts: Vec<Placed> = [([5, 3, 4], [8, 6, 7]), ([6, 0, 5], [7, 4, 6])]
+    let parts: Vec<OffsetCells> = [([5, 3, 4], [8, 6, 7]), ([6, 0, 5], [7, 4, 6])]
         .map(|(at, size): ([i64; 3], [u64; 3])| {
             let cells =
                 made(OCT, size, |cell| setting.a.get(std::array::from_fn(|i| cell[i] as i64 + at[i])));
-            Placed { cells, at }
+            OffsetCells { cells, at }
         })
         .into();
     let expected = joined(&parts[0], &parts[1], |a, b| number(a, b, u8::min));
     assert!(expected.cells.iter().flatten().count() > 10);
-    assert_same(&setting.combine("min", &["4.goblin", "3.goblin"], &[]), &expected, "min of pieces");
+    assert_same(&setting.combine("min", &["4.goblin", "3.goblin"], &[]), &expected, "min of blocks");
 }
 
 #[test]
@@ -235,7 +235,7 @@ fn the_complement_of_one_octree() {
     }
     setting.transform("ball.goblin", &["translate=3,0,-5", "--move"], "moved.goblin");
     let left = setting.combine("difference", &["ball.goblin", "moved.goblin"], &[]);
-    let [ball, moved] = [[0; 3], [3, 0, -5]].map(|at| Placed { cells: whole.clone(), at });
+    let [ball, moved] = [[0; 3], [3, 0, -5]].map(|at| OffsetCells { cells: whole.clone(), at });
     // Cells moved before the first cell are cut off, with their space.
     let expected = joined(&ball, &moved, |a, b| a.filter(|_| b.is_none()));
     let beyond = |cell: [u64; 3]| [cell[0], cell[1], cell[2] + 5];
@@ -277,11 +277,11 @@ fn octrees_that_do_not_match() {
     let wide = setting.name("wide.goblin");
     let numbers = Cells::random(oct(SampleType::U16, 1), 7, [5; 3], 6, true);
     write_goblin(Path::new(&wide), &numbers, of_mean, frame());
-    let elsewhere = setting.name("elsewhere.goblin");
+    let other_crs = setting.name("other_crs.goblin");
     let [here, there] = [32632, 4326].map(|epsg| Frame { crs: Some(Crs::epsg(epsg)), ..frame() });
     let near = setting.name("near.goblin");
     write_goblin(Path::new(&near), &setting.a.cells, of_mean, here);
-    write_goblin(Path::new(&elsewhere), &setting.a.cells, of_mean, there);
+    write_goblin(Path::new(&other_crs), &setting.a.cells, of_mean, there);
     let before = std::fs::read(&a).unwrap();
     let says = |arguments: &[&str], words: &[&str]| {
         let text = stderr(spinney(arguments).code(1));
@@ -295,20 +295,20 @@ fn octrees_that_do_not_match() {
     }
     says(&["combine", "cross", &a, &plane], &["quadtree", "octree"]);
     says(&["combine", "over", &a, &b, &plane, "-o", &out], &["plane.goblin", "quadtree"]);
-    says(&["combine", "union", &near, &elsewhere, "-o", &out], &["EPSG:32632", "EPSG:4326"]);
+    says(&["combine", "union", &near, &other_crs, "-o", &out], &["EPSG:32632", "EPSG:4326"]);
     says(&["combine", "nor", &a, &b, "--fill", "300", "-o", &out], &["fill value", "300", "u8"]);
     says(&["combine", "xor", &a, &b, &b, "-o", &out], &["two", "3"]);
     says(&["combine", "subtract", &a, &setting.name("none.goblin"), "-o", &out], &["none.goblin"]);
     // Other types, and offsets by a fraction of a cell only in z: both are converted to the first.
     let odd = setting.name("odd.goblin");
-    let apart = frame().shifted([0.0, 0.0, 0.5]);
-    write_goblin(Path::new(&odd), &setting.b.cells, of_mean, apart);
+    let moved_frame = frame().shifted([0.0, 0.0, 0.5]);
+    write_goblin(Path::new(&odd), &setting.b.cells, of_mean, moved_frame);
     for other in [&odd, &wide] {
         spinney(&["-q", "combine", "union", &a, other, "-o", &out]).success();
         std::fs::remove_file(&out).unwrap();
     }
     // An input as the output, by its own name or another: nothing is written.
-    let dotted = format!("{}/./a.goblin", setting.folder.path().display());
+    let dotted = format!("{}/./a.goblin", setting.directory.path().display());
     for output in [&a, &dotted] {
         says(&["combine", "union", &a, &b, "-o", output], &["a.goblin", "input and the output"]);
         says(&["combine", "union", &b, &a, "-o", output], &["a.goblin", "input and the output"]);
@@ -327,14 +327,19 @@ fn octrees_that_do_not_match() {
 
 #[test]
 fn complements_have_a_universe() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     // A full box in a root of 16 cells along each axis, each half a metre wide, starting at
     // 100,200,300.
     let full = made(OCT, [16, 8, 4], |_| Some(byte(255)));
     let frame =
         Frame { matrix: [[0.5, 0.0, 0.0, 100.0], [0.0, 0.5, 0.0, 200.0], [0.0, 0.0, 0.5, 300.0]], ..frame() };
-    write_goblin(folder.path().join("a.goblin").as_path(), &full, (Rule::Mean, DataKind::Continuous), frame);
+    write_goblin(
+        directory.path().join("a.goblin").as_path(),
+        &full,
+        (Rule::Mean, DataKind::Continuous),
+        frame,
+    );
     let complement = |more: &[&str]| {
         let (a, out) = (name("a.goblin"), name("out.goblin"));
         let mut arguments = vec!["combine", "not", &a, "-o", &out];
@@ -351,7 +356,7 @@ fn complements_have_a_universe() {
         (said, tree.statistics(None, &()).unwrap().cells, tree.header().extent, origin, read(Path::new(&out)))
     };
     let (said, cells, extent, origin, found) = complement(&[]);
-    assert!(said.contains("16 x 16 x 16 cells from 0,0,0"), "{said}");
+    assert!(said.contains("region     16 x 16 x 16 cells from 0,0,0: the region in which"), "{said}");
     assert_eq!((cells, extent, origin), (4096 - 512, [16; 3], [100.0, 200.0, 300.0]));
     let expected =
         made(OCT, [16; 3], |[x, y, z]| if x < 16 && y < 8 && z < 4 { None } else { Some(byte(255)) });

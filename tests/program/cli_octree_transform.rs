@@ -18,14 +18,14 @@ type Model = fn(&Cells) -> Cells;
 
 /// Returns input octrees: uncorrelated cells, large leaves next to detail, and the same with a VOID
 /// margin.
-fn inputs(folder: &TempDir) -> Vec<(String, Cells)> {
+fn inputs(directory: &TempDir) -> Vec<(String, Cells)> {
     let patches = Cells::random(OCT, 5, SIZE, 200, true);
     let inside = |cell: u64, axis: usize| cell > axis as u64 && cell + 3 < SIZE[axis];
     let island =
         made(OCT, SIZE, |cell| patches.get(cell).filter(|_| (0..3).all(|axis| inside(cell[axis], axis))));
     [("noise", Cells::noise(OCT, 6, SIZE, 200)), ("patches", patches), ("island", island)]
         .map(|(name, cells)| {
-            let path = folder.path().join(format!("{name}.goblin"));
+            let path = directory.path().join(format!("{name}.goblin"));
             write(&path, &cells, [0; 3]);
             (path.to_str().unwrap().to_string(), cells)
         })
@@ -106,12 +106,14 @@ fn turned(cells: &Cells, degrees: f64, along: [f64; 3], centre: Option<[f64; 3]>
     })
 }
 
-const CHAINS: [(&[&str], Model); 35] = [
+const CHAINS: [(&[&str], Model); 36] = [
     (&[], Cells::clone),
     (&["window=2,1,3,6,5,3"], |c| window(c, [2, 1, 3], [6, 5, 3])),
     (&["window=-2,-1,-3,9,20,8"], |c| window(c, [-2, -1, -3], [9, 20, 8])),
     // Four numbers: columns of any height.
     (&["window=3,2,5,4"], |c| window(c, [3, 2, 0], [5, 4, 11])),
+    // Six numbers: only the slices that are given.
+    (&["window=3,2,0,5,4,1"], |c| window(c, [3, 2, 0], [5, 4, 1])),
     (&["rotate=90"], |c| arranged(c, |[w, h, d]| [h, w, d], |[x, y, z], [_, h, _]| [y, h - 1 - x, z])),
     (&["rotate=90,z"], |c| arranged(c, |[w, h, d]| [h, w, d], |[x, y, z], [_, h, _]| [y, h - 1 - x, z])),
     (&["rotate=90,x"], |c| arranged(c, |[w, h, d]| [w, d, h], |[x, y, z], [_, _, d]| [x, z, d - 1 - y])),
@@ -166,9 +168,9 @@ const CHAINS: [(&[&str], Model); 35] = [
 
 #[test]
 fn transformed_octrees() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out.goblin");
-    for (file, cells) in inputs(&folder) {
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("out.goblin");
+    for (file, cells) in inputs(&directory) {
         for (steps, model) in CHAINS {
             let mut arguments = vec!["-q", "transform", &file];
             arguments.extend(steps);
@@ -177,17 +179,17 @@ fn transformed_octrees() {
             assert_same(&read(&out), &model(&cells), &format!("{file}: {steps:?}"));
         }
     }
-    let depth = |name: &str| open(&folder.path().join(name)).depth();
-    spinney(&["-q", "transform", &inputs(&folder)[0].0, "tree-depth=6", "-o", out.to_str().unwrap()])
+    let depth = |name: &str| open(&directory.path().join(name)).depth();
+    spinney(&["-q", "transform", &inputs(&directory)[0].0, "tree-depth=6", "-o", out.to_str().unwrap()])
         .success();
     assert_eq!((depth("noise.goblin"), depth("out.goblin")), (4, 6));
 }
 
 #[test]
 fn the_value_at_the_centre() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out.goblin");
-    let (file, cells) = inputs(&folder).swap_remove(0);
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("out.goblin");
+    let (file, cells) = inputs(&directory).swap_remove(0);
     spinney(&[
         "-q",
         "transform",
@@ -206,8 +208,8 @@ fn the_value_at_the_centre() {
 
 #[test]
 fn slices_of_views() {
-    let folder = tempfile::tempdir().unwrap();
-    let (file, cells) = inputs(&folder).swap_remove(1);
+    let directory = tempfile::tempdir().unwrap();
+    let (file, cells) = inputs(&directory).swap_remove(1);
     // Every third sequence, of all kinds.
     for (steps, model) in CHAINS.iter().skip(1).step_by(3) {
         let expected = model(&cells);
@@ -254,15 +256,15 @@ fn at_centres(file: &str, more: &[&str], size: [u64; 3]) -> Vec<String> {
 }
 
 #[test]
-fn octrees_stay_in_the_world_or_move() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out.goblin");
+fn octrees_keep_or_change_their_world_position() {
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("out.goblin");
     let out = out.to_str().unwrap();
-    let (file, cells) = inputs(&folder).swap_remove(0);
+    let (file, cells) = inputs(&directory).swap_remove(0);
     let say = |cell: Option<Value>| cell.map_or("void".to_string(), |value| as_byte(value).to_string());
     let expected: Vec<String> = cells.cells.iter().map(|cell| say(*cell)).collect();
     assert_eq!(at_centres(&file, &[], SIZE), expected);
-    assert!(expected.iter().collect::<HashSet<_>>().len() > 150, "values tell cells apart");
+    assert!(expected.iter().collect::<HashSet<_>>().len() > 150, "values distinguish cells");
     for step in
         ["rotate=90,x", "rotate=-90,y", "axes=-z,+x,-y", "mirror=z", "scale=2", "translate=3,2,5", "embed=/7"]
     {
@@ -287,9 +289,9 @@ fn octrees_stay_in_the_world_or_move() {
 
 #[test]
 fn octrees_and_steps_that_do_not_fit() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    let (file, _) = inputs(&folder).swap_remove(0);
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let (file, _) = inputs(&directory).swap_remove(0);
     let before = std::fs::read(&file).unwrap();
     let out = path("out.goblin");
     let says = |arguments: &[&str], code: i32, words: &[&str]| {
@@ -306,7 +308,7 @@ fn octrees_and_steps_that_do_not_fit() {
         ("rotate=90,0,0,0", &["axis of rotation"]),
         ("window=0,0,11,3,3,3", &["window", "13 x 9 x 11"]),
         ("translate=0,0,-11", &["translation"]),
-        ("affine=1,0,0,0,0,1,0,0,0,1,0,0", &["inverted"]),
+        ("affine=1,0,0,0,0,1,0,0,0,1,0,0", &["invertible"]),
         ("scale=100000", &["size of the result", "524288"]),
         ("depth=20", &["size of the result"]),
         ("tree-depth=20", &["depth", "4 to 19"]),
@@ -320,13 +322,13 @@ fn octrees_and_steps_that_do_not_fit() {
     write(Path::new(&empty), &made(OCT, SIZE, |_| None), [0; 3]);
     says(&["transform", &empty, "crop", "-o", &out], 1, &["crop", "VOID"]);
     // The same file by another name.
-    let other = format!("{}/./noise.goblin", folder.path().display());
+    let other = format!("{}/./noise.goblin", directory.path().display());
     says(&["transform", &file, "mirror=z", "-o", &other], 1, &["input and the output"]);
     says(&["get", &file, &other, "--format", "raw", "--view", "mirror=z"], 1, &["input and the output"]);
     // Corrupt in the middle: reported, and nothing is written.
-    let mut damaged = before.clone();
-    damaged.truncate(before.len() / 2);
-    std::fs::write(path("damaged.goblin"), damaged).unwrap();
-    says(&["transform", &path("damaged.goblin"), "mirror=z", "-o", &out], 1, &["damaged.goblin"]);
+    let mut truncated = before.clone();
+    truncated.truncate(before.len() / 2);
+    std::fs::write(path("truncated.goblin"), truncated).unwrap();
+    says(&["transform", &path("truncated.goblin"), "mirror=z", "-o", &out], 1, &["truncated.goblin"]);
     assert!(std::fs::read(&file).unwrap() == before, "the input is as it was");
 }

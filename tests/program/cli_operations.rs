@@ -10,11 +10,11 @@ use crate::common::command::{complaint, spinney, stderr, stdout};
 
 /// Returns the island's classes, and a directory to work in.
 fn island() -> (TempDir, PathBuf) {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("island.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("island.goblin");
     let input = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
     spinney(&["-q", "build", input, "-o", file.to_str().unwrap()]).success();
-    (folder, file)
+    (directory, file)
 }
 
 fn cells(file: &Path) -> u64 {
@@ -31,8 +31,8 @@ fn raw(file: &str, more: &[&str]) -> Vec<u8> {
 
 #[test]
 fn a_view_and_the_file_made_of_it_say_the_same() {
-    let (folder, island) = island();
-    let (file, out) = (island.to_str().unwrap(), folder.path().join("out.goblin"));
+    let (directory, island) = island();
+    let (file, out) = (island.to_str().unwrap(), directory.path().join("out.goblin"));
     let chains: [&[&str]; 8] = [
         &["calc='where(b1>=5,6,b1/2)',type=u8"],
         &["window=31,17,150,120", "calc=b1*2,type=u16", "mirror=y"],
@@ -68,8 +68,8 @@ fn a_view_and_the_file_made_of_it_say_the_same() {
 
 #[test]
 fn sets_and_values() {
-    let (folder, island) = island();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (directory, island) = island();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (a, b) = (island.to_str().unwrap().to_string(), path("b.goblin"));
     spinney(&["-q", "transform", &a, "translate=20,11", "--move", "-o", &b]).success();
     let combined = |operation: &str| {
@@ -106,8 +106,8 @@ fn sets_and_values() {
 
 #[test]
 fn refusals() {
-    let (folder, island) = island();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (directory, island) = island();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (a, out) = (island.to_str().unwrap().to_string(), path("out.goblin"));
     let before = std::fs::read(&island).unwrap();
     let relief = path("relief.goblin");
@@ -121,13 +121,13 @@ fn refusals() {
     says(&["transform", &a, "crop", "-o", &a], 1, &["input and the output"]);
     says(&["combine", "union", &relief, &a, "-o", &a], 1, &["input and the output"]);
     says(&["transform", &a, &format!("like={relief}"), "-o", &relief], 1, &["input and the output"]);
-    says(&["combine", "unite", &a, &a, "-o", &out], 2, &["no such operation"]);
+    says(&["combine", "unite", &a, &a, "-o", &out], 2, &["unknown operation"]);
     says(&["combine", "and", &a, "-o", &out], 1, &["two"]);
     says(&["combine", "cross", &a, &a, "-o", &out], 1, &["table"]);
     says(&["combine", "union", &a, &a], 1, &["--output"]);
     for step in ["spin=3", "window=1,2,3", "window=0,0,0,5", "scale=0", "rotate=x", "embed=/9", "affine=1,2"]
     {
-        says(&["transform", &a, step, "-o", &out], 2, &["step", step]);
+        says(&["transform", &a, step, "-o", &out], 2, &["operation", step]);
     }
     for step in
         ["window=400,0,5,5", "translate=-300,0", "affine=1,1,0,1,1,0", "subtree=/0123012301", "depth=40"]
@@ -148,5 +148,90 @@ fn refusals() {
         1,
         &["--extent union", "share"],
     );
+    // Boxes of the world, where cells are expected.
+    for step in ["window=303000,3194000,304000,3195000", "window=303000,3194000,1000,1000"] {
+        says(&["transform", &relief, step, "-o", &out], 1, &["the 256 x 200 cells", "append ,in=world"]);
+    }
+    says(
+        &["transform", &relief, "warp=EPSG:3035,cel=30", "-o", &out],
+        2,
+        &["parameter of warp=: got `cel`, expected cell or resampling"],
+    );
+    // Commands name only formats and options that they have.
+    let zones = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_districts.geojson");
+    for words in [
+        &["stats", &relief, "--zones", zones, "-o", &path("x.foo")][..],
+        &["transform", zones, "warp=EPSG:3035", "-o", &path("x.foo")],
+        &["combine", "and", zones, zones, "-o", &out],
+    ] {
+        says(words, 1, &[".gpkg"]);
+        assert!(!complaint(words, 1).contains("--format"), "{words:?}");
+    }
+    says(&["combine", "and", zones, zones, "-o", &out], 1, &["the inputs are polygon files"]);
+    says(&["export", &relief, &path("x.ply")], 1, &["is a quadtree", "add --tin ERROR"]);
+    says(&["export", &relief, &path("x.glb")], 1, &["is a quadtree", "add --tin ERROR"]);
+    says(&["export", &a, &path("x.gpkg")], 1, &["add --polygons"]);
+    for name in ["x.png", "x.las", "x.npy"] {
+        says(&["export", &relief, &path(name)], 1, &["use `spinney get"]);
+    }
+    says(&["export", &a, "-", "--format", "pmtiles"], 2, &["expected tif, chain", "geojson", "x.pmtiles"]);
+    says(&["export", &a, "-", "--format", "geojson"], 1, &["add --polygons"]);
+    says(&["export", &a, "-", "--format", "tif", "--polygons"], 1, &["--polygons only as geojson"]);
+    let named = path("named.geojson");
+    spinney(&["-q", "export", &a, &named, "--polygons"]).success();
+    let printed = stdout(&["-q", "export", &a, "-", "--polygons", "--format", "geojson"]);
+    assert!(printed == std::fs::read_to_string(&named).unwrap());
+    // Directories, as inputs and of outputs.
+    let directory = directory.path().to_str().unwrap();
+    for command in ["info", "stats", "log"] {
+        says(&[command, directory], 1, &[directory, "is a directory, expected a file"]);
+    }
+    says(&["verify", directory], 1, &[directory, "3D Tiles are not checked"]);
+    for name in ["none/x.goblin", "none/x.autumn"] {
+        let message = complaint(&["build", input, "-o", &path(name)], 1);
+        let expected = format!("the directory {} does not exist", path("none"));
+        assert!(message.contains(&expected) && !message.contains(".partial"), "{message}");
+    }
     assert_eq!(std::fs::read(&island).unwrap(), before);
+}
+
+#[test]
+fn empty_results_are_warned_of() {
+    let (directory, island) = island();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let (relief, points) = (path("relief.goblin"), path("points.goblin"));
+    let fixture = |name: &str| format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"));
+    spinney(&["-q", "build", &fixture("island_elevation.tif"), "-o", &relief]).success();
+    spinney(&["-q", "build", &fixture("island_points.laz"), "-o", &points]).success();
+    let mesh = path("box.off");
+    std::fs::write(&mesh, "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
+        .unwrap();
+    let model = path("model.goblin");
+    spinney(&["-q", "build", &mesh, "-o", &model, "--brep"]).success();
+    let island = island.to_str().unwrap();
+    for (words, expected) in [
+        (&["find", island, "--class", "99"][..], "no cell satisfies the condition; values of the file are"),
+        (&["find", &relief, "--above", "9000"], "no cell satisfies the condition; values of the file are"),
+        (&["contours", &relief, "--at", "9000", "-o", &path("c.geojson")], "has no lines: values are"),
+        (&["section", &model, "z=100", "-o", &path("s.svg")], "no plane cuts the model"),
+        (&["get", &points, &path("p.csv"), "--in", "world", "--window", "0,0,1,1"], "has no points"),
+        (&["export", island, &path("p.geojson"), "--polygons", "--class", "99"], "has no polygons"),
+        (
+            &[
+                "build",
+                &fixture("island_points.laz"),
+                "-o",
+                &path("e.goblin"),
+                "--where",
+                "classification=77",
+            ],
+            "no point satisfies the conditions",
+        ),
+    ] {
+        let message = stderr(spinney(words).success());
+        assert!(message.contains("warning") && message.contains(expected), "{words:?}: {message}");
+    }
+    assert!(
+        !stderr(spinney(&["find", &relief, "--above", "0", "--limit", "0"]).success()).contains("warning")
+    );
 }

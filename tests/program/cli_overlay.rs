@@ -9,8 +9,8 @@ const B: &str = r#"{"type":"Feature","properties":{"owner":"Ada"},"geometry":{"t
 
 #[test]
 fn polygons_are_combined() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (a, b, c) = (at("a.geojson"), at("b.geojson"), at("c.geojson"));
     std::fs::write(&a, A).unwrap();
     std::fs::write(&b, B).unwrap();
@@ -39,16 +39,19 @@ fn polygons_are_combined() {
         assert!(!std::path::Path::new(&output).exists());
     };
     refused(&["and", &a, &at("none.geojson")], "none.geojson");
-    refused(&["over", &a, &b], "over is for trees");
-    refused(&["partition", &a, &tree], "partition is for files of polygons");
+    refused(&["over", &a, &b], "over: works only with trees");
+    refused(&["partition", &a, &tree], "partition: works only with polygon files");
     refused(&["nor", &a, &b], "region of the result");
     refused(&["b-a", &a, &b, &a], "one or two for this operation");
-    refused(&["and", &a, &b, "--snap", "0"], "a positive number");
-    refused(&["and", &a, &b, "--values", "b"], "--values is not for polygons");
-    refused(&["and", &a, &b, "--edge", "touch"], "--edge is for features that are combined with trees");
+    refused(&["and", &a, &b, "--snap", "0"], "expected 1e-120 to 1e120");
+    refused(&["and", &a, &b, "--values", "b"], "--values: has no effect on polygons");
+    refused(
+        &["and", &a, &b, "--edge", "touch"],
+        "--edge: works only with features that are combined with trees",
+    );
     refused(&["and", &a, &b, "--where", "colour=red"], "colour");
-    refused(&["and", &a, &b, "--within", "1,2,3,4,5,6"], "a box of four numbers");
+    refused(&["and", &a, &b, "--within", "1,2,3,4,5,6"], "got 6 numbers, expected 4 or a polygon file");
     refused(&["and", &a, &b, "--memory", "1k"], "memory");
-    refused(&["and", &tree, &tree, "--snap", "1"], "--snap is for polygons");
+    refused(&["and", &tree, &tree, "--snap", "1"], "--snap: works only with polygons");
     refused(&["nor", &tree, &tree, "--within", &a], "give a box");
 }

@@ -8,7 +8,7 @@ use std::path::Path;
 use crate::common::command::{command, complaint, spinney, stderr, stdout};
 
 /// Writes a table of points on a slope, with classes. Returns its path and the points.
-fn table(folder: &Path, count: u32) -> (String, Vec<([f64; 3], u32)>) {
+fn table(directory: &Path, count: u32) -> (String, Vec<([f64; 3], u32)>) {
     let mut state = 11u64;
     let mut random = |below: u64| {
         state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -18,18 +18,18 @@ fn table(folder: &Path, count: u32) -> (String, Vec<([f64; 3], u32)>) {
     let mut points = Vec::new();
     for number in 0..count {
         let [x, y] = [random(50_000), random(30_000)];
-        let place = [500_000.0 + x as f64 / 100.0, 5_200_000.0 + y as f64 / 100.0, (x + y) as f64 / 200.0];
+        let position = [500_000.0 + x as f64 / 100.0, 5_200_000.0 + y as f64 / 100.0, (x + y) as f64 / 200.0];
         let class = if number % 3 == 0 { 2 } else { 5 };
-        writeln!(text, "{:.2},{:.2},{:.3},{class},p{number}", place[0], place[1], place[2]).unwrap();
-        points.push((place, class));
+        writeln!(text, "{:.2},{:.2},{:.3},{class},p{number}", position[0], position[1], position[2]).unwrap();
+        points.push((position, class));
     }
-    let path = folder.join("points.csv");
+    let path = directory.join("points.csv");
     fs::write(&path, text).unwrap();
     (path.to_str().unwrap().into(), points)
 }
 
-fn within(place: &[f64; 3], [west, south, east, north]: [f64; 4]) -> bool {
-    (west..=east).contains(&place[0]) && (south..=north).contains(&place[1])
+fn within(position: &[f64; 3], [west, south, east, north]: [f64; 4]) -> bool {
+    (west..=east).contains(&position[0]) && (south..=north).contains(&position[1])
 }
 
 /// Returns the coordinates and classes in the lines of a table, sorted.
@@ -41,11 +41,11 @@ fn lines(text: &str) -> Vec<String> {
 
 #[test]
 fn points_go_from_a_table_into_las_and_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let (csv, points) = table(folder.path(), 3000);
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let directory = tempfile::tempdir().unwrap();
+    let (csv, points) = table(directory.path(), 3000);
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let tree = name("p.goblin");
-    let told = stderr(
+    let message = stderr(
         spinney(&[
             "build",
             &csv,
@@ -60,19 +60,19 @@ fn points_go_from_a_table_into_las_and_back() {
         ])
         .success(),
     );
-    assert!(told.contains("left out: name") && told.contains("3000"), "{told}");
+    assert!(message.contains("left out: name") && message.contains("3000"), "{message}");
     let info = stdout(&["info", &tree]);
     assert!(
         info.contains("octree of points")
-            && info.contains("steps of 0.01, 0.01, 0.001")
+            && info.contains("units of 0.01, 0.01, 0.001")
             && info.contains("EPSG:32632"),
         "{info}"
     );
     assert_eq!(stdout(&["verify", &tree]).trim_end(), format!("{tree}: good"));
 
     let expected: Vec<String> = {
-        let line = |(place, class): &([f64; 3], u32)| {
-            format!("{:.2},{:.2},{:.3},{class}", place[0], place[1], place[2])
+        let line = |(position, class): &([f64; 3], u32)| {
+            format!("{:.2},{:.2},{:.3},{class}", position[0], position[1], position[2])
         };
         let mut expected: Vec<String> = points.iter().map(line).collect();
         expected.sort();
@@ -101,13 +101,13 @@ fn points_go_from_a_table_into_las_and_back() {
         &["build", &name("q.ply"), &name("q.las"), "-o", &name("u.goblin"), "--index", "points"],
         1,
     );
-    assert!(refused.contains("a tree of each"), "{refused}");
+    assert!(refused.contains("one tree per file"), "{refused}");
 }
 
 #[test]
 fn heights_of_geometries_are_third_coordinates() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let tree = name("p.goblin");
     let feature =
         |geometry: &str| format!(r#"{{"type":"Feature","properties":{{"z":7}},"geometry":{geometry}}}"#);
@@ -117,7 +117,7 @@ fn heights_of_geometries_are_third_coordinates() {
     let several = feature(r#"{"type":"MultiPoint","coordinates":[[1,2,5],[3,4,0.5]]}"#);
     let measured = feature(r#"{"type":"Point","coordinates":[5,6,7,8]}"#);
     let flat = feature(r#"{"type":"Point","coordinates":[5,6]}"#);
-    for (file, text, expected, told) in [
+    for (file, text, expected, warning) in [
         (
             "a.geojson",
             json(&[several.clone(), measured]),
@@ -141,41 +141,41 @@ fn heights_of_geometries_are_third_coordinates() {
     ] {
         fs::write(name(file), text).unwrap();
         let warned = stderr(spinney(&["build", &name(file), "-o", &tree, "--index", "points"]).success());
-        assert!(warned.contains(told), "{file}: {warned}");
+        assert!(warned.contains(warning), "{file}: {warned}");
         assert_eq!(lines(&stdout(&["get", &tree, "-", "--format", "csv"])), expected, "{file}");
     }
 }
 
 #[test]
-fn parts_are_those_of_looking_at_all_points() {
-    let folder = tempfile::tempdir().unwrap();
-    let (csv, points) = table(folder.path(), 4000);
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+fn selections_match_a_scan_of_all_points() {
+    let directory = tempfile::tempdir().unwrap();
+    let (csv, points) = table(directory.path(), 4000);
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let tree = name("p.goblin");
     spinney(&["build", &csv, "-o", &tree, "--index", "points", "--leaf-size", "100"]).success();
     let window = [500_100.0, 5_200_050.0, 500_250.5, 5_200_200.0];
     let text = window.map(|number| number.to_string()).join(",");
     let found = stdout(&["get", &tree, "-", "--format", "csv", "--window", &text, "--where", "class=2"]);
-    let expected = points.iter().filter(|(place, class)| within(place, window) && *class == 2).count();
+    let expected = points.iter().filter(|(position, class)| within(position, window) && *class == 2).count();
     assert_eq!(lines(&found).len(), expected);
     let stats = stdout(&["stats", &tree, "--window", &text]);
-    let expected = points.iter().filter(|(place, _)| within(place, window)).count();
+    let expected = points.iter().filter(|(position, _)| within(position, window)).count();
     assert!(stats.starts_with(&format!("points      {expected}\n")), "{stats}");
 
     let zone = name("zone.geojson");
     let ring = "[[500100.003,5200050.003],[500250.003,5200050.003],[500100.003,5200200.003],[500100.003,5200050.003]]";
     fs::write(&zone, format!(r#"{{"type":"FeatureCollection","crs":null,"features":[{{"type":"Feature","properties":{{}},"geometry":{{"type":"Polygon","coordinates":[{ring}]}}}}]}}"#)).unwrap();
-    let inside = |place: &[f64; 3]| {
-        let [x, y] = [place[0] - 500_100.003, place[1] - 5_200_050.003];
+    let inside = |position: &[f64; 3]| {
+        let [x, y] = [position[0] - 500_100.003, position[1] - 5_200_050.003];
         x > 0.0 && y > 0.0 && x + y < 150.0
     };
     let found = stdout(&["get", &tree, "-", "--format", "csv", "--within", &zone]);
-    assert_eq!(lines(&found).len(), points.iter().filter(|(place, _)| inside(place)).count());
+    assert_eq!(lines(&found).len(), points.iter().filter(|(position, _)| inside(position)).count());
 
     let from = [500_123.4, 5_200_111.1, 20.0];
     let mut distances: Vec<f64> = points
         .iter()
-        .map(|(place, _)| (0..3).map(|axis| (place[axis] - from[axis]).powi(2)).sum::<f64>().sqrt())
+        .map(|(position, _)| (0..3).map(|axis| (position[axis] - from[axis]).powi(2)).sum::<f64>().sqrt())
         .collect();
     distances.sort_by(f64::total_cmp);
     let nearest = stdout(&["point", &tree, "500123.4,5200111.1,20", "--nearest", "3"]);
@@ -185,21 +185,21 @@ fn parts_are_those_of_looking_at_all_points() {
     found.iter().zip(&distances).for_each(|(found, expected)| assert!((found - expected).abs() < 1e-6));
     assert_eq!(stdout(&["point", &tree, "0,0,0", "--radius", "5"]), "1\tnone\n");
     // From standard input, in either notation; empty lines are skipped.
-    let asked = command(&["point", &tree, "--nearest", "3"])
+    let run = command(&["point", &tree, "--nearest", "3"])
         .write_stdin("500123.4 5200111.1\t20\n\n0,0\n")
         .assert()
         .success();
-    let told = String::from_utf8(asked.get_output().stdout.clone()).unwrap();
-    assert!(told.starts_with(&nearest) && told.lines().count() == 6, "{told}");
+    let printed = String::from_utf8(run.get_output().stdout.clone()).unwrap();
+    assert!(printed.starts_with(&nearest) && printed.lines().count() == 6, "{printed}");
     assert!(complaint(&["point", &tree, "1,2,3,4"], 1).contains("expected coordinates"));
 }
 
 /// Web mercator is a formula: inputs in degrees give the same results as inputs in metres.
 #[test]
 fn positions_and_polygons_in_other_systems_are_brought_to_the_tree() {
-    let folder = tempfile::tempdir().unwrap();
-    let (csv, points) = table(folder.path(), 4000);
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let directory = tempfile::tempdir().unwrap();
+    let (csv, points) = table(directory.path(), 4000);
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let tree = name("p.goblin");
     spinney(&["build", &csv, "-o", &tree, "--index", "points", "--crs", "EPSG:3857"]).success();
     let radius = 6_378_137.0;
@@ -209,8 +209,8 @@ fn positions_and_polygons_in_other_systems_are_brought_to_the_tree() {
         text.trim().split(['\t', ',', '\n']).map(|word| word.parse().unwrap()).collect()
     };
     let own = numbers(&stdout(&["point", &tree, "500123.4,5200111.1,20", "--nearest", "3"]));
-    let place = format!("{longitude},{latitude},20");
-    let other = numbers(&stdout(&["point", &tree, &place, "--nearest", "3", "--in", "lonlat"]));
+    let position = format!("{longitude},{latitude},20");
+    let other = numbers(&stdout(&["point", &tree, &position, "--nearest", "3", "--in", "lonlat"]));
     assert_eq!((own.len(), other.len()), (15, 15));
     assert!(own.iter().zip(&other).all(|(own, other)| (own - other).abs() < 1e-5), "{own:?} {other:?}");
     // A triangle in the tree, and one outside.
@@ -222,32 +222,32 @@ fn positions_and_polygons_in_other_systems_are_brought_to_the_tree() {
         zone
     };
     let zone = triangle(500_100.003, 5_200_050.003);
-    let inside = |place: &[f64; 3]| {
-        let [x, y] = [place[0] - 500_100.003, place[1] - 5_200_050.003];
+    let inside = |position: &[f64; 3]| {
+        let [x, y] = [position[0] - 500_100.003, position[1] - 5_200_050.003];
         x > 0.0 && y > 0.0 && x + y < 150.0
     };
     let found = stdout(&["get", &tree, "-", "--format", "csv", "--within", &zone]);
-    assert_eq!(lines(&found).len(), points.iter().filter(|(place, _)| inside(place)).count());
+    assert_eq!(lines(&found).len(), points.iter().filter(|(position, _)| inside(position)).count());
     let zone = triangle(900_000.0, 100_000.0);
     assert!(lines(&stdout(&["get", &tree, "-", "--format", "csv", "--within", &zone])).is_empty());
     // For a tree without a coordinate system, coordinates are the tree's own.
     spinney(&["build", &csv, "-o", &tree, "--index", "points"]).success();
     assert!(complaint(&["point", &tree, "7,46", "--in", "lonlat"], 1).contains("--crs"));
     let warned = stderr(spinney(&["get", &tree, "-", "--format", "csv", "--within", &zone]).success());
-    assert!(warned.contains("taken to be in its own coordinates"), "{warned}");
+    assert!(warned.contains("assumed to be in its own coordinates"), "{warned}");
 }
 
 #[test]
 fn rasters_have_what_the_points_of_each_cell_come_to() {
-    let folder = tempfile::tempdir().unwrap();
-    let (csv, points) = table(folder.path(), 2500);
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let directory = tempfile::tempdir().unwrap();
+    let (csv, points) = table(directory.path(), 2500);
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let (tree, raster) = (name("p.goblin"), name("r.goblin"));
     spinney(&["build", &csv, "-o", &tree, "--index", "points", "--leaf-size", "300"]).success();
     let mut cells: HashMap<(i64, i64), Vec<f64>> = HashMap::new();
-    for (place, _) in &points {
-        let cell = ((place[0] / 20.0).floor() as i64, (place[1] / 20.0).ceil() as i64);
-        cells.entry(cell).or_default().push(place[2]);
+    for (position, _) in &points {
+        let cell = ((position[0] / 20.0).floor() as i64, (position[1] / 20.0).ceil() as i64);
+        cells.entry(cell).or_default().push(position[2]);
     }
     for rule in ["min", "max", "mean", "count"] {
         spinney(&["transform", &tree, &format!("raster={rule},cell=20"), "-o", &raster]).success();
@@ -265,35 +265,42 @@ fn rasters_have_what_the_points_of_each_cell_come_to() {
     }
 }
 
+const RASTER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
+
 #[test]
-fn what_cannot_be_done_is_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let (csv, _) = table(folder.path(), 30);
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+fn impossible_requests_are_reported() {
+    let directory = tempfile::tempdir().unwrap();
+    let (csv, _) = table(directory.path(), 30);
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let tree = name("p.goblin");
     spinney(&["build", &csv, "-o", &tree, "--index", "points"]).success();
     for (arguments, code, text) in [
         (&["get", &tree, "out.png"][..], 1, ".las"),
         (&["get", &tree, "-", "--format", "las"], 1, "standard output"),
         (&["get", &tree, "-", "--format", "csv", "--where", "colour=2"], 1, "class"),
-        (&["get", &tree, "-", "--format", "csv", "--slice", "z=2"], 1, "means nothing"),
+        (&["get", &tree, "-", "--format", "csv", "--slice", "z=2"], 1, "--slice has no effect"),
         (&["transform", &tree, "rotate=3", "-o", &name("x.goblin")], 1, "raster="),
-        (&["transform", &tree, "raster=mean,cell=0", "-o", &name("x.goblin")], 2, "width of a cell"),
+        (&["transform", &tree, "raster=mean,cell=0", "-o", &name("x.goblin")], 2, "the cell width"),
         (&["build", &name("none.las"), "-o", &name("x.goblin")], 1, "none.las"),
+        (
+            &["build", RASTER, "-o", &name("x.goblin"), "--index", "points"],
+            1,
+            "has no points, expected LAS, LAZ, PLY, NPY or features",
+        ),
         (&["build", &csv, "-o", &name("x.autumn"), "--index", "points"], 1, ".goblin"),
         (&["show", &tree], 1, "tree of points"),
     ] {
-        let told = complaint(arguments, code);
-        assert!(told.contains(text), "{arguments:?}: {told}");
+        let message = complaint(arguments, code);
+        assert!(message.contains(text), "{arguments:?}: {message}");
     }
-    assert!(!folder.path().join("x.goblin").exists());
+    assert!(!directory.path().join("x.goblin").exists());
 }
 
 #[test]
 fn times_of_commits_in_the_environment_are_ignored_where_there_are_no_commits() {
-    let folder = tempfile::tempdir().unwrap();
-    let (csv, _) = table(folder.path(), 30);
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let directory = tempfile::tempdir().unwrap();
+    let (csv, _) = table(directory.path(), 30);
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let build = |arguments: &[&str]| {
         let mut command = command(arguments);
         command.env("SOURCE_DATE_EPOCH", "1700000000").assert()

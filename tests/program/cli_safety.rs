@@ -23,8 +23,8 @@ fn is_changed(result: spinney::Result<()>) -> bool {
 
 #[test]
 fn a_published_file_that_is_overwritten_or_cut_short_is_noticed() {
-    let folder = tempfile::tempdir().unwrap();
-    let (path, other) = (folder.path().join("t.goblin"), folder.path().join("other.goblin"));
+    let directory = tempfile::tempdir().unwrap();
+    let (path, other) = (directory.path().join("t.goblin"), directory.path().join("other.goblin"));
     for options in [OpenOptions::new(), OpenOptions::new().positioned(1 << 20)] {
         std::fs::copy(fixture("v1/classes.goblin"), &path).unwrap();
         let tree = open(&path, &options).unwrap();
@@ -45,9 +45,9 @@ fn a_published_file_that_is_overwritten_or_cut_short_is_noticed() {
 }
 
 #[test]
-fn outputs_are_no_longer_than_they_may_be() {
-    let folder = tempfile::tempdir().unwrap();
-    let (tree, out) = (fixture("v1/classes.goblin"), folder.path().join("out.goblin"));
+fn outputs_respect_the_size_limit() {
+    let directory = tempfile::tempdir().unwrap();
+    let (tree, out) = (fixture("v1/classes.goblin"), directory.path().join("out.goblin"));
     let commands: [&[&str]; 4] =
         [&["convert"], &["transform", "rotate=90", "-o"], &["combine", "over", "-o"], &["compact", "-o"]];
     for words in commands {
@@ -67,7 +67,7 @@ fn outputs_are_no_longer_than_they_may_be() {
         let refused = run("200");
         let message = String::from_utf8_lossy(&refused.stderr).into_owned();
         assert!(!refused.status.success() && message.contains("200"), "{words:?}: {message}");
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "{words:?}");
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0, "{words:?}");
         let made = run("1M");
         assert!(made.status.success(), "{words:?}: {}", String::from_utf8_lossy(&made.stderr));
         std::fs::remove_file(&out).unwrap();
@@ -76,8 +76,8 @@ fn outputs_are_no_longer_than_they_may_be() {
 
 #[test]
 fn an_edited_file_may_grow_but_not_lose_commits() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.autumn");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.autumn");
     convert(
         &fixture("v1/classic.goblin"),
         false,
@@ -107,8 +107,8 @@ fn an_edited_file_may_grow_but_not_lose_commits() {
 #[test]
 #[cfg(target_os = "linux")]
 fn a_file_that_is_cut_short_while_it_is_read_ends_the_program_with_a_message() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.goblin");
     // Large enough that most of it is not in the first pages.
     let small = fixture("island_classes.tif");
     spinney(&["-q", "build", small.to_str().unwrap(), "-o", path.to_str().unwrap()]).success();
@@ -148,66 +148,62 @@ fn a_file_that_is_cut_short_while_it_is_read_ends_the_program_with_a_message() {
 }
 
 #[test]
-fn positioned_reads_give_the_same_answers() {
+fn positioned_reads_give_the_same_results() {
     let file = fixture("v1/classes.goblin");
     let file = file.to_str().unwrap();
-    for question in [&["info", file][..], &["stats", file], &["dump", file, "--codes"]] {
-        let positioned: Vec<&str> = ["--positioned"].iter().chain(question).copied().collect();
-        assert_eq!(stdout(&positioned), stdout(question));
+    for query in [&["info", file][..], &["stats", file], &["dump", file, "--codes"]] {
+        let positioned: Vec<&str> = ["--positioned"].iter().chain(query).copied().collect();
+        assert_eq!(stdout(&positioned), stdout(query));
     }
 }
 
 #[test]
 #[cfg(target_os = "linux")]
-fn answers_to_nobody_are_a_failure() {
+fn results_for_a_closed_standard_output_are_a_failure() {
     let file = fixture("v1/classes.goblin");
-    for question in [&["info"][..], &["stats"], &["get", "-", "--format", "raw"]] {
+    for query in [&["info"][..], &["stats"], &["get", "-", "--format", "raw"]] {
         let mut shell = Command::new("sh");
-        shell.args(["-c", "exec \"$@\" >&-", "sh", PROGRAM, question[0]]).arg(&file).args(&question[1..]);
+        shell.args(["-c", "exec \"$@\" >&-", "sh", PROGRAM, query[0]]).arg(&file).args(&query[1..]);
         let run = shell.output().unwrap();
         let text = String::from_utf8_lossy(&run.stderr);
-        assert_eq!(run.status.code(), Some(1), "{question:?}: {text}");
+        assert_eq!(run.status.code(), Some(1), "{query:?}: {text}");
         assert!(text.contains("standard output is closed"), "{text}");
         // Output that the caller discards is not an error.
-        let run = Command::new(PROGRAM)
-            .arg(question[0])
-            .arg(&file)
-            .args(&question[1..])
-            .stdout(Stdio::null())
-            .status();
+        let run =
+            Command::new(PROGRAM).arg(query[0]).arg(&file).args(&query[1..]).stdout(Stdio::null()).status();
         assert!(run.unwrap().success());
     }
 }
 
 #[test]
 fn escape_sequences_of_names_never_reach_a_terminal() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a\u{1b}]0;title\u{7}\u{9b}31m.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a\u{1b}]0;title\u{7}\u{9b}31m.goblin");
     std::fs::copy(fixture("v1/classes.goblin"), &path).unwrap();
     let name = path.to_str().unwrap();
     let missing = format!("{name}.missing");
-    let copy = folder.path().join("b\u{1b}[2J.goblin");
+    let copy = directory.path().join("b\u{1b}[2J.goblin");
     let output = stderr(spinney(&["transform", name, "crop", "-o", copy.to_str().unwrap()]).success());
-    let texts =
+    let outputs =
         [stdout(&["verify", name]), stdout(&["info", name]), complaint(&["info", &missing], 1), output];
     let usage = complaint(&[&format!("a{}", "\u{1b}]0;title\u{7}.goblin")], 2);
-    for text in texts.into_iter().chain([usage]) {
+    for text in outputs.into_iter().chain([usage]) {
         assert!(!text.chars().any(|c| c.is_control() && c != '\n' && c != '\t'), "{text:?}");
         assert!(text.contains(".goblin"), "{text:?}");
     }
 }
 
 #[test]
-fn any_number_of_threads_can_be_asked_for() {
+fn any_number_of_threads_can_be_requested() {
     let file = fixture("v1/classes.goblin");
     spinney(&["--threads", "65535", "info", file.to_str().unwrap()]).success();
 }
 
 #[test]
 #[cfg(target_os = "linux")]
-fn a_full_disk_is_told_by_every_command_that_writes() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+fn every_writing_command_reports_a_full_disk() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let [map, ball, history, model] =
         [path("map.goblin"), path("ball.goblin"), path("history.autumn"), path("ball.ply")];
     std::fs::copy(fixture("v1/classes.goblin"), &map).unwrap();
@@ -216,7 +212,7 @@ fn a_full_disk_is_told_by_every_command_that_writes() {
     spinney(&["-q", "export", &ball, &model]).success();
     let tif = fixture("island_elevation.tif").to_str().unwrap().to_owned();
     let old = |name: &str| {
-        std::fs::write(folder.path().join(name), "old").unwrap();
+        std::fs::write(directory.path().join(name), "old").unwrap();
         path(name)
     };
     let commands: [&[&str]; 12] = [
@@ -234,7 +230,7 @@ fn a_full_disk_is_told_by_every_command_that_writes() {
         &["render", &ball, &old("j.png")],
     ];
     let files = || {
-        let entries = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
+        let entries = std::fs::read_dir(directory.path()).unwrap().map(|entry| entry.unwrap().path());
         let mut files: Vec<_> = entries.map(|path| (path.clone(), std::fs::read(path).unwrap())).collect();
         files.sort();
         files
@@ -272,8 +268,8 @@ fn a_full_disk_is_told_by_every_command_that_writes() {
 #[cfg(unix)]
 #[test]
 fn pipes_are_refused_where_files_are_read_more_than_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let (pipe, out) = (name("pipe.tif"), name("out.goblin"));
     // The pipe has no writer: opening it would block forever.
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
@@ -287,8 +283,8 @@ fn pipes_are_refused_where_files_are_read_more_than_once() {
         &["get", &pipe, &out],
     ] {
         let run = command(words).timeout(std::time::Duration::from_secs(60)).assert().failure();
-        let told = stderr(run);
-        assert!(told.contains("pipe"), "{words:?}: {told}");
+        let message = stderr(run);
+        assert!(message.contains("pipe"), "{words:?}: {message}");
     }
 }
 
@@ -296,9 +292,9 @@ fn pipes_are_refused_where_files_are_read_more_than_once() {
 /// directories.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_has_no_part_of_what_belongs_together() {
-    let folder = tempfile::tempdir().unwrap();
-    let disk = folder.path().join("disk");
+fn a_full_disk_leaves_no_partial_set_of_files() {
+    let directory = tempfile::tempdir().unwrap();
+    let disk = directory.path().join("disk");
     std::fs::create_dir(&disk).unwrap();
     let run = |program: &str, words: &[&str]| std::process::Command::new(program).args(words).status();
     let at = disk.to_str().unwrap();

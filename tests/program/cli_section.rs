@@ -9,8 +9,8 @@ const BOX: &str = "OFF\n8 6 0\n0 0 0\n2 0 0\n2 3 0\n0 3 0\n0 0 4\n2 0 4\n2 3 4\n
 
 #[test]
 fn sections_of_a_box() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let [mesh, model] = ["box.off", "box.goblin"].map(name);
     std::fs::write(&mesh, BOX).unwrap();
     command(&["build", "-q", &mesh, "-o", &model, "--brep", "--snap", "0.5"]).assert().success();
@@ -33,8 +33,8 @@ fn sections_of_a_box() {
     // Many planes, in several notations, and one that misses the solid.
     let file = name("many.csv");
     let many = ["section", &model, "z=0.2..3.8/0.2", "plane=1,1,1,3", "x=9", "-o", &file];
-    let told = stderr(command(&many).assert().success());
-    assert!(told.contains("20 polygons in 21 planes"), "{told}");
+    let message = stderr(command(&many).assert().success());
+    assert!(message.contains("20 polygons in 21 planes"), "{message}");
     let rows = std::fs::read_to_string(&file).unwrap();
     assert_eq!(
         rows.lines().filter(|line| line.contains(",z,") && line.ends_with(",6")).count(),
@@ -50,8 +50,8 @@ fn sections_of_a_box() {
 /// edges.
 #[test]
 fn what_two_models_have_in_common() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let built = |stem: &str, [x, y, z]: [i32; 3]| {
         let mut lines = BOX.lines().map(String::from).collect::<Vec<_>>();
         for line in &mut lines[2..10] {
@@ -78,8 +78,8 @@ fn what_two_models_have_in_common() {
     assert_eq!(properties["a_left"], properties["a_right"]);
     assert_eq!(properties["b_left"], properties["b_right"]);
     // A common wall, from the other side; and two coincident edges.
-    let told = stderr(command(&["section", &a, &c, "-o", &name("c.csv")]).assert().success());
-    assert!(told.contains("0 where they touch (0), 1 areas (9), 0 points"), "{told}");
+    let message = stderr(command(&["section", &a, &c, "-o", &name("c.csv")]).assert().success());
+    assert!(message.contains("0 where they touch (0), 1 area (9), 0 points"), "{message}");
     let rows = std::fs::read_to_string(name("c.csv")).unwrap();
     assert!(rows.contains("POLYGON Z ((") && rows.contains(",overlap,,9,opposite,"), "{rows}");
     // As mesh lines, drawing and table.
@@ -108,18 +108,24 @@ fn what_two_models_have_in_common() {
     }
     let refused = |words: &[&str]| complaint(&[&["section", "-q"], words].concat(), 1);
     let never = name("never.shp");
-    assert!(refused(&[&a, &b, "-o", &never]).contains("several kinds"));
+    assert!(refused(&[&a, &b, "-o", &never]).contains("several geometry types"));
     assert!(refused(&[&a, &b, "z=1", "-o", &never]).contains("once for each"));
     assert!(refused(&[&a, &b, "--flat", "-o", &name("never.svg")]).contains("--flat"));
+    // A grid of both would be too large: the units are the same.
+    let far = name("far.goblin");
+    command(&["transform", "-q", &a, "translate=100000000,0,0", "-o", &far]).assert().success();
+    let message = refused(&[&a, &far, "-o", &name("never.svg")]);
+    assert!(message.contains(&format!("{a}, {far}: grids: got an extent of 1000000")), "{message}");
+    assert!(message.contains("in units of 0.5, expected at most 2^26 units"), "{message}");
     assert!(refused(&[&a, &name("a.off"), "-o", &name("never.svg")]).contains("a.off"));
     assert!(refused(&[&a, &b, "-o", &b, "--format", "ply"]).contains("input"));
-    assert!(!std::path::Path::new(&never).exists() && !folder.path().join("never.svg").exists());
+    assert!(!std::path::Path::new(&never).exists() && !directory.path().join("never.svg").exists());
 }
 
 #[test]
-fn what_has_no_sections_is_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+fn files_without_sections_are_reported() {
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let [mesh, model, cells, never] = ["box.off", "box.goblin", "cells.goblin", "never.svg"].map(name);
     std::fs::write(&mesh, BOX).unwrap();
     command(&["build", "-q", &mesh, "-o", &model, "--brep", "--snap", "0.5"]).assert().success();
@@ -136,5 +142,5 @@ fn what_has_no_sections_is_told() {
     assert!(refused("z=1", &name("nothing.goblin"), &never, 1).contains("nothing.goblin"));
     assert!(refused("z=1", &model, &name("never.txt"), 1).contains("unknown format"));
     assert!(refused("z=1", &model, &model, 1).contains("unknown format"));
-    assert!(!folder.path().join("never.svg").exists());
+    assert!(!directory.path().join("never.svg").exists());
 }

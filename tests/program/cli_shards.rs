@@ -15,11 +15,11 @@ use crate::common::command::{complaint, spinney, stderr};
 const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
 
 /// A directory for one test.
-pub(crate) struct Place(tempfile::TempDir);
+pub(crate) struct TestDirectory(tempfile::TempDir);
 
-impl Place {
-    pub(crate) fn new() -> Place {
-        Place(tempfile::tempdir().unwrap())
+impl TestDirectory {
+    pub(crate) fn new() -> TestDirectory {
+        TestDirectory(tempfile::tempdir().unwrap())
     }
 
     pub(crate) fn path(&self, name: &str) -> PathBuf {
@@ -31,7 +31,7 @@ impl Place {
     }
 
     /// Writes a grey image at a position of a grid: uniform squares and noise.
-    pub(crate) fn picture(&self, name: &str, at: [u64; 2], size: [u64; 2]) -> String {
+    pub(crate) fn raster(&self, name: &str, at: [u64; 2], size: [u64; 2]) -> String {
         let path = self.path(name);
         let frame = Frame {
             crs: Some(Crs::epsg(32632)),
@@ -90,8 +90,8 @@ impl Place {
     }
 
     /// Returns the files in a directory that do not belong to a job.
-    pub(crate) fn leftovers(&self, folder: &str) -> Vec<String> {
-        let entries = fs::read_dir(self.path(folder)).unwrap();
+    pub(crate) fn leftovers(&self, directory: &str) -> Vec<String> {
+        let entries = fs::read_dir(self.path(directory)).unwrap();
         let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
         let mut rest: Vec<String> =
             names.filter(|name| !name.ends_with(".run") && !name.ends_with(".summary")).collect();
@@ -101,41 +101,41 @@ impl Place {
 }
 
 #[test]
-fn shards_of_pictures_make_the_bytes_of_a_build() {
-    let place = Place::new();
-    let tiff = place.picture("a.tif", [0, 0], [1400, 1100]);
-    place.compare(&[&tiff], &[], &[1, 2, 7, 64]);
-    place.compare(&[&tiff], &["--codec", "packed", "--kind", "categorical"], &[1, 7]);
-    place.compare(&[&tiff], &["--depth", "12", "--rule", "max", "--nodata", "2"], &[3]);
+fn shards_of_a_raster_make_the_bytes_of_a_build() {
+    let temp = TestDirectory::new();
+    let tiff = temp.raster("a.tif", [0, 0], [1400, 1100]);
+    temp.compare(&[&tiff], &[], &[1, 2, 7, 64]);
+    temp.compare(&[&tiff], &["--codec", "packed", "--kind", "categorical"], &[1, 7]);
+    temp.compare(&[&tiff], &["--depth", "12", "--rule", "max", "--nodata", "2"], &[3]);
     // Readable only from top to bottom, whole, and with opacity.
-    let png = place.picture("b.png", [0, 0], [1300, 900]);
-    place.compare(&[&png], &["--transform", "1,0,0.1,0,-1,1e7"], &[1, 2, 7]);
-    let webp = place.picture("c.webp", [0, 0], [1000, 600]);
-    place.compare(&[&webp], &[], &[5]);
-    place.compare(&["tests/import/pictures/rgb.jpg"], &[], &[2]);
-    place.compare(&["tests/import/pictures/whole/rgb.bmp"], &[], &[2]);
-    place.compare(&["fixtures/island_rgb.png"], &["--band", "2"], &[2]);
-    place.compare(&["fixtures/island_classes.tif"], &[], &[64]);
+    let png = temp.raster("b.png", [0, 0], [1300, 900]);
+    temp.compare(&[&png], &["--transform", "1,0,0.1,0,-1,1e7"], &[1, 2, 7]);
+    let webp = temp.raster("c.webp", [0, 0], [1000, 600]);
+    temp.compare(&[&webp], &[], &[5]);
+    temp.compare(&["tests/import/images/rgb.jpg"], &[], &[2]);
+    temp.compare(&["tests/import/images/whole/rgb.bmp"], &[], &[2]);
+    temp.compare(&["fixtures/island_rgb.png"], &["--band", "2"], &[2]);
+    temp.compare(&["fixtures/island_classes.tif"], &[], &[64]);
 }
 
 #[test]
-fn shards_of_several_pictures_make_the_bytes_of_a_build() {
-    let place = Place::new();
+fn shards_of_several_rasters_make_the_bytes_of_a_build() {
+    let temp = TestDirectory::new();
     let mut tiles = Vec::new();
     // More than are open at a time; some overlap, some are disjoint, one is read from top to
     // bottom.
     for number in 0..20 {
         let ending = if number == 7 { "png" } else { "tif" };
         let at = [number % 5 * 230 + number, number / 5 * 260 + 5 * (number % 3)];
-        tiles.push(place.picture(&format!("{number}.{ending}"), at, [200 + 5 * number, 256]));
+        tiles.push(temp.raster(&format!("{number}.{ending}"), at, [200 + 5 * number, 256]));
         if number == 7 {
             let world = format!("10\n0\n0\n-10\n{}\n{}\n", 1005 + 10 * at[0], 4995 - 10 * at[1]);
-            fs::write(place.path("7.pgw"), world).unwrap();
-            fs::copy(place.path("7.pgw"), place.path("7.wld")).unwrap();
+            fs::write(temp.path("7.pgw"), world).unwrap();
+            fs::copy(temp.path("7.pgw"), temp.path("7.wld")).unwrap();
         }
     }
     let tiles: Vec<&str> = tiles.iter().map(String::as_str).collect();
-    place.compare(&tiles, &["--crs", "EPSG:32632"], &[1, 2, 7, 64]);
+    temp.compare(&tiles, &["--crs", "EPSG:32632"], &[1, 2, 7, 64]);
     let sources: String = [0, 1, 5]
         .iter()
         .map(|number: &u64| {
@@ -151,27 +151,27 @@ fn shards_of_several_pictures_make_the_bytes_of_a_build() {
         "<VRTDataset rasterXSize=\"700\" rasterYSize=\"600\"><VRTRasterBand dataType=\"Byte\" band=\"1\">\
          <NoDataValue>0</NoDataValue>{sources}</VRTRasterBand></VRTDataset>"
     );
-    fs::write(place.path("all.vrt"), vrt).unwrap();
-    place.compare(&[&place.name("all.vrt")], &["--codec", "packed"], &[4]);
+    fs::write(temp.path("all.vrt"), vrt).unwrap();
+    temp.compare(&[&temp.name("all.vrt")], &["--codec", "packed"], &[4]);
 }
 
 #[test]
 fn shards_of_stacks_make_the_bytes_of_a_build() {
-    let place = Place::new();
-    let fine = place.picture("B02.tif", [0, 0], [1200, 1000]);
-    let other = place.picture("B03.png", [0, 0], [1200, 1000]);
-    fs::write(place.path("B03.pgw"), "10\n0\n0\n-10\n1005\n4995\n").unwrap();
-    place.compare(&[&fine, &other], &["--stack", "--crs", "EPSG:32632"], &[1, 2, 7, 64]);
+    let temp = TestDirectory::new();
+    let fine = temp.raster("B02.tif", [0, 0], [1200, 1000]);
+    let other = temp.raster("B03.png", [0, 0], [1200, 1000]);
+    fs::write(temp.path("B03.pgw"), "10\n0\n0\n-10\n1005\n4995\n").unwrap();
+    temp.compare(&[&fine, &other], &["--stack", "--crs", "EPSG:32632"], &[1, 2, 7, 64]);
     let times = ["--stack", "--crs", "EPSG:32632", "--names", "a,b", "--times", "2024-05-31,2024-06-01"];
-    place.compare(&[&fine, &other], &[&times[..], &["--codec", "packed"]].concat(), &[3]);
+    temp.compare(&[&fine, &other], &[&times[..], &["--codec", "packed"]].concat(), &[3]);
 }
 
 /// Returns a job of an image, and the bytes of a single build.
-pub(crate) fn job(place: &Place, shards: &str) -> (String, Vec<u8>) {
-    let picture = place.picture("p.tif", [0, 0], [1500, 1200]);
-    let (job, whole) = (place.name("job"), place.name("whole.goblin"));
-    spinney(&["-q", "build", &picture, "-o", &whole]).success();
-    spinney(&["-q", "shard", "plan", &picture, "-o", &job, "--shards", shards]).success();
+pub(crate) fn job(temp: &TestDirectory, shards: &str) -> (String, Vec<u8>) {
+    let raster = temp.raster("p.tif", [0, 0], [1500, 1200]);
+    let (job, whole) = (temp.name("job"), temp.name("whole.goblin"));
+    spinney(&["-q", "build", &raster, "-o", &whole]).success();
+    spinney(&["-q", "shard", "plan", &raster, "-o", &job, "--shards", shards]).success();
     (job, fs::read(whole).unwrap())
 }
 
@@ -183,22 +183,22 @@ fn build(job: &str, number: u32) -> std::process::Child {
 
 #[test]
 fn shards_that_are_killed_are_built_again() {
-    let place = Place::new();
-    let (job, whole) = job(&place, "4");
-    let merged = place.name("merged.goblin");
+    let temp = TestDirectory::new();
+    let (job, whole) = job(&temp, "4");
+    let merged = temp.name("merged.goblin");
     let missing = complaint(&["shard", "merge", &job, "-o", &merged], 1);
     assert!(missing.contains("0 to 3 are missing") && missing.contains("shard build"), "{missing}");
     // An interrupted plan is repeated; a plan is never partial.
-    let (second, picture) = (place.name("second"), place.name("p.tif"));
+    let (second, raster) = (temp.name("second"), temp.name("p.tif"));
     for delay in [0, 1, 2, 4, 8, 16] {
         let mut command = Command::new(PROGRAM);
-        command.args(["-q", "shard", "plan", &picture, "-o", &second, "--shards", "4"]);
+        command.args(["-q", "shard", "plan", &raster, "-o", &second, "--shards", "4"]);
         let mut child = command.stderr(Stdio::null()).spawn().unwrap();
         sleep(Duration::from_millis(delay));
         child.kill().unwrap();
         child.wait().unwrap();
     }
-    spinney(&["-q", "shard", "plan", &picture, "-o", &second, "--shards", "4"]).success();
+    spinney(&["-q", "shard", "plan", &raster, "-o", &second, "--shards", "4"]).success();
     let plan = |job: &str| fs::read(Path::new(job).join("plan.json")).unwrap();
     assert!(plan(&second) == plan(&job));
     fs::remove_dir_all(&second).unwrap();
@@ -211,7 +211,7 @@ fn shards_that_are_killed_are_built_again() {
             delay += 3;
             child.kill().unwrap();
             child.wait().unwrap();
-            if place.path(&format!("job/shards/000{number}.summary")).exists() || delay > 60 {
+            if temp.path(&format!("job/shards/000{number}.summary")).exists() || delay > 60 {
                 break;
             }
         }
@@ -224,13 +224,13 @@ fn shards_that_are_killed_are_built_again() {
         let both = [build(&job, number), build(&job, number)];
         both.into_iter().for_each(|mut child| assert!(child.wait().unwrap().success()));
         let again = stderr(spinney(&["shard", "build", &job, &number.to_string()]).success());
-        assert!(again.contains("is made already"), "{again}");
+        assert!(again.contains("was built already"), "{again}");
     }
-    assert_eq!(place.leftovers("job/shards"), Vec::<String>::new());
+    assert_eq!(temp.leftovers("job/shards"), Vec::<String>::new());
     // Two concurrent merges, after one that was killed.
     let merge = |name: &str| {
         let mut command = Command::new(PROGRAM);
-        command.args(["-q", "shard", "merge", &job, "-o", &place.name(name)]).spawn().unwrap()
+        command.args(["-q", "shard", "merge", &job, "-o", &temp.name(name)]).spawn().unwrap()
     };
     let mut killed = merge("merged.goblin");
     killed.kill().unwrap();
@@ -238,9 +238,9 @@ fn shards_that_are_killed_are_built_again() {
     let both = [merge("merged.goblin"), merge("merged.goblin")];
     both.into_iter().for_each(|mut child| assert!(child.wait().unwrap().success()));
     assert!(fs::read(&merged).unwrap() == whole);
-    assert_eq!(place.leftovers("."), ["job", "merged.goblin", "p.tif", "whole.goblin"]);
+    assert_eq!(temp.leftovers("."), ["job", "merged.goblin", "p.tif", "whole.goblin"]);
     // A missing run file is rebuilt, a corrupt one is detected.
-    let run = place.path("job/shards/0002-0.run");
+    let run = temp.path("job/shards/0002-0.run");
     fs::remove_file(&run).unwrap();
     assert!(complaint(&["shard", "merge", &job, "-o", &merged], 1).contains("2 is missing"));
     spinney(&["-q", "shard", "build", &job, "2"]).success();
@@ -254,10 +254,10 @@ fn shards_that_are_killed_are_built_again() {
 
 #[test]
 fn shards_of_other_inputs_than_planned_are_refused() {
-    let place = Place::new();
-    let (job, _) = job(&place, "3");
+    let temp = TestDirectory::new();
+    let (job, _) = job(&temp, "3");
     spinney(&["-q", "shard", "build", &job, "0"]).success();
-    let path = place.path("p.tif");
+    let path = temp.path("p.tif");
     let before = fs::metadata(&path).unwrap().modified().unwrap();
     let touch = |time| fs::File::options().append(true).open(&path).unwrap().set_modified(time).unwrap();
     touch(before + Duration::from_secs(5));
@@ -268,12 +268,12 @@ fn shards_of_other_inputs_than_planned_are_refused() {
     touch(before);
     spinney(&["-q", "shard", "build", &job, "1"]).success();
     // A new sidecar file.
-    let beside = place.path("p.tif.aux.xml");
-    fs::write(&beside, "<PAMDataset></PAMDataset>").unwrap();
+    let sidecar = temp.path("p.tif.aux.xml");
+    fs::write(&sidecar, "<PAMDataset></PAMDataset>").unwrap();
     let text = complaint(&["shard", "build", &job, "2"], 1);
     assert!(text.contains("p.tif.aux.xml"), "{text}");
-    fs::remove_file(&beside).unwrap();
-    let away = place.path("q.tif");
+    fs::remove_file(&sidecar).unwrap();
+    let away = temp.path("q.tif");
     fs::rename(&path, &away).unwrap();
     assert!(complaint(&["shard", "build", &job, "2"], 1).contains("there is no such file"));
     fs::rename(&away, &path).unwrap();
@@ -282,18 +282,19 @@ fn shards_of_other_inputs_than_planned_are_refused() {
 
 #[test]
 fn shards_open_the_inputs_that_they_are_made_of() {
-    let place = Place::new();
+    let temp = TestDirectory::new();
     // Four images at the corners of a square, and a strip that only the first two shards touch.
-    let places = [[0, 0], [1300, 0], [0, 1300], [1300, 1300], [0, 0]];
+    let positions = [[0, 0], [1300, 0], [0, 1300], [1300, 1300], [0, 0]];
     let sizes = [[700, 700], [700, 700], [700, 700], [700, 700], [2000, 100]];
-    let inputs: Vec<String> =
-        (0..5).map(|number| place.picture(&format!("{number}.tif"), places[number], sizes[number])).collect();
-    let (job, whole, merged) = (place.name("job"), place.name("whole.goblin"), place.name("merged.goblin"));
+    let inputs: Vec<String> = (0..5)
+        .map(|number| temp.raster(&format!("{number}.tif"), positions[number], sizes[number]))
+        .collect();
+    let (job, whole, merged) = (temp.name("job"), temp.name("whole.goblin"), temp.name("merged.goblin"));
     let inputs: Vec<&str> = inputs.iter().map(String::as_str).collect();
     spinney(&[&["-q", "build", "-o", &whole, "--nodata", "1"], &inputs[..]].concat()).success();
     spinney(&[&["-q", "shard", "plan", "-o", &job, "--shards", "4", "--nodata", "1"], &inputs[..]].concat())
         .success();
-    let (last, away) = (place.path("3.tif"), place.path("away.tif"));
+    let (last, away) = (temp.path("3.tif"), temp.path("away.tif"));
     fs::rename(&last, &away).unwrap();
     spinney(&["-q", "shard", "build", &job, "0"]).success();
     assert!(complaint(&["shard", "build", &job, "3"], 1).contains("3.tif"));
@@ -304,20 +305,20 @@ fn shards_open_the_inputs_that_they_are_made_of() {
     spinney(&["-q", "shard", "merge", &job, "-o", &merged]).success();
     assert!(fs::read(&merged).unwrap() == fs::read(&whole).unwrap());
     // Invalid positions.
-    let plan = place.path("job/plan.json");
+    let plan = temp.path("job/plan.json");
     let json: serde_json::Value = serde_json::from_slice(&fs::read(&plan).unwrap()).unwrap();
     for (pointer, value, word) in [
-        ("/work/pictures/mosaic/regions/1", "[18446744073709551615, 0, 700, 700]", "in it"),
-        ("/work/pictures/mosaic/regions/1", "[1301, 0, 700, 700]", "in it"),
-        ("/work/pictures/mosaic/regions", "[]", "in it"),
-        ("/work/pictures/mosaic/regions/4", "[0, 0, 1999, 100]", "4.tif"),
-        ("/work/pictures/mosaic/size", "[2001, 2000]", "in it"),
-        ("/work/pictures/mosaic/nodata", "\"x\"", "number"),
+        ("/work/rasters/mosaic/regions/1", "[18446744073709551615, 0, 700, 700]", "one region per input"),
+        ("/work/rasters/mosaic/regions/1", "[1301, 0, 700, 700]", "one region per input"),
+        ("/work/rasters/mosaic/regions", "[]", "one region per input"),
+        ("/work/rasters/mosaic/regions/4", "[0, 0, 1999, 100]", "4.tif"),
+        ("/work/rasters/mosaic/size", "[2001, 2000]", "one region per input"),
+        ("/work/rasters/mosaic/nodata", "\"x\"", "number"),
     ] {
         let mut bad = json.clone();
         *bad.pointer_mut(pointer).unwrap() = serde_json::from_str(value).unwrap();
         fs::write(&plan, bad.to_string()).unwrap();
-        fs::remove_file(place.path("job/shards/0000.summary")).unwrap_or_default();
+        fs::remove_file(temp.path("job/shards/0000.summary")).unwrap_or_default();
         let said = complaint(&["shard", "build", &job, "0"], 1);
         assert!(said.contains(word), "{pointer}: {said}");
     }
@@ -325,49 +326,49 @@ fn shards_open_the_inputs_that_they_are_made_of() {
 
 #[test]
 fn plans_are_made_again_and_not_mixed() {
-    let place = Place::new();
-    let (job, _) = job(&place, "3");
-    let (picture, plan) = (place.name("p.tif"), place.path("job/plan.json"));
+    let temp = TestDirectory::new();
+    let (job, _) = job(&temp, "3");
+    let (raster, plan) = (temp.name("p.tif"), temp.path("job/plan.json"));
     let text = fs::read_to_string(&plan).unwrap();
-    let again = ["shard", "plan", &picture, "-o", &job, "--shards", "3"];
-    assert!(stderr(spinney(&again).success()).contains("as it was planned before"));
+    let again = ["shard", "plan", &raster, "-o", &job, "--shards", "3"];
+    assert!(stderr(spinney(&again).success()).contains("planned before"));
     assert_eq!(fs::read_to_string(&plan).unwrap(), text);
-    let other = complaint(&["shard", "plan", &picture, "-o", &job, "--shards", "4"], 1);
+    let other = complaint(&["shard", "plan", &raster, "-o", &job, "--shards", "4"], 1);
     assert!(other.contains("another job"), "{other}");
     // A plan interrupted before its last operation is repeated.
     fs::remove_file(&plan).unwrap();
     let none = complaint(&["shard", "build", &job, "0"], 1);
     assert!(none.contains("without a job") && none.contains("shard plan"), "{none}");
-    spinney(&["-q", "shard", "plan", &picture, "-o", &job, "--shards", "3"]).success();
+    spinney(&["-q", "shard", "plan", &raster, "-o", &job, "--shards", "3"]).success();
     assert_eq!(fs::read_to_string(&plan).unwrap(), text);
     spinney(&["-q", "shard", "build", &job, "0"]).success();
     fs::remove_file(&plan).unwrap();
     assert!(complaint(&again, 1).contains("without a plan"));
     fs::write(&plan, &text).unwrap();
-    let full = complaint(&["shard", "plan", &picture, "-o", &place.name("")], 1);
-    assert!(full.contains("has something else"), "{full}");
+    let full = complaint(&["shard", "plan", &raster, "-o", &temp.name("")], 1);
+    assert!(full.contains("with other files"), "{full}");
     // Shards of one job are not valid in another.
-    let second = place.name("second");
-    spinney(&["-q", "shard", "plan", &picture, "-o", &second, "--shards", "2"]).success();
+    let second = temp.name("second");
+    spinney(&["-q", "shard", "plan", &raster, "-o", &second, "--shards", "2"]).success();
     for name in ["0000.summary", "0000-0.run"] {
-        fs::copy(place.path("job/shards").join(name), place.path("second/shards").join(name)).unwrap();
+        fs::copy(temp.path("job/shards").join(name), temp.path("second/shards").join(name)).unwrap();
     }
     assert!(complaint(&["shard", "build", &second, "0"], 1).contains("another job"));
     assert!(complaint(&["shard", "build", &job, "3"], 1).contains("0 to 2"));
 }
 
 #[test]
-fn plans_that_are_damaged_are_refused() {
-    let place = Place::new();
-    let (job, _) = job(&place, "2");
-    let plan = place.path("job/plan.json");
+fn corrupt_plans_are_rejected() {
+    let temp = TestDirectory::new();
+    let (job, _) = job(&temp, "2");
+    let plan = temp.path("job/plan.json");
     let text = fs::read_to_string(&plan).unwrap();
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
     let refused = |bad: &str, word: &str| {
         fs::write(&plan, bad).unwrap();
         let said = complaint(&["shard", "build", &job, "0"], 1);
         assert!(said.contains(word), "{bad}\n{said}");
-        complaint(&["shard", "merge", &job, "-o", &place.name("merged.goblin")], 1);
+        complaint(&["shard", "merge", &job, "-o", &temp.name("merged.goblin")], 1);
     };
     refused("", "plan");
     refused("[]", "plan");
@@ -383,32 +384,32 @@ fn plans_that_are_damaged_are_refused() {
     for (pointer, value, word) in [
         ("/spinney_job", "2", "version"),
         ("/program", "\"0.0.0\"", "version 0.0.0"),
-        ("/shards/0/0/first", "\"0000000000000001\"", "runs"),
-        ("/shards/0/0/last", "\"ffffffffffffffff\"", "runs"),
-        ("/shards/0/0/last", "\"x\"", "runs"),
+        ("/shards/0/0/first", "\"0000000000000001\"", "code ranges"),
+        ("/shards/0/0/last", "\"ffffffffffffffff\"", "code ranges"),
+        ("/shards/0/0/last", "\"x\"", "code ranges"),
         ("/shards/0/0/layer", "1", "once"),
         ("/shards/1", "[]", "once"),
         ("/shards", "[]", "once"),
         ("/head/bytes", "1", "head.goblin"),
         ("/head/xxh3", "\"\"", "head.goblin"),
-        ("/work/pictures/options/kind", "\"odd\"", "`odd`, expected `Categorical`"),
-        ("/work/pictures/options/depth", "200", "depth"),
-        ("/work/pictures/options/transform", "[\"nan\",\"0\",\"0\",\"0\",\"0\",\"0\"]", "transform"),
+        ("/work/rasters/options/kind", "\"odd\"", "`odd`, expected `Categorical`"),
+        ("/work/rasters/options/depth", "200", "depth"),
+        ("/work/rasters/options/transform", "[\"nan\",\"0\",\"0\",\"0\",\"0\",\"0\"]", "transform"),
         ("/inputs", "[]", "at least one"),
         ("/inputs/0/files/0/path", "\"/gone\"", "/gone"),
         ("/inputs/0/path", "\"/gone\"", "/gone"),
         (
-            "/work/pictures/mosaic",
+            "/work/rasters/mosaic",
             "{\"size\": [9, 9], \"nodata\": null, \"flag_all\": false, \"regions\": [[0, 0, 9, 9]]}",
-            "in it",
+            "one region per input",
         ),
-        ("/work/pictures/options/rule", "\"Max\"", "was planned"),
+        ("/work/rasters/options/rule", "\"Max\"", "was planned"),
     ] {
         let bad = changed(&|json| *json.pointer_mut(pointer).unwrap() = serde_json::from_str(value).unwrap());
         refused(&bad, word);
     }
     fs::write(&plan, &text).unwrap();
-    let head = place.path("job/head.goblin");
+    let head = temp.path("job/head.goblin");
     let bytes = fs::read(&head).unwrap();
     for at in (0..bytes.len()).step_by(1 + bytes.len() / 20) {
         let mut bad = bytes.clone();
@@ -421,39 +422,49 @@ fn plans_that_are_damaged_are_refused() {
 }
 
 #[test]
-fn what_shards_do_not_have_is_said() {
-    let place = Place::new();
-    let picture = place.picture("p.tif", [0, 0], [300, 200]);
-    let (job, tree) = (place.name("job"), place.name("t.goblin"));
-    spinney(&["-q", "build", &picture, "-o", &tree]).success();
+fn unsupported_options_of_shards_are_reported() {
+    let temp = TestDirectory::new();
+    let raster = temp.raster("p.tif", [0, 0], [300, 200]);
+    let (job, tree) = (temp.name("job"), temp.name("t.goblin"));
+    spinney(&["-q", "build", &raster, "-o", &tree]).success();
     let refused = |arguments: &[&str], word: &str| {
         let said = complaint(&[&["shard", "plan"], arguments].concat(), 1);
         assert!(said.contains(word), "{arguments:?}: {said}");
         assert!(!Path::new(&job).exists());
     };
-    refused(&[&picture, "-o", &job, "--share"], "--share is not for shards");
-    refused(&[&picture, "-o", &job, "--grid", "xyz"], "--grid is not for shards");
-    refused(&[&picture, "-o", &job, "--max-bytes", "1G"], "--max-bytes is not for shards");
-    refused(&[&picture, "-o", &job, "--resampling", "nearest"], "--resampling is for other grids");
-    refused(&[&tree, &picture, "-o", &job], "a tree as an input is the only one");
-    refused(&[&tree, "-o", &job, "--nodata", "1"], "whose cells are taken as they are");
-    refused(&[&picture, "-o", &place.name("job.autumn")], "folder of a job");
-    refused(&[&picture, "-o", &place.name("job.goblin")], "folder of a job");
-    refused(&[&picture, "-o", "-"], "standard output");
+    refused(&[&raster, "-o", &job, "--share"], "--share: works only with `spinney build`");
+    refused(&[&raster, "-o", &job, "--grid", "xyz"], "--grid: works only with `spinney build`");
+    refused(&[&raster, "-o", &job, "--max-bytes", "1G"], "--max-bytes: works only with `spinney build`");
+    refused(
+        &[&raster, "-o", &job, "--resampling", "nearest"],
+        "--resampling: works only with `spinney build`",
+    );
+    refused(&[&tree, &tree, "-o", &job], "got 2 inputs, expected one tree");
+    refused(&[&tree, &raster, "-o", &job], "build one tree for each");
+    let zones = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_districts.geojson");
+    refused(&[zones, "-o", &job, "--cell", "50"], "is a feature file, expected rasters");
+    for task in [&["build", &tree, "0"][..], &["merge", &tree, "-o", &temp.name("never.goblin")]] {
+        let said = complaint(&[&["shard"], task].concat(), 1);
+        assert!(said.contains("got a file, expected the directory of a job"), "{said}");
+    }
+    refused(&[&tree, "-o", &job, "--nodata", "1"], "--nodata: works only with rasters and volumes");
+    refused(&[&raster, "-o", &temp.name("job.autumn")], "expected a directory for the job");
+    refused(&[&raster, "-o", &temp.name("job.goblin")], "expected a directory for the job");
+    refused(&[&raster, "-o", "-"], "standard output");
     refused(&["-", "-o", &job], "standard input");
-    refused(&[&place.name("gone.tif"), "-o", &job], "gone.tif");
-    let coarse = place.picture("coarse.tif", [0, 0], [30, 20]);
-    let world = [&picture, &coarse, "-o", &job, "--stack", "--resampling", "nearest"];
+    refused(&[&temp.name("gone.tif"), "-o", &job], "gone.tif");
+    let coarse = temp.raster("coarse.tif", [0, 0], [30, 20]);
+    let world = [&raster, &coarse, "-o", &job, "--stack", "--resampling", "nearest"];
     spinney(&[&["-q", "shard", "plan"], &world[..]].concat()).success();
     fs::remove_dir_all(&job).unwrap();
-    spinney(&["shard", "plan", &picture, "-o", &job, "--shards", "0"]).code(2);
-    spinney(&["-q", "shard", "plan", &picture, "-o", &job]).success();
+    spinney(&["shard", "plan", &raster, "-o", &job, "--shards", "0"]).code(2);
+    spinney(&["-q", "shard", "plan", &raster, "-o", &job]).success();
     spinney(&["-q", "shard", "build", &job, "0"]).success();
-    let said = complaint(&["shard", "merge", &job, "-o", &place.name("t.autumn")], 1);
+    let said = complaint(&["shard", "merge", &job, "-o", &temp.name("t.autumn")], 1);
     assert!(said.contains("shards make a .goblin file"), "{said}");
-    let said = complaint(&["shard", "merge", &job, "-o", &place.name("u.goblin"), "--max-bytes", "100"], 1);
+    let said = complaint(&["shard", "merge", &job, "-o", &temp.name("u.goblin"), "--max-bytes", "100"], 1);
     assert!(said.contains("100"), "{said}");
-    assert!(!place.path("u.goblin").exists());
+    assert!(!temp.path("u.goblin").exists());
     // To standard output, too.
     let written = spinney(&["-q", "shard", "merge", &job, "-o", "-"]).success().get_output().stdout.clone();
     assert!(written == fs::read(&tree).unwrap());

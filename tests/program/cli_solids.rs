@@ -12,7 +12,7 @@ use crate::common::{Cells, OCT, QUAD, as_byte, byte, goblin_bytes, made};
 
 /// A directory with trees to query.
 struct Trees {
-    folder: TempDir,
+    directory: TempDir,
     /// A block of 6 x 4 x 3 cells at 2,1,0 in 10 x 9 x 5 cells.
     block: String,
     /// An octree of numbers.
@@ -23,9 +23,9 @@ struct Trees {
 
 impl Trees {
     fn new() -> Trees {
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         let store = |name: &str, bytes: Vec<u8>| {
-            let path = folder.path().join(name);
+            let path = directory.path().join(name);
             std::fs::write(&path, bytes).unwrap();
             path.to_str().unwrap().to_string()
         };
@@ -38,15 +38,15 @@ impl Trees {
         let flat = Cells::random(QUAD, 5, [12, 9, 1], 9, true);
         let flat = goblin_bytes(&flat, Rule::Majority, DataKind::Categorical);
         let quadtree = store("quadtree.goblin", flat);
-        Trees { folder, block, numbers, cells, quadtree }
+        Trees { directory, block, numbers, cells, quadtree }
     }
 
     fn name(&self, name: &str) -> String {
-        self.folder.path().join(name).to_str().unwrap().into()
+        self.directory.path().join(name).to_str().unwrap().into()
     }
 }
 
-fn picture(path: &str) -> ([u64; 2], Vec<u8>) {
+fn read_image(path: &str) -> ([u64; 2], Vec<u8>) {
     let mut raster = raster::open(Path::new(path), &Default::default()).unwrap();
     let mut pixels = Pixels::default();
     let (width, height) = (raster.info().width, raster.info().height);
@@ -68,25 +68,28 @@ fn slices() {
     let trees = Trees::new();
     let out = trees.name("slice.png");
     command(&["get", &trees.block, &out, "--slice", "z=2"]).assert().success().stdout("");
-    let (size, pixels) = picture(&out);
+    let (size, pixels) = read_image(&out);
     assert_eq!((size, pixels.iter().filter(|pixel| **pixel == 255).count()), ([10, 9], 24));
     // Vertical slices are upright: the block is at the bottom.
     command(&["get", &trees.block, &out, "--slice", "y=4"]).assert().success();
-    let (size, pixels) = picture(&out);
+    let (size, pixels) = read_image(&out);
     assert_eq!((size, &pixels[..20], &pixels[42..48]), ([10, 5], &[0; 20][..], &[255; 6][..]));
     command(&["get", &trees.block, &out, "--slice", "x=2", "--window", "0,1,6,3"]).assert().success();
     let row = [0, 255, 255, 255, 255, 0];
-    assert_eq!(picture(&out), ([6, 3], [[0; 6], row, row].concat()));
+    assert_eq!(read_image(&out), ([6, 3], [[0; 6], row, row].concat()));
     let raw = trees.name("slice.raw");
     command(&["get", &trees.block, &raw, "--slice", "x=2", "--window", "0,1,6,3"]).assert().success();
     assert_eq!(std::fs::read(&raw).unwrap(), [row, row, [0; 6]].concat());
     command(&["get", &trees.block, &out, "--slice", "x=5", "--level", "2"]).assert().success();
-    assert_eq!(picture(&out).0, [3, 2]);
+    assert_eq!(read_image(&out).0, [3, 2]);
     command(&["get", &trees.block, &out, "--slice", "x=5", "--size", "90x50"]).assert().success();
-    assert_eq!(picture(&out).0, [90, 50]);
+    assert_eq!(read_image(&out).0, [90, 50]);
     command(&["get", &trees.block, &out, "--slice", "z=2.5", "--in", "world"]).assert().success();
     assert!(complaint(&["get", &trees.block, &out, "--slice", "z=2.5"], 1).contains("--in world"));
-    assert!(complaint(&["get", &trees.block, &out, "--slice", "y=9"], 1).contains("slices 0 to 8"));
+    assert!(
+        complaint(&["get", &trees.block, &out, "--slice", "y=9"], 1)
+            .contains("cell y=9 is outside of the tree, expected 0 to 8")
+    );
     assert!(
         complaint(&["get", &trees.block, &out, "--slice", "y=9.5", "--in", "world"], 1).contains("outside")
     );
@@ -95,8 +98,11 @@ fn slices() {
         complaint(&["get", &trees.block, &out, "--slice", "x=1", "--in", "world", "--window", "0,0,1,1"], 1)
             .contains("--window")
     );
-    assert!(complaint(&["get", &trees.quadtree, &out, "--slice", "x=1"], 1).contains("quadtree"));
-    assert!(complaint(&["get", &trees.block, &out, "--in", "world"], 1).contains("--window and --slice"));
+    for slice in ["x=1", "z=0", "z=1"] {
+        let text = complaint(&["get", &trees.quadtree, &out, "--slice", slice], 1);
+        assert!(text.contains("is a quadtree, which has no slices"), "{text}");
+    }
+    assert!(complaint(&["get", &trees.block, &out, "--in", "world"], 1).contains("--window or --slice"));
 }
 
 #[test]
@@ -135,12 +141,15 @@ fn boxes_and_whole_octrees() {
     assert!(refuse(&["--window", "0,0,0,11,1,1"], 1).contains("10 x 9 x 5"));
     assert!(refuse(&["--window", "20,0,0,1,1,1"], 1).contains("10 x 9 x 5"));
     assert!(refuse(&["--window", "50,0,0,51,1,1", "--in", "world"], 1).contains("outside"));
-    assert!(refuse(&["--window", "0,0,0,1,0,1"], 1).contains("at least one"));
-    assert!(refuse(&["--window", "0.5,0,0,1,1,1"], 1).contains("see --in"));
-    assert!(refuse(&["--window", "-1,0,0,1,1,1"], 1).contains("whole numbers"));
-    assert!(refuse(&["--window", "0,0,0,1,1"], 2).contains("six numbers"));
+    assert!(refuse(&["--window", "0,0,0,1,0,1"], 1).contains("at least 1 along each axis"));
+    assert!(refuse(&["--window", "0.5,0,0,1,1,1"], 1).contains("add --in"));
+    assert!(refuse(&["--window", "-1,0,0,1,1,1"], 1).contains("expected integers from 0"));
+    assert!(refuse(&["--window", "0,0,0,1,1"], 2).contains("got 5 numbers, expected 4"));
     assert!(refuse(&["--level", "5"], 1).contains("0 to 4"));
-    assert!(refuse(&["--window", "0,0,0,1,1,1", "--slice", "1"], 1).contains("with four"));
+    assert!(
+        refuse(&["--window", "0,0,0,1,1,1", "--slice", "1"], 1)
+            .contains("got 6 numbers, which select an array, expected 4")
+    );
     assert!(refuse(&["--window", "0,0,0,1,1,1", "--format", "png"], 1).contains(".npy"));
     let quad = ["get", &trees.quadtree, &trees.name("never.npy"), "--window", "0,0,0,1,1,1"];
     assert!(complaint(&quad, 1).contains("quadtree"));
@@ -153,7 +162,7 @@ fn points_of_octrees() {
     assert_eq!(stdout(&["point", &trees.block, "2.5,1.5,0.5", "2.5,1.5,3.5"]), "255\nvoid\n");
     assert_eq!(stdout(&["point", "--in", "cells", &trees.block, "7,4,2", "8,4,2"]), "255\nvoid\n");
     assert_eq!(stdout(&["point", "--in", "cells", "--level", "0", &trees.block, "7,4,2"]), "4\n");
-    assert!(complaint(&["point", &trees.block, "1,2"], 1).contains("`1,2` is not X,Y,Z"));
+    assert!(complaint(&["point", &trees.block, "1,2"], 1).contains("got `1,2`, expected X,Y,Z"));
     let mut input = String::new();
     let mut expected = String::new();
     let extent = spinney::open(&trees.numbers).unwrap().header().extent;
@@ -208,7 +217,7 @@ fn statistics_of_solids() {
 }
 
 #[test]
-fn pictures_of_solids() {
+fn images_of_solids() {
     let trees = Trees::new();
     let out = trees.name("solid.png");
     let render = |options: &[&str]| {
@@ -217,7 +226,7 @@ fn pictures_of_solids() {
             .success()
             .stdout("")
             .stderr("");
-        picture(&out)
+        read_image(&out)
     };
     let (size, pixels) = render(&["--size", "60x40"]);
     assert_eq!((size, pixels.len()), ([60, 40], 60 * 40 * 3));

@@ -13,14 +13,14 @@ use crate::common::tiff_file::{Ifd, Values, file};
 const CLASSES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/classes.goblin");
 const HEIGHTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/elevation.goblin");
 const BALL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/ball.goblin");
-const PICTURE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
+const RASTER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
 
 /// A directory for one test.
-struct Place(tempfile::TempDir);
+struct TestDirectory(tempfile::TempDir);
 
-impl Place {
-    fn new() -> Place {
-        Place(tempfile::tempdir().unwrap())
+impl TestDirectory {
+    fn new() -> TestDirectory {
+        TestDirectory(tempfile::tempdir().unwrap())
     }
 
     fn name(&self, name: &str) -> String {
@@ -39,7 +39,7 @@ impl Place {
 }
 
 /// Returns an image's properties and samples.
-fn picture(path: &str) -> (RasterInfo, Vec<u8>) {
+fn read_image(path: &str) -> (RasterInfo, Vec<u8>) {
     let mut raster = raster::open(Path::new(path), &Default::default()).unwrap();
     let info = raster.info().clone();
     let mut pixels = Pixels::default();
@@ -48,9 +48,9 @@ fn picture(path: &str) -> (RasterInfo, Vec<u8>) {
 }
 
 #[test]
-fn a_tree_as_a_source_stays_what_it_is() {
-    let place = Place::new();
-    let (made, published) = (place.name("a.goblin"), place.name("b.goblin"));
+fn a_tree_as_a_source_keeps_its_properties() {
+    let temp = TestDirectory::new();
+    let (made, published) = (temp.name("a.goblin"), temp.name("b.goblin"));
     let history = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/history.autumn@1");
     for tree in [CLASSES, HEIGHTS, BALL, history] {
         spinney(&["-q", "build", tree, "-o", &made]).success();
@@ -65,50 +65,56 @@ fn a_tree_as_a_source_stays_what_it_is() {
         (&["--crs", "EPSG:3857", "--transform", "2,0,5,0,-2,7"], "continuous, averaged by mean"),
     ] {
         let of = |source: &str, name: &str| {
-            spinney(&[&["-q", "build", source, "-o", &place.name(name)], words].concat()).success();
-            spinney(&["-q", "verify", &place.name(name)]).success();
-            let told = stdout(&["info", &place.name(name)]);
-            let lines =
-                told.lines().skip(1).filter(|line| !line.starts_with("made ") && !line.starts_with("source"));
-            let told: Vec<String> = lines.map(String::from).collect();
-            assert!(told.iter().any(|line| line.ends_with(kind)), "{told:?}");
+            spinney(&[&["-q", "build", source, "-o", &temp.name(name)], words].concat()).success();
+            spinney(&["-q", "verify", &temp.name(name)]).success();
+            let printed = stdout(&["info", &temp.name(name)]);
+            let lines = printed
+                .lines()
+                .skip(1)
+                .filter(|line| !line.starts_with("made ") && !line.starts_with("source"));
+            let printed: Vec<String> = lines.map(String::from).collect();
+            assert!(printed.iter().any(|line| line.ends_with(kind)), "{printed:?}");
             [0, 3, 6].map(|level| {
-                let window = place.name("w.npy");
-                spinney(&["-q", "get", &place.name(name), &window, "--level", &level.to_string()]).success();
+                let window = temp.name("w.npy");
+                spinney(&["-q", "get", &temp.name(name), &window, "--level", &level.to_string()]).success();
                 fs::read(window).unwrap()
             })
         };
-        spinney(&["-q", "build", PICTURE, "-o", &place.name("t.goblin")]).success();
-        assert!(of(PICTURE, "p.goblin") == of(&place.name("t.goblin"), "q.goblin"), "{words:?}");
+        spinney(&["-q", "build", RASTER, "-o", &temp.name("t.goblin")]).success();
+        assert!(of(RASTER, "p.goblin") == of(&temp.name("t.goblin"), "q.goblin"), "{words:?}");
     }
-    let autumn = place.name("t.autumn");
+    let autumn = temp.name("t.autumn");
     spinney(&["-q", "build", HEIGHTS, "-o", &autumn, "--share"]).success();
     for (words, message) in [
-        (&[HEIGHTS, CLASSES][..], "`spinney combine`"),
-        (&[HEIGHTS, "--nodata", "0"], "--nodata is for pictures"),
-        (&[HEIGHTS, "--band", "1"], "--band is for pictures"),
+        (&[HEIGHTS, CLASSES][..], "`spinney combine over`"),
+        (&[HEIGHTS, "--nodata", "0"], "--nodata: works only with rasters"),
+        (
+            &[CLASSES, "--rule", "mean"],
+            "classes.goblin: the rule mean for categorical values is not supported",
+        ),
+        (&[HEIGHTS, "--band", "1"], "--band: works only with rasters"),
         (&[HEIGHTS, "--grid", "xyz"], "grid=xyz -o OUT"),
-        (&[HEIGHTS, "--cells", "9"], "a tree of cells"),
+        (&[HEIGHTS, "--cells", "9"], "the input has its own cells"),
         (&[HEIGHTS, "--depth", "5"], "expected 6 to"),
-        (&[HEIGHTS, "--transform", "1,1,1"], "six numbers"),
-        (&[BALL, "--transform", "1,0,0,0,1,0"], "three or twelve"),
+        (&[HEIGHTS, "--transform", "1,1,1"], "expected 6 numbers"),
+        (&[BALL, "--transform", "1,0,0,0,1,0"], "expected 3 or 12 numbers"),
         (&[HEIGHTS, "--transform", "0,0,0,0,0,0"], "no inverse"),
     ] {
-        let text = complaint(&[&["build", "-o", &place.name("x.goblin")], words].concat(), 1);
+        let text = complaint(&[&["build", "-o", &temp.name("x.goblin")], words].concat(), 1);
         assert!(text.contains(message), "{words:?}: {text}");
     }
     assert!(complaint(&["build", HEIGHTS, "-o", &autumn], 1).contains("its history would be lost"));
-    assert!(!place.files().contains(&"x.goblin".into()));
+    assert!(!temp.files().contains(&"x.goblin".into()));
 }
 
 #[test]
 fn trees_have_names_of_trees() {
-    let place = Place::new();
+    let temp = TestDirectory::new();
     for ending in ["tif", "TIFF", "png", "npy", "ply", "json", "geojson", "gpkg", "nc", "zip", "las"] {
-        let out = place.name(&format!("out.{ending}"));
+        let out = temp.name(&format!("out.{ending}"));
         for words in [
-            &["build", PICTURE, "-o", &out][..],
-            &["build", PICTURE, "-o", &out, "--grid", "xyz"],
+            &["build", RASTER, "-o", &out][..],
+            &["build", RASTER, "-o", &out, "--grid", "xyz"],
             &["build", CLASSES, "-o", &out],
             &["convert", CLASSES, &out],
             &["transform", CLASSES, "crop", "-o", &out],
@@ -116,21 +122,20 @@ fn trees_have_names_of_trees() {
             &["diff", CLASSES, CLASSES, "-o", &out],
         ] {
             let text = complaint(words, 1);
-            let expected =
-                [".goblin (compact, read-only) or .autumn (to be edited)", &place.name("out.goblin")];
+            let expected = [".goblin (compact, read-only) or .autumn (editable)", &temp.name("out.goblin")];
             assert!(expected.iter().all(|part| text.contains(part)), "{words:?}: {text}");
         }
     }
-    assert_eq!(place.files(), [""; 0]);
+    assert_eq!(temp.files(), [""; 0]);
     // Other file name extensions are allowed.
-    spinney(&["-q", "build", CLASSES, "-o", &place.name("out.tree")]).success();
+    spinney(&["-q", "build", CLASSES, "-o", &temp.name("out.tree")]).success();
 }
 
 #[test]
-fn what_is_no_tree_is_told_with_what_to_do() {
-    let place = Place::new();
-    let tif = place.write("my map.tif", fs::read(PICTURE).unwrap());
-    let png = place.name("o.png");
+fn files_that_are_no_trees_are_reported_with_advice() {
+    let temp = TestDirectory::new();
+    let tif = temp.write("my map.tif", fs::read(RASTER).unwrap());
+    let png = temp.name("o.png");
     for words in [
         &["info", &tif][..],
         &["get", &tif, &png],
@@ -141,34 +146,40 @@ fn what_is_no_tree_is_told_with_what_to_do() {
         &["section", &tif, "z=1", "-o", "-", "--format", "csv"],
         &["render", &tif, &png],
         &["dump", &tif],
-        &["export", &tif, &place.name("o.ply")],
+        &["export", &tif, &temp.name("o.ply")],
         &["verify", &tif],
         &["log", &tif],
-        &["transform", &tif, "crop", "-o", &place.name("o.goblin")],
-        &["convert", &tif, &place.name("o.goblin")],
-        &["combine", "over", CLASSES, &tif, "-o", &place.name("o.goblin")],
+        &["transform", &tif, "crop", "-o", &temp.name("o.goblin")],
+        &["convert", &tif, &temp.name("o.goblin")],
+        &["combine", "over", CLASSES, &tif, "-o", &temp.name("o.goblin")],
         &["diff", CLASSES, &tif],
     ] {
         let text = complaint(words, 1);
-        let build = format!("build one: `spinney build '{tif}' -o '{}'`", place.name("my map.goblin"));
-        assert!(text.contains("is no tree but a TIFF picture") && text.contains(&build), "{words:?}: {text}");
+        let build = format!("build one: `spinney build '{tif}' -o '{}'`", temp.name("my map.goblin"));
+        assert!(
+            text.contains("is a TIFF image, not a Spinney file") && text.contains(&build),
+            "{words:?}: {text}"
+        );
     }
     for (name, bytes, found, advice) in [
         ("a.obj", "v 0 0 0", "an OBJ model", "spinney build"),
         ("a.geojson", "{}", "a GeoJSON document", "--zones"),
+        ("a.manifest.json", "{\"a\":1}", "a JSON document, not", "has the first key \"spinney_manifest\""),
+        ("b.manifest.json", "{\"spin", "a JSON document, not", "has the first key \"spinney_manifest\""),
+        ("a.city.json", "{\"type\":\"CityJSON\"}", "a CityJSON model", "spinney build"),
         ("a.bin", "SQLite format 3\0", "a GeoPackage", "--zones"),
         ("a.zip", "PK\x03\x04", "a ZIP archive", "unpack"),
     ] {
-        let text = complaint(&["info", &place.write(name, bytes)], 1);
+        let text = complaint(&["info", &temp.write(name, bytes)], 1);
         assert!(text.contains(found) && text.contains(advice), "{text}");
     }
     // Unrecognized bytes are a corrupt file, as before.
-    assert!(complaint(&["info", &place.write("a.goblin", [7; 100])], 1).contains("the file is damaged"));
+    assert!(complaint(&["info", &temp.write("a.goblin", [7; 100])], 1).contains("the file is corrupt"));
 }
 
 #[test]
-fn refused_formats_get_advice_that_fits() {
-    let place = Place::new();
+fn unsupported_formats_get_matching_advice() {
+    let temp = TestDirectory::new();
     for (name, bytes, advice) in [
         ("a.e57", "ASTM-E57", "pdal translate"),
         ("a.gpkg", "SQLite format 3\0", "--cell"),
@@ -187,67 +198,91 @@ fn refused_formats_get_advice_that_fits() {
         ("a.txt", "text", "TIFF, PNG, JPEG"),
     ] {
         let bytes = if bytes.is_empty() { "?" } else { bytes };
-        let text = complaint(&["build", &place.write(name, bytes), "-o", &place.name("o.goblin")], 1);
+        let text = complaint(&["build", &temp.write(name, bytes), "-o", &temp.name("o.goblin")], 1);
         assert!(text.contains(advice) && text.contains(name), "{name}: {text}");
         // Commands in messages contain the file name.
         assert!(!text.contains("IN "), "{text}");
     }
     // Polygons for statistics, and features without a cell size.
-    for (name, bytes, told) in [
+    for (name, bytes, expected) in [
         ("z.kml", &b"<kml>"[..], "ogr2ogr zones.geojson"),
         ("z.gpkg", b"SQLite format 3\0\xff\xfe", "z.gpkg"),
         ("z.shp", b"?", "expected features in GeoJSON, GeoPackage, FlatGeobuf, a shapefile"),
     ] {
-        let text = complaint(&["stats", CLASSES, "--zones", &place.write(name, bytes)], 1);
-        assert!(text.contains(told), "{text}");
+        let text = complaint(&["stats", CLASSES, "--zones", &temp.write(name, bytes)], 1);
+        assert!(text.contains(expected), "{text}");
     }
-    let polygons = place.write("p.json", r#"{"type": "FeatureCollection", "features": []}"#);
-    for (more, told) in
-        [(&[][..], "features need cells"), (&["--brep"], "--brep: means nothing for cells of features")]
+    let polygons = temp.write("p.json", r#"{"type": "FeatureCollection", "features": []}"#);
+    for (more, expected) in
+        [(&[][..], "features need cells"), (&["--brep"], "--brep: has no effect on cells of features")]
     {
-        let text = complaint(&[&["build", &polygons, "-o", &place.name("o.goblin")], more].concat(), 1);
-        assert!(text.contains(told), "{text}");
+        let text = complaint(&[&["build", &polygons, "-o", &temp.name("o.goblin")], more].concat(), 1);
+        assert!(text.contains(expected), "{text}");
     }
-    fs::create_dir(place.name("a.zarr")).unwrap();
-    assert!(
-        complaint(&["build", &place.name("a.zarr"), "-o", &place.name("o.goblin")], 1).contains("xarray")
-    );
-    assert!(!place.files().contains(&"o.goblin".into()));
+    fs::create_dir(temp.name("a.zarr")).unwrap();
+    assert!(complaint(&["build", &temp.name("a.zarr"), "-o", &temp.name("o.goblin")], 1).contains("xarray"));
+    assert!(!temp.files().contains(&"o.goblin".into()));
 }
 
 #[test]
-fn contours_are_of_amounts() {
-    let place = Place::new();
-    let out = place.name("o.geojson");
+fn contents_of_another_format_are_named() {
+    let temp = TestDirectory::new();
+    let out = temp.name("o.goblin");
+    let image = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_rgb.png")).unwrap();
+    for (name, option) in [
+        ("a.stl", "--cells=8"),
+        ("a.obj", "--brep"),
+        ("a.json", "--brep"),
+        ("a.laz", "-q"),
+        ("a.gpkg", "--cell=2"),
+        ("a.csv", "--cell=2"),
+    ] {
+        let text = complaint(&["build", &temp.write(name, &image), "-o", &out, option], 1);
+        assert!(text.contains(&format!("{name}: content: found a PNG image, expected ")), "{text}");
+    }
+    let mut tree = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/history.autumn")).unwrap();
+    tree[20] ^= 1;
+    let text = complaint(&["build", &temp.write("a.autumn", &tree), "-o", &out], 1);
+    assert!(text.contains("a.autumn: header: found checksum"), "{text}");
+    let text = complaint(&["build", &temp.write("a.txt", "text"), "-o", &out], 1);
+    for format in ["VRT", "NRRD", "GeoPackage", "LAZ", ".csg", ".chain", "own files"] {
+        assert!(text.contains(format), "{format}: {text}");
+    }
+}
+
+#[test]
+fn contours_need_continuous_values() {
+    let temp = TestDirectory::new();
+    let out = temp.name("o.geojson");
     let text = complaint(&["contours", CLASSES, "--every", "1", "-o", &out], 1);
     for advice in ["classes", "spinney stats", "--polygons", "--kind continuous"] {
         assert!(text.contains(advice), "{text}");
     }
-    let amounts = place.name("a.goblin");
-    spinney(&["-q", "build", CLASSES, "-o", &amounts, "--kind", "continuous"]).success();
-    spinney(&["-q", "contours", &amounts, "--every", "1", "-o", &out]).success();
-    let labels = place.name("l.goblin");
+    let continuous = temp.name("a.goblin");
+    spinney(&["-q", "build", CLASSES, "-o", &continuous, "--kind", "continuous"]).success();
+    spinney(&["-q", "contours", &continuous, "--every", "1", "-o", &out]).success();
+    let labels = temp.name("l.goblin");
     spinney(&["-q", "build", BALL, "-o", &labels, "--kind", "categorical"]).success();
-    let text = complaint(&["contours", &labels, "--at", "9", "-o", &place.name("o.ply")], 1);
-    assert!(text.contains("classes") && text.contains("spinney export"), "{text}");
+    let text = complaint(&["contours", &labels, "--at", "9", "-o", &temp.name("o.ply")], 1);
+    assert!(text.contains("a categorical tree") && text.contains("spinney export"), "{text}");
 }
 
 #[test]
-fn pages_are_told_and_chosen() {
-    let place = Place::new();
+fn pages_are_listed_and_selected() {
+    let temp = TestDirectory::new();
     let page = |value: u8| Ifd::grey(2, 2, vec![value; 4]);
     let overview = |kind: u16| Ifd::grey(1, 1, vec![9]).short(254, &[kind]);
     let old_overview = Ifd::grey(1, 1, vec![9]).short(255, &[2]);
     let mask = Ifd::grey(2, 2, vec![255; 4]).short(254, &[4]);
     let alone =
-        place.write("alone.tif", file(&[page(1), overview(1), old_overview, mask.clone(), overview(5)]));
-    let out = place.name("o.goblin");
+        temp.write("alone.tif", file(&[page(1), overview(1), old_overview, mask.clone(), overview(5)]));
+    let out = temp.name("o.goblin");
     let built = |words: &[&str]| stderr(spinney(&[&["-q", "build", "-o", &out], words].concat()).success());
     assert_eq!(built(&[&alone]), "");
     let several =
-        place.write("several.tif", file(&[page(1), overview(1), page(2), mask, page(3).short(254, &[2])]));
+        temp.write("several.tif", file(&[page(1), overview(1), page(2), mask, page(3).short(254, &[2])]));
     let text = complaint(&["build", "-o", &out, &several], 1);
-    assert!(text.contains("several.tif: 3 pages") && text.contains("--pages"), "{text}");
+    assert!(text.contains("several.tif: a raster of 3 pages") && text.contains("--pages"), "{text}");
     for (number, value) in [("0", "1"), ("1", "2"), ("2", "3")] {
         assert_eq!(built(&[&several, "--pages", number]), "");
         assert_eq!(stdout(&["point", &out, "--in", "cells", "0,0"]).trim(), value);
@@ -271,8 +306,8 @@ const INFRARED_FIRST: &str = r#"<GDALMetadata><Item name="COLORINTERP" sample="0
     <Item name="COLORINTERP" sample="3" role="colorinterp">Blue</Item></GDALMetadata>"#;
 
 #[test]
-fn bands_have_the_colours_that_files_tell() {
-    let place = Place::new();
+fn bands_have_the_colours_that_files_define() {
+    let temp = TestDirectory::new();
     let sidecar = |roles: [&str; 4]| {
         let band = |(index, role): (usize, &str)| {
             format!("<PAMRasterBand band=\"{}\"><ColorInterp>{role}</ColorInterp></PAMRasterBand>", index + 1)
@@ -281,13 +316,13 @@ fn bands_have_the_colours_that_files_tell() {
         format!("<PAMDataset>{bands}</PAMDataset>")
     };
     let rgb = [[10, 20, 30], [50, 60, 70]].concat();
-    for (name, bytes, beside, expected, roles) in [
+    for (name, bytes, sidecar_roles, expected, roles) in [
         ("none", bands(0, ""), None, rgb.clone(), None),
         ("alpha", bands(2, ""), None, vec![10, 20, 30, 4, 50, 60, 70, 4], None),
         ("last", bands(2, INFRARED_LAST), None, rgb.clone(), Some("Red,Green,Blue,NIR")),
         ("first", bands(0, INFRARED_FIRST), None, vec![20, 30, 4, 60, 70, 4], Some("NIR,Red,Green,Blue")),
         (
-            "beside",
+            "sidecar",
             bands(2, ""),
             Some(["Blue", "Green", "Red", "NIR"]),
             vec![30, 20, 10, 70, 60, 50],
@@ -301,21 +336,21 @@ fn bands_have_the_colours_that_files_tell() {
             None,
         ),
     ] {
-        let input = place.write(&format!("{name}.tif"), bytes);
-        if let Some(roles) = beside {
-            place.write(&format!("{name}.tif.aux.xml"), sidecar(roles));
+        let input = temp.write(&format!("{name}.tif"), bytes);
+        if let Some(roles) = sidecar_roles {
+            temp.write(&format!("{name}.tif.aux.xml"), sidecar(roles));
         }
-        let [tree, png, tif] = ["t.goblin", "o.png", "o.tif"].map(|out| place.name(out));
+        let [tree, png, tif] = ["t.goblin", "o.png", "o.tif"].map(|out| temp.name(out));
         spinney(&["-q", "build", &input, "-o", &tree]).success();
         spinney(&["-q", "get", &tree, &png]).success();
-        assert_eq!(picture(&png).1, expected, "{name}");
-        let told = roles.map(|roles| format!("colour_roles = {roles}"));
+        assert_eq!(read_image(&png).1, expected, "{name}");
+        let line = roles.map(|roles| format!("colour_roles = {roles}"));
         let info = stdout(&["info", &tree]);
-        assert_eq!(info.contains("colour_roles"), told.is_some(), "{name}: {info}");
-        assert!(told.is_none_or(|told| info.contains(&told)), "{name}: {info}");
+        assert_eq!(info.contains("colour_roles"), line.is_some(), "{name}: {info}");
+        assert!(line.is_none_or(|line| info.contains(&line)), "{name}: {info}");
         // An exported raster of values has all of them, with the same metadata.
         spinney(&["-q", "get", &tree, &tif]).success();
-        let (before, after) = (picture(&input), picture(&tif));
+        let (before, after) = (read_image(&input), read_image(&tif));
         assert_eq!(after.1, before.1, "{name}");
         assert_eq!(after.0.alpha, before.0.alpha, "{name}");
         if roles.is_some() {
@@ -331,16 +366,16 @@ fn bands_have_the_colours_that_files_tell() {
             r#"{"draw": "rgb", "domain": [0, 255], "bands": [4, 3, 2]}"#,
         ])
         .success();
-        assert_eq!(picture(&png).1[..3], [4, 30, 20], "{name}");
+        assert_eq!(read_image(&png).1[..3], [4, 30, 20], "{name}");
     }
     // Selected bands keep their roles.
-    let chosen = place.name("c.goblin");
-    spinney(&["-q", "build", &place.name("first.tif"), "-o", &chosen, "--band", "4,3,2"]).success();
+    let chosen = temp.name("c.goblin");
+    spinney(&["-q", "build", &temp.name("first.tif"), "-o", &chosen, "--band", "4,3,2"]).success();
     assert!(stdout(&["info", &chosen]).contains("colour_roles = Blue,Green,Red"));
     // Two bands are not grey with opacity.
     let two = Ifd::grey(2, 1, vec![10, 20, 30, 40]).short(258, &[8; 2]).short(277, &[2]).short(338, &[0]);
-    let input = place.write("two.tif", file(&[two]));
+    let input = temp.write("two.tif", file(&[two]));
     spinney(&["-q", "build", &input, "-o", &chosen]).success();
-    spinney(&["-q", "get", &chosen, &place.name("two.png")]).success();
-    assert_eq!(picture(&place.name("two.png")).1, [10, 30]);
+    spinney(&["-q", "get", &chosen, &temp.name("two.png")]).success();
+    assert_eq!(read_image(&temp.name("two.png")).1, [10, 30]);
 }

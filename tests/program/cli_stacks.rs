@@ -6,11 +6,11 @@ use crate::common::command::{complaint, spinney, stdout};
 use crate::common::tiff_file::{Ifd, Values, file};
 
 /// A directory for one test.
-struct Place(tempfile::TempDir);
+struct TestDirectory(tempfile::TempDir);
 
-impl Place {
-    fn new() -> Place {
-        Place(tempfile::tempdir().unwrap())
+impl TestDirectory {
+    fn new() -> TestDirectory {
+        TestDirectory(tempfile::tempdir().unwrap())
     }
 
     fn name(&self, name: &str) -> String {
@@ -38,37 +38,39 @@ fn value(tree: &str, x: u64, y: u64) -> String {
 
 #[test]
 fn lists_name_more_files_than_are_open_at_once() {
-    let place = Place::new();
-    fs::create_dir(place.name("tiles")).unwrap();
+    let temp = TestDirectory::new();
+    fs::create_dir(temp.name("tiles")).unwrap();
     let mut list = "# tiles, from west to east\n\n".to_string();
     for number in 0..40u8 {
         let tile = placed(Ifd::grey(4, 300, vec![number; 1200]), 4.0 * f64::from(number), 1.0);
-        place.write(&format!("tiles/{number}.tif"), file(&[tile]));
+        temp.write(&format!("tiles/{number}.tif"), file(&[tile]));
         list += &format!("  {number}.tif\r\n");
     }
-    let list = place.write("tiles/list.txt", list);
-    let last = place.write("last.tif", file(&[placed(Ifd::grey(2, 2, vec![99; 4]), 158.0, 1.0)]));
-    let out = place.name("o.goblin");
+    let list = temp.write("tiles/list.txt", list);
+    let last = temp.write("last.tif", file(&[placed(Ifd::grey(2, 2, vec![99; 4]), 158.0, 1.0)]));
+    let out = temp.name("o.goblin");
     spinney(&["-q", "build", &format!("@{list}"), &last, "-o", &out]).success();
     for (x, y, expected) in [(0, 0, "0"), (7, 299, "1"), (157, 0, "39"), (158, 0, "99"), (158, 2, "39")] {
         assert_eq!(value(&out, x, y), expected, "{x}, {y}");
     }
-    let empty = place.write("empty.txt", "# nothing\n");
-    assert!(complaint(&["build", &format!("@{empty}"), "-o", &out], 1).contains("names no file"));
+    let empty = temp.write("empty.txt", "# nothing\n");
+    assert!(
+        complaint(&["build", &format!("@{empty}"), "-o", &out], 1).contains("the list of inputs is empty")
+    );
     let gone = complaint(&["build", "@/gone/list.txt", "-o", &out], 1);
-    assert!(gone.contains("/gone/list.txt: the list of inputs"), "{gone}");
-    let wrong = place.write("wrong.txt", "tiles/0.tif\ntiles/77.tif\n");
+    assert!(gone.contains("/gone/list.txt: cannot read the list of inputs"), "{gone}");
+    let wrong = temp.write("wrong.txt", "tiles/0.tif\ntiles/77.tif\n");
     assert!(complaint(&["build", &format!("@{wrong}"), "-o", &out], 1).contains("77.tif"));
 }
 
 #[test]
 fn stacks_are_planned_from_files_bands_and_pages() {
-    let place = Place::new();
-    let out = place.name("o.goblin");
-    let one = place.write("B02.tif", file(&[placed(Ifd::grey(4, 4, vec![2; 16]), 0.0, 10.0)]));
+    let temp = TestDirectory::new();
+    let out = temp.name("o.goblin");
+    let one = temp.write("B02.tif", file(&[placed(Ifd::grey(4, 4, vec![2; 16]), 0.0, 10.0)]));
     spinney(&["-q", "build", &one, "-o", &out, "--stack"]).success();
     assert_eq!(value(&out, 3, 3), "2");
-    let shifted = place.write("B03.tif", file(&[placed(Ifd::grey(4, 4, vec![3; 16]), 5.0, 10.0)]));
+    let shifted = temp.write("B03.tif", file(&[placed(Ifd::grey(4, 4, vec![3; 16]), 5.0, 10.0)]));
     let text = complaint(&["build", &one, &shifted, "-o", &out, "--stack"], 1);
     assert!(text.contains("B03.tif") && text.contains("--resampling"), "{text}");
     spinney(&["-q", "build", &one, &shifted, "-o", &out, "--stack", "--resampling", "nearest"]).success();
@@ -76,26 +78,27 @@ fn stacks_are_planned_from_files_bands_and_pages() {
     let text = complaint(&["build", &one, &one, "-o", &out, "--stack"], 1);
     assert!(text.contains("`B02`") && text.contains("--names"), "{text}");
     let many = Ifd::grey(1, 1, vec![1, 2, 3, 4, 5]).short(258, &[8; 5]).short(277, &[5]);
-    let many = place.write("many.tif", file(&[many]));
+    let many = temp.write("many.tif", file(&[many]));
     // Bands that do not form one value become layers in any case.
     let made = spinney(&["build", &many, "-o", &out]).success().get_output().clone();
     let text = String::from_utf8([made.stdout, made.stderr].concat()).unwrap();
     assert!(text.contains("a layer of each") && stdout(&["info", &out]).contains("many_5"), "{text}");
+    assert!(text.contains(&format!("next       spinney info {out}")), "{text}");
     spinney(&["-q", "build", &many, "-o", &out, "--stack", "--band", "4", "--names", "x"]).success();
     assert_eq!(value(&out, 0, 0), "4");
     assert!(
-        complaint(&["build", &many, "-o", &out, "--stack", "--names", "a,b"], 1).contains("5, as many as")
+        complaint(&["build", &many, "-o", &out, "--stack", "--names", "a,b"], 1).contains("5, one per layer")
     );
     // Pages, and incompatible files.
     let pages: Vec<Ifd> = (1..4).map(|page| Ifd::grey(2, 1, vec![page, page + 10])).collect();
-    let pages = place.write("pages.tif", file(&pages));
+    let pages = temp.write("pages.tif", file(&pages));
     spinney(&["-q", "build", &pages, "-o", &out, "--pages", "z"]).success();
     assert_eq!(stdout(&["point", &out, "--in", "cells", "1,0,2"]).trim(), "13");
     let text = complaint(&["build", &pages, "-o", &out, "--pages", "layers", "--names", "a"], 1);
-    assert!(text.contains("3, as many as"), "{text}");
+    assert!(text.contains("3, one per layer"), "{text}");
     for (words, expected) in [
         (&["--pages", "x"][..], "layers, z, or a number"),
-        (&["--pages", "z", "--band", "1"], "not for volumes"),
+        (&["--pages", "z", "--band", "1"], "have no effect on volumes"),
         (&["--names", "a"], "--stack"),
         (&["--stack", "--grid", "xyz"], "--grid"),
     ] {

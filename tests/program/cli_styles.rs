@@ -126,7 +126,7 @@ fn every_tree_is_painted_in_every_style() {
                         Ok(painter) => painter,
                         Err(error) => {
                             // Colours need three channels.
-                            assert!(error.to_string().contains("which the tree has"), "{error}");
+                            assert!(error.to_string().contains("the tree's channels 1 to"), "{error}");
                             assert!(style.json().contains("rgb") && value.channels < 3);
                             continue;
                         }
@@ -155,9 +155,9 @@ fn every_tree_is_painted_in_every_style() {
 }
 
 #[test]
-fn parts_and_bands_of_a_picture_are_the_picture() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name);
+fn windows_and_bands_of_an_image_match_the_whole() {
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name);
     // So wide that memory only suffices for a few rows at a time.
     let cells = made(quad(SampleType::F32, 1), [3000, 70, 1], |[x, y, _]| {
         let height = 300.0 * (x as f32 / 9.0).sin() * (y as f32 / 7.0).cos() + (x * 7 % 13) as f32;
@@ -198,7 +198,7 @@ fn parts_and_bands_of_a_picture_are_the_picture() {
 }
 
 #[test]
-fn hostile_styles_are_refused_with_their_place() {
+fn malicious_styles_are_rejected_with_the_position() {
     let long = format!("{{\"draw\": \"{}\"}}", "x".repeat(2 << 20));
     let layers = format!("{{\"layers\": [{}]}}", vec!["{\"draw\": \"slope\"}"; 17].join(","));
     let stops = format!("{{\"draw\": \"ramp\", \"ramp\": [{}]}}", vec!["\"#fff\""; 1025].join(","));
@@ -244,27 +244,27 @@ fn hostile_styles_are_refused_with_their_place() {
         let error = Style::parse(text).unwrap_err().to_string();
         assert!(error.contains(said) && error.len() < 600, "{}: {error}", &text[..text.len().min(80)]);
     }
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("bad.json");
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("bad.json");
     std::fs::write(&file, r#"{"draw": "hillshade", "sun": 1}"#).unwrap();
-    let out = folder.path().join("x.png");
+    let out = directory.path().join("x.png");
     let get =
         ["get", "fixtures/v1/elevation.goblin", out.to_str().unwrap(), "--style", file.to_str().unwrap()];
     let said = complaint(&get, 2);
     assert!(said.contains("bad.json: style: got `sun`"), "{said}");
     let said = complaint(&["get", "fixtures/v1/classes.goblin", out.to_str().unwrap(), "--style", "rgb"], 1);
-    assert!(said.contains("got channel 2, expected channels 1 to 1"), "{said}");
+    assert!(said.contains("got channel 2, expected the tree's channels 1 to 1"), "{said}");
 }
 
 #[test]
 fn legends_are_written_in_three_forms() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name);
     let classes = "fixtures/v1/classes.goblin";
     let text = stdout(&["-q", "legend", classes, "-", "--format", "json"]);
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
-    let told = json["sections"][0]["classes"].as_array().unwrap();
-    assert!(told.iter().any(|class| class["name"] == "forest"), "{text}");
+    let listed = json["sections"][0]["classes"].as_array().unwrap();
+    assert!(listed.iter().any(|class| class["name"] == "forest"), "{text}");
     let style = r##"{"title": "A < B", "draw": "ramp", "ramp": [[0, "#000"], [100, "#fff"]]}"##;
     let svg = stdout(&["-q", "legend", classes, "-", "--format", "svg", "--style", style]);
     assert!(svg.starts_with("<svg") && svg.contains("A &lt; B") && svg.contains(">20</text>"), "{svg}");
@@ -293,15 +293,15 @@ fn has_gdaldem() -> bool {
 #[test]
 fn reliefs_are_those_of_gdaldem() {
     let Some(data) = shared_data().filter(|_| has_gdaldem()) else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name);
     let dem = data.join("raster/srtm3/N46E008.tif");
     let tree = name("t.goblin");
     command(&["-q", "build", dem.to_str().unwrap(), "-o", tree.to_str().unwrap()]).assert().success();
     let tree = spinney::open(&tree).unwrap();
     let [width, height, _] = tree.header().extent.map(|side| side as usize);
     let (mut bytes, mut valid) = (vec![0; 2 * width * height], vec![true; width * height]);
-    let all = tree.header().picture();
+    let all = tree.header().extent_bounds();
     tree.window(tree.depth(), &all, 0.0, &mut bytes, Some(&mut valid)).unwrap();
     // The raster with a border of VOID cells.
     let columns = width + 2;
@@ -391,8 +391,8 @@ fn reliefs_are_those_of_gdaldem() {
             if theirs == -9999.0 {
                 assert_eq!(alpha, 0, "{style}: flat");
             } else {
-                let place = (f64::from(theirs) / step).min(255.0);
-                assert!((place - f64::from(grey)).abs() < 0.5001, "{style}: {theirs} {grey}");
+                let expected = (f64::from(theirs) / step).min(255.0);
+                assert!((expected - f64::from(grey)).abs() < 0.5001, "{style}: {theirs} {grey}");
             }
         }
     }

@@ -64,11 +64,11 @@ fn frame(cell: f64, x: f64, y: f64) -> Frame {
     Frame { crs: Some(Crs::epsg(32632)), ..Frame::planar([cell, 0.0, x, 0.0, -cell, y]) }
 }
 
-struct Place(TempDir);
+struct TestDirectory(TempDir);
 
-impl Place {
-    fn new() -> Place {
-        Place(tempfile::tempdir().unwrap())
+impl TestDirectory {
+    fn new() -> TestDirectory {
+        TestDirectory(tempfile::tempdir().unwrap())
     }
 
     fn at(&self, name: &str) -> std::path::PathBuf {
@@ -198,17 +198,17 @@ fn every_operation_converts_every_difference_or_says_how() {
     let mut wrong = Vec::new();
     for (difference, second) in &differences {
         for operation in OPERATIONS {
-            let place = Place::new();
+            let temp = TestDirectory::new();
             let first =
                 Uniform { scale: (0.1, 0.0), unit: "m", ..Uniform::new(SampleType::I16, FIRST, here()) };
-            first.write(&place.at("a.goblin"));
-            second.write(&place.at("b.goblin"));
-            place.done(&["-q", "convert", "a.goblin", "a.autumn"]);
+            first.write(&temp.at("a.goblin"));
+            second.write(&temp.at("b.goblin"));
+            temp.done(&["-q", "convert", "a.goblin", "a.autumn"]);
             let with = |other: &str, more: &[&str]| -> Vec<String> {
                 let words = operation.iter().map(|word| word.replace("OTHER", other));
                 words.chain(more.iter().map(ToString::to_string)).collect()
             };
-            let run = |words: &[String]| place.run(&words.iter().map(String::as_str).collect::<Vec<_>>());
+            let run = |words: &[String]| temp.run(&words.iter().map(String::as_str).collect::<Vec<_>>());
             let name = format!("{difference}, {}", operation.join(" "));
             let (mut is_done, mut said) = run(&with("b.goblin", &[]));
             if !is_done {
@@ -246,9 +246,9 @@ fn every_operation_converts_every_difference_or_says_how() {
             }
             let Some(expected) = expected(operation).filter(|_| *difference != "classes") else { continue };
             // Calculated values have no scale; numbers of both are in the first file's unit.
-            let places = [(500_005.0, 5_199_985.0), (500_095.0, 5_199_965.0), (500_135.0, 5_199_965.0)];
-            for (expected, (x, y)) in expected.into_iter().zip(places) {
-                let found = place.meaning("out.goblin", x, y);
+            let positions = [(500_005.0, 5_199_985.0), (500_095.0, 5_199_965.0), (500_135.0, 5_199_965.0)];
+            for (expected, (x, y)) in expected.into_iter().zip(positions) {
+                let found = temp.meaning("out.goblin", x, y);
                 let fits = match (found, expected) {
                     (Some(found), Some(expected)) => (found - expected).abs() < 1e-5,
                     (found, expected) => found == expected,
@@ -266,29 +266,29 @@ fn every_operation_converts_every_difference_or_says_how() {
 /// run in order.
 #[test]
 fn advice_is_a_command_that_works() {
-    let place = Place::new();
+    let temp = TestDirectory::new();
     let here = frame(10.0, 500_000.0, 5_200_000.0);
     let off = frame(10.0, 500_003.0, 5_200_000.0);
-    Uniform::new(SampleType::F32, 7.5, here.clone()).write(&place.at("dem.goblin"));
-    Uniform::new(SampleType::F32, 7.5, off).write(&place.at("off.goblin"));
+    Uniform::new(SampleType::F32, 7.5, here.clone()).write(&temp.at("dem.goblin"));
+    Uniform::new(SampleType::F32, 7.5, off).write(&temp.at("off.goblin"));
     let solid = Uniform {
         dimension: Dimension::Oct,
         size: [4, 4, 4],
         ..Uniform::new(SampleType::U8, 1.0, Frame::identity())
     };
-    solid.write(&place.at("solid.goblin"));
+    solid.write(&temp.at("solid.goblin"));
     let fixture = |name: &str| format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"));
-    std::fs::copy(fixture("island_rgb.png"), place.at("rgb.png")).unwrap();
-    std::fs::copy(fixture("island_classes.tif"), place.at("classes.tif")).unwrap();
-    place.done(&["-q", "build", "classes.tif", "-o", "classes.goblin"]);
-    place.done(&["-q", "convert", "dem.goblin", "dem.autumn"]);
+    std::fs::copy(fixture("island_rgb.png"), temp.at("rgb.png")).unwrap();
+    std::fs::copy(fixture("island_classes.tif"), temp.at("classes.tif")).unwrap();
+    temp.done(&["-q", "build", "classes.tif", "-o", "classes.goblin"]);
+    temp.done(&["-q", "convert", "dem.goblin", "dem.autumn"]);
     // Zeros outside of the mask, and no VOID.
     let bytes = [&b"P5 12 10 255\n"[..], &[0; 60], &[1; 60]].concat();
-    std::fs::write(place.at("mask.pgm"), bytes).unwrap();
+    std::fs::write(temp.at("mask.pgm"), bytes).unwrap();
     let corners = "10,0,500000,0,-10,5200000";
     let crs = "EPSG:32632";
-    place.done(&["-q", "build", "rgb.png", "--crs", crs, "--transform", corners, "-o", "rgb.goblin"]);
-    place.done(&[
+    temp.done(&["-q", "build", "rgb.png", "--crs", crs, "--transform", corners, "-o", "rgb.goblin"]);
+    temp.done(&[
         "-q",
         "build",
         "mask.pgm",
@@ -301,7 +301,7 @@ fn advice_is_a_command_that_works() {
         "-o",
         "mask.goblin",
     ]);
-    place.done(&["-q", "build", "mask.pgm", "--crs", crs, "--transform", corners, "-o", "lonely.goblin"]);
+    temp.done(&["-q", "build", "mask.pgm", "--crs", crs, "--transform", corners, "-o", "lonely.goblin"]);
     let scaled = |scale: &str| {
         let source =
             "<SourceFilename relativeToVRT=\"1\">classes.tif</SourceFilename><SourceBand>1</SourceBand>";
@@ -309,8 +309,8 @@ fn advice_is_a_command_that_works() {
             "<VRTDataset rasterXSize=\"256\" rasterYSize=\"200\"><SRS>EPSG:32628</SRS><GeoTransform>300000,50,0,3200000,0,-50</GeoTransform><VRTRasterBand dataType=\"Byte\" band=\"1\"><Scale>{scale}</Scale><SimpleSource>{source}</SimpleSource></VRTRasterBand></VRTDataset>"
         )
     };
-    std::fs::write(place.at("tenths.vrt"), scaled("0.1")).unwrap();
-    std::fs::write(place.at("ones.vrt"), scaled("1")).unwrap();
+    std::fs::write(temp.at("tenths.vrt"), scaled("0.1")).unwrap();
+    std::fs::write(temp.at("ones.vrt"), scaled("1")).unwrap();
     let cases: [(&[&str], &[&str]); 10] = [
         (
             &["export", "solid.goblin", "p.geojson", "--polygons"],
@@ -346,7 +346,7 @@ fn advice_is_a_command_that_works() {
         ),
     ];
     for (command, then) in cases {
-        let (is_done, said) = place.run(command);
+        let (is_done, said) = temp.run(command);
         let is_warning = command[1] == "and";
         assert_eq!(is_done, is_warning, "{command:?}: {said}");
         assert!(
@@ -354,14 +354,14 @@ fn advice_is_a_command_that_works() {
             "{command:?}: {said}"
         );
         for advised in commands(&said) {
-            place.done(&advised.iter().map(String::as_str).collect::<Vec<_>>());
+            temp.done(&advised.iter().map(String::as_str).collect::<Vec<_>>());
         }
         if !then.is_empty() {
-            place.done(then);
+            temp.done(then);
         }
     }
     assert_eq!(
-        spinney::open(place.at("x.goblin")).unwrap().statistics(None, &()).unwrap().cells,
+        spinney::open(temp.at("x.goblin")).unwrap().statistics(None, &()).unwrap().cells,
         60,
         "what the mask has"
     );
@@ -371,27 +371,27 @@ fn advice_is_a_command_that_works() {
         frame: Frame { crs: None, ..here },
         ..Uniform::new(SampleType::U8, 3.0, Frame::identity())
     };
-    plain.write(&place.at("plain.goblin"));
-    place.done(&["-q", "export", "plain.goblin", "plain.geojson", "--polygons"]);
-    place.done(&["-q", "build", "plain.geojson", "--value", "class", "--cell", "10", "-o", "back.goblin"]);
-    assert!(place.done(&["diff", "plain.goblin", "back.goblin"]).contains("blocks     0,"));
+    plain.write(&temp.at("plain.goblin"));
+    temp.done(&["-q", "export", "plain.goblin", "plain.geojson", "--polygons"]);
+    temp.done(&["-q", "build", "plain.geojson", "--value", "class", "--cell", "10", "-o", "back.goblin"]);
+    assert!(temp.done(&["diff", "plain.goblin", "back.goblin"]).contains("blocks     0,"));
 }
 
 #[test]
 fn classes_are_matched_by_name() {
-    let place = Place::new();
+    let temp = TestDirectory::new();
     let at = |x: f64| frame(10.0, 500_000.0 + x, 5_200_000.0);
     let classes = |number: f64, x: f64, names| Uniform {
         kind: DataKind::Categorical,
         names,
         ..Uniform::new(SampleType::U8, number, at(x))
     };
-    classes(1.0, 0.0, &[(1, "forest"), (2, "lake")]).write(&place.at("a.goblin"));
-    classes(1.0, 120.0, &[(1, "lake"), (2, "meadow")]).write(&place.at("b.goblin"));
-    classes(2.0, 240.0, &[(1, "lake"), (2, "meadow")]).write(&place.at("c.goblin"));
-    let said = place.done(&["combine", "over", "a.goblin", "b.goblin", "c.goblin", "-o", "out.goblin"]);
+    classes(1.0, 0.0, &[(1, "forest"), (2, "lake")]).write(&temp.at("a.goblin"));
+    classes(1.0, 120.0, &[(1, "lake"), (2, "meadow")]).write(&temp.at("b.goblin"));
+    classes(2.0, 240.0, &[(1, "lake"), (2, "meadow")]).write(&temp.at("c.goblin"));
+    let said = temp.done(&["combine", "over", "a.goblin", "b.goblin", "c.goblin", "-o", "out.goblin"]);
     assert!(said.contains("lake 1 becomes 2") && said.contains("meadow 2 becomes 3"), "{said}");
-    let tree = spinney::open(place.at("out.goblin")).unwrap();
+    let tree = spinney::open(temp.at("out.goblin")).unwrap();
     let names: Vec<String> =
         tree.metadata().class_names.iter().map(|(number, name)| format!("{number} {name}")).collect();
     assert_eq!(names, ["1 forest", "2 lake", "3 meadow"]);
@@ -404,40 +404,40 @@ fn classes_are_matched_by_name() {
         .collect();
     assert_eq!(found, ["1: 120", "2: 120", "3: 120"]);
     // By number, if requested.
-    place.done(&["-q", "combine", "over", "a.goblin", "b.goblin", "-o", "out.goblin", "--classes", "number"]);
-    let tree = spinney::open(place.at("out.goblin")).unwrap();
+    temp.done(&["-q", "combine", "over", "a.goblin", "b.goblin", "-o", "out.goblin", "--classes", "number"]);
+    let tree = spinney::open(temp.at("out.goblin")).unwrap();
     assert_eq!(tree.statistics(None, &()).unwrap().classes, [(Number::from(1), 240)]);
     // In an edited file, new names are added with the cells.
-    place.done(&["-q", "combine", "over", "a.goblin", "b.goblin", "-o", "land.autumn"]);
-    place.done(&["-q", "transform", "c.goblin", "translate=0,0", "-o", "moved.goblin"]);
-    place.done(&["edit", "land.autumn", "paste", "c.goblin", "--at", "3,2"]);
-    let tree = spinney::open(place.at("land.autumn")).unwrap();
+    temp.done(&["-q", "combine", "over", "a.goblin", "b.goblin", "-o", "land.autumn"]);
+    temp.done(&["-q", "transform", "c.goblin", "translate=0,0", "-o", "moved.goblin"]);
+    temp.done(&["edit", "land.autumn", "paste", "c.goblin", "--at", "3,2"]);
+    let tree = spinney::open(temp.at("land.autumn")).unwrap();
     assert_eq!(tree.metadata().class_names.values().collect::<Vec<_>>(), ["forest", "lake", "meadow"]);
     assert!(tree.statistics(None, &()).unwrap().classes.iter().any(|(number, _)| *number == Number::from(3)));
     // A table of pairs uses the first file's numbers.
-    place.done(&["-q", "edit", "land.autumn", "paste", "a.goblin"]);
-    let table = place.done(&["-q", "combine", "cross", "land.autumn", "b.goblin", "--json"]);
+    temp.done(&["-q", "edit", "land.autumn", "paste", "a.goblin"]);
+    let table = temp.done(&["-q", "combine", "cross", "land.autumn", "b.goblin", "--json"]);
     assert!(table.contains("\"second\":[2]") || table.contains("\"second\": [\n      2"), "{table}");
 }
 
 #[test]
 fn colours_with_opacity_lie_over_colours_without() {
-    let place = Place::new();
+    let temp = TestDirectory::new();
     let rgba = [0, 64, 128, 255].map(|opacity| [200, 100, 50, opacity]).as_flattened().repeat(4);
     let header = "P7\nWIDTH 4\nHEIGHT 4\nDEPTH 4\nMAXVAL 255\nTUPLTYPE RGB_ALPHA\nENDHDR\n";
-    std::fs::write(place.at("rgba.pam"), [header.as_bytes(), &rgba].concat()).unwrap();
-    std::fs::write(place.at("rgb.pam"), [&b"P6 4 4 255\n"[..], &[10, 20, 30].repeat(16)].concat()).unwrap();
+    std::fs::write(temp.at("rgba.pam"), [header.as_bytes(), &rgba].concat()).unwrap();
+    std::fs::write(temp.at("rgb.pam"), [&b"P6 4 4 255\n"[..], &[10, 20, 30].repeat(16)].concat()).unwrap();
     for name in ["rgba", "rgb"] {
         let (from, to) = (format!("{name}.pam"), format!("{name}.goblin"));
         let corner = "10,0,500000,0,-10,5200000";
-        place.done(&["-q", "build", &from, "--crs", "EPSG:32632", "--transform", corner, "-o", &to]);
+        temp.done(&["-q", "build", &from, "--crs", "EPSG:32632", "--transform", corner, "-o", &to]);
     }
     let row = |files: [&str; 2]| {
-        let said = place.done(&["combine", "over", files[0], files[1], "-o", "out.goblin"]);
+        let said = temp.done(&["combine", "over", files[0], files[1], "-o", "out.goblin"]);
         assert!(said.contains("u8x3 as u8x4"), "{said}");
         [5.0, 15.0, 25.0, 35.0].map(|x| {
             let position = format!("{},5199995", 500_000.0 + x);
-            place.done(&["point", "out.goblin", "--in", "world", &position]).trim().to_string()
+            temp.done(&["point", "out.goblin", "--in", "world", &position]).trim().to_string()
         })
     };
     let under = "10,20,30,255";
@@ -450,7 +450,7 @@ fn colours_with_opacity_lie_over_colours_without() {
 
 #[test]
 fn lengths_of_solids_are_converted() {
-    let place = Place::new();
+    let temp = TestDirectory::new();
     let unit = |name: &str, cell: f64| {
         let solid = Uniform {
             dimension: Dimension::Oct,
@@ -466,35 +466,35 @@ fn lengths_of_solids_are_converted() {
         let mut options = options(Rule::Occupancy, DataKind::Continuous, cells.depth());
         options.metadata.frame = solid.frame.clone();
         options.metadata.set_tag(Tag::Unit, name);
-        write_cells(&place.at(&format!("{name}.goblin")), &cells, &options);
+        write_cells(&temp.at(&format!("{name}.goblin")), &cells, &options);
     };
     unit("m", 0.1);
     unit("mm", 100.0);
     for operation in ["union", "and"] {
-        place.done(&["-q", "combine", operation, "m.goblin", "mm.goblin", "-o", "out.goblin"]);
-        let tree = spinney::open(place.at("out.goblin")).unwrap();
+        temp.done(&["-q", "combine", operation, "m.goblin", "mm.goblin", "-o", "out.goblin"]);
+        let tree = spinney::open(temp.at("out.goblin")).unwrap();
         assert_eq!(
             (tree.header().extent, tree.statistics(None, &()).unwrap().cells),
             ([10; 3], 1000),
             "{operation}"
         );
     }
-    assert!(place.done(&["diff", "m.goblin", "mm.goblin"]).contains("blocks     0,"));
+    assert!(temp.done(&["diff", "m.goblin", "mm.goblin"]).contains("blocks     0,"));
 }
 
 /// Boxes on cells of other sizes and directions, against analytic volumes.
 #[test]
 fn solids_on_other_cells_are_combined() {
-    let place = Place::new();
+    let temp = TestDirectory::new();
     let block = |name: &str, text: &str, cell: &str| {
-        std::fs::write(place.at("block.csg"), text).unwrap();
-        place.done(&["-q", "build", "block.csg", "--cell", cell, "--edge", "area", "-o", name]);
+        std::fs::write(temp.at("block.csg"), text).unwrap();
+        temp.done(&["-q", "build", "block.csg", "--cell", cell, "--edge", "area", "-o", name]);
     };
     block("a.goblin", "block(0,0,0, 8,8,8);", "0.25");
     block("b.goblin", "block(4.1,1,2, 12.3,9,10);", "0.3");
-    place.done(&["-q", "transform", "b.goblin", "rotate=90,x", "-o", "turned.goblin"]);
+    temp.done(&["-q", "transform", "b.goblin", "rotate=90,x", "-o", "turned.goblin"]);
     let volume = |name: &str| {
-        let tree = spinney::open(place.at(name)).unwrap();
+        let tree = spinney::open(temp.at(name)).unwrap();
         let cell = tree.metadata().frame.linear().determinant().abs();
         let mean = tree.statistics(None, &()).unwrap();
         mean.channels[0].mean / 255.0 * mean.cells as f64 * cell
@@ -509,7 +509,7 @@ fn solids_on_other_cells_are_combined() {
             ("a-b", own - shared),
             ("xor", own + other - 2.0 * shared),
         ] {
-            place.done(&["-q", "combine", operation, "a.goblin", second, "-o", "out.goblin"]);
+            temp.done(&["-q", "combine", operation, "a.goblin", second, "-o", "out.goblin"]);
             let found = volume("out.goblin");
             assert!(
                 (found / expected - 1.0).abs() < 0.04,
@@ -521,19 +521,19 @@ fn solids_on_other_cells_are_combined() {
 
 #[test]
 fn a_file_of_web_maps_is_exported_around_its_data() {
-    let place = Place::new();
+    let temp = TestDirectory::new();
     let input = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
-    place.done(&["-q", "build", input, "--grid", "xyz", "-o", "world.goblin"]);
-    place.done(&["-q", "export", "world.goblin", "island.tif"]);
-    place.done(&["-q", "build", "island.tif", "-o", "back.goblin"]);
-    let [world, back] = ["world.goblin", "back.goblin"].map(|name| spinney::open(place.at(name)).unwrap());
+    temp.done(&["-q", "build", input, "--grid", "xyz", "-o", "world.goblin"]);
+    temp.done(&["-q", "export", "world.goblin", "island.tif"]);
+    temp.done(&["-q", "build", "island.tif", "-o", "back.goblin"]);
+    let [world, back] = ["world.goblin", "back.goblin"].map(|name| spinney::open(temp.at(name)).unwrap());
     assert!(back.header().extent.iter().all(|cells| *cells < 1000) && world.header().extent[0] > 100_000);
-    assert!(place.done(&["diff", "world.goblin", "back.goblin"]).contains("blocks     0,"));
+    assert!(temp.done(&["diff", "world.goblin", "back.goblin"]).contains("blocks     0,"));
 }
 
 #[test]
 fn longitudes_go_round_the_world_once() {
-    let place = Place::new();
+    let temp = TestDirectory::new();
     let world = |name: &str, west: f64| {
         let frame =
             Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([10.0, 0.0, west, 0.0, -10.0, 90.0]) };
@@ -546,21 +546,21 @@ fn longitudes_go_round_the_world_once() {
         let cells = Cells { form, size: [36, 18, 1], cells };
         let mut options = options(Rule::Mean, DataKind::Continuous, cells.depth());
         options.metadata.frame = frame;
-        write_cells(&place.at(name), &cells, &options);
+        write_cells(&temp.at(name), &cells, &options);
     };
     world("east.goblin", 0.0);
     world("west.goblin", -180.0);
-    assert!(place.done(&["diff", "west.goblin", "east.goblin"]).contains("blocks     0,"));
-    assert!(place.done(&["diff", "east.goblin", "west.goblin"]).contains("blocks     0,"));
+    assert!(temp.done(&["diff", "west.goblin", "east.goblin"]).contains("blocks     0,"));
+    assert!(temp.done(&["diff", "east.goblin", "west.goblin"]).contains("blocks     0,"));
     for step in ["like=west.goblin", "like=west.goblin,extent=a"] {
-        place.done(&["-q", "transform", "east.goblin", step, "-o", "out.goblin"]);
-        assert!(place.done(&["diff", "west.goblin", "out.goblin"]).contains("blocks     0,"), "{step}");
+        temp.done(&["-q", "transform", "east.goblin", step, "-o", "out.goblin"]);
+        assert!(temp.done(&["diff", "west.goblin", "out.goblin"]).contains("blocks     0,"), "{step}");
     }
-    place.done(&["-q", "combine", "over", "west.goblin", "east.goblin", "-o", "out.goblin"]);
-    assert_eq!(spinney::open(place.at("out.goblin")).unwrap().header().extent, [36, 18, 1]);
+    temp.done(&["-q", "combine", "over", "west.goblin", "east.goblin", "-o", "out.goblin"]);
+    assert_eq!(spinney::open(temp.at("out.goblin")).unwrap().header().extent, [36, 18, 1]);
     // A window beyond the seam becomes adjacent to the other one.
-    place.done(&["-q", "transform", "east.goblin", "window=30,0,6,18", "-o", "part.goblin"]);
-    place.done(&["-q", "transform", "west.goblin", "window=18,0,6,18", "-o", "near.goblin"]);
-    place.done(&["-q", "combine", "over", "near.goblin", "part.goblin", "-o", "out.goblin"]);
-    assert_eq!(spinney::open(place.at("out.goblin")).unwrap().header().extent, [12, 18, 1]);
+    temp.done(&["-q", "transform", "east.goblin", "window=30,0,6,18", "-o", "part.goblin"]);
+    temp.done(&["-q", "transform", "west.goblin", "window=18,0,6,18", "-o", "near.goblin"]);
+    temp.done(&["-q", "combine", "over", "near.goblin", "part.goblin", "-o", "out.goblin"]);
+    assert_eq!(spinney::open(temp.at("out.goblin")).unwrap().header().extent, [12, 18, 1]);
 }

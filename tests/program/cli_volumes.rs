@@ -24,8 +24,8 @@ fn ball() -> Vec<u8> {
 
 #[test]
 fn a_volume_becomes_a_tree_an_array_and_a_surface() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let [array, tree, back, surface] = ["ball.npy", "ball.goblin", "back.npy", "ball.ply"].map(at);
     fs::write(&array, ball()).unwrap();
     spinney(&["-q", "build", &array, "-o", &tree, "--transform", "0.5,0.5,2"]).success();
@@ -42,45 +42,45 @@ fn a_volume_becomes_a_tree_an_array_and_a_surface() {
 
 #[test]
 fn options_without_a_meaning_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (array, tree) = (at("ball.npy"), at("ball.goblin"));
     fs::write(&array, ball()).unwrap();
     for (options, expected) in [
-        (&["--band", "1"][..], "not for volumes"),
-        (&["--keep-transparent"], "not for volumes"),
-        (&["--grid", "xyz"], "not for volumes"),
-        (&["--max-zoom", "3"], "not for volumes"),
-        (&["--cells", "64"], "is no model"),
-        (&["--transform", "1,0,0,0,1,0"], "three numbers"),
-        (&["--transform", "1,0,1"], "an inverse"),
+        (&["--band", "1"][..], "have no effect on volumes"),
+        (&["--keep-transparent"], "have no effect on volumes"),
+        (&["--grid", "xyz"], "have no effect on volumes"),
+        (&["--max-zoom", "3"], "have no effect on volumes"),
+        (&["--cells", "64"], "is not a model"),
+        (&["--transform", "1,0,0,0,1,0"], "expected 3 numbers for a volume"),
+        (&["--transform", "1,0,1"], "an invertible map"),
         (&["--depth", "5"], "6 to 19"),
         (&["--share"], ".autumn"),
-        (&[&array], "one at a time"),
+        (&[&array], "got 2 inputs, expected one volume"),
     ] {
         let text = complaint(&[&["build", &array, "-o", &tree], options].concat(), 1);
         assert!(text.contains(expected), "{options:?}: {text}");
     }
     let text = complaint(&["build", &array, "-o", &tree, "--transform", "1,2"], 2);
-    assert!(text.contains("three or twelve"), "{text}");
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    assert!(text.contains("for volumes 3 or 12"), "{text}");
+    assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
 }
 
 #[test]
 fn samples_alone_sections_and_nrrd_become_trees() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let [raw, tree, nrrd, again, sections] = ["a.raw", "a.goblin", "a.nrrd", "b.goblin", "sections"].map(at);
     let samples: Vec<u8> = (0..4 * 3 * 2u16).flat_map(|number| (number * 300).to_be_bytes()).collect();
     fs::write(&raw, [&[9; 5][..], &samples].concat()).unwrap();
     let size = ["--raw-size", "4,3,2", "--raw-type", "u16", "--raw-skip", "5", "--big-endian"];
-    let place = ["--transform", "0.5,0.5,2"];
-    spinney(&[&["build", &raw, "-o", &tree], &size[..], &place].concat()).success();
+    let transform = ["--transform", "0.5,0.5,2"];
+    spinney(&[&["build", &raw, "-o", &tree], &size[..], &transform].concat()).success();
     spinney(&["get", &tree, &nrrd]).success();
     spinney(&["build", &nrrd, "-o", &again]).success();
-    let told = |path: &str| stdout(&["point", path, "1.75,1.25,3", "--json"]);
-    assert!(told(&tree).contains("6900"), "{}", told(&tree));
-    assert_eq!(told(&tree), told(&again));
+    let printed = |path: &str| stdout(&["point", path, "1.75,1.25,3", "--json"]);
+    assert!(printed(&tree).contains("6900"), "{}", printed(&tree));
+    assert_eq!(printed(&tree), printed(&again));
     let back = at("back.raw");
     spinney(&["get", &again, &back]).success();
     let little: Vec<u8> = samples.chunks(2).flat_map(|pair| [pair[1], pair[0]]).collect();
@@ -90,8 +90,8 @@ fn samples_alone_sections_and_nrrd_become_trees() {
         let slice = format!("z={z}");
         stdout(&["get", &tree, &format!("{sections}/{}.png", z + 9), "--slice", &slice]);
     }
-    spinney(&[&["build", &sections, "-o", &again, "--pages", "z"][..], &place].concat()).success();
-    assert_eq!(told(&tree), told(&again));
+    spinney(&[&["build", &sections, "-o", &again, "--pages", "z"][..], &transform].concat()).success();
+    assert_eq!(printed(&tree), printed(&again));
 
     for (arguments, expected) in [
         (&["--raw-size", "4,3", "--raw-type", "u16"][..], "expected cells along x, y and z"),
@@ -99,14 +99,14 @@ fn samples_alone_sections_and_nrrd_become_trees() {
         (&["--raw-size", "4,3,2"], "--raw-type"),
         (&["--big-endian"], "--raw-size"),
         (&["--raw-size", "4,3,2", "--raw-type", "u16"], "a.raw: the whole file: found 53 bytes, expected 48"),
-        (&["--raw-size", "4,3,2", "--raw-type", "u16", "--pages", "z"], "give one of them"),
-        (&["--raw-size", "4,3,2", "--raw-type", "u16", "--band", "1"], "not for volumes"),
+        (&["--raw-size", "4,3,2", "--raw-type", "u16", "--pages", "z"], "got both, expected one"),
+        (&["--raw-size", "4,3,2", "--raw-type", "u16", "--band", "1"], "have no effect on volumes"),
     ] {
-        let told = stderr(spinney(&[&["build", &raw, "-o", &tree], arguments].concat()).failure());
-        assert!(told.contains(expected), "{arguments:?}: {told}");
+        let printed = stderr(spinney(&[&["build", &raw, "-o", &tree], arguments].concat()).failure());
+        assert!(printed.contains(expected), "{arguments:?}: {printed}");
     }
-    let told = stderr(spinney(&["build", &raw, &nrrd, "-o", &tree]).failure());
-    assert!(told.contains("build one at a time"), "{told}");
-    let told = stderr(spinney(&["get", "fixtures/v1/classes.goblin", &nrrd]).failure());
-    assert!(told.contains("a picture in an NRRD file"), "{told}");
+    let printed = stderr(spinney(&["build", &raw, &nrrd, "-o", &tree]).failure());
+    assert!(printed.contains("got 2 inputs, expected one volume"), "{printed}");
+    let printed = stderr(spinney(&["get", "fixtures/v1/classes.goblin", &nrrd]).failure());
+    assert!(printed.contains("an image in an NRRD file"), "{printed}");
 }

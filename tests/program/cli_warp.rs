@@ -12,11 +12,11 @@ const ELEVATION: &str = "fixtures/island_elevation.tif";
 const CLASSES: &str = "fixtures/island_classes.tif";
 
 /// A directory, and names in it.
-struct Folder(tempfile::TempDir);
+struct TestDirectory(tempfile::TempDir);
 
-impl Folder {
-    fn new() -> Folder {
-        Folder(tempfile::tempdir().unwrap())
+impl TestDirectory {
+    fn new() -> TestDirectory {
+        TestDirectory(tempfile::tempdir().unwrap())
     }
 
     fn name(&self, name: &str) -> String {
@@ -49,13 +49,13 @@ fn cells(tree: &Dataset, level: u8, part: &Bounds) -> (Vec<u8>, Vec<bool>) {
 
 #[test]
 fn the_world_is_the_root() {
-    let folder = Folder::new();
-    let file = folder.built(CLASSES, "tiles.goblin", &["--grid", "xyz", "--max-zoom", "11"]);
-    assert_eq!(folder.files(), ["tiles.goblin"]);
+    let directory = TestDirectory::new();
+    let file = directory.built(CLASSES, "tiles.goblin", &["--grid", "xyz", "--max-zoom", "11"]);
+    assert_eq!(directory.files(), ["tiles.goblin"]);
     let tree = spinney::open(&file).unwrap();
     assert_eq!(web_mercator_depth(&tree.metadata().frame, tree.header().extent), Some(19));
     // The tile of zoom 8 around the island has its expected quadkey.
-    let native = spinney::open(folder.built(CLASSES, "native.goblin", &[])).unwrap();
+    let native = spinney::open(directory.built(CLASSES, "native.goblin", &[])).unwrap();
     let [width, height, _] = native.header().extent;
     let middle = native.metadata().frame.to_world([width as f64 / 2.0, height as f64 / 2.0, 0.0]);
     let projection =
@@ -75,26 +75,26 @@ fn the_world_is_the_root() {
 
 #[test]
 fn bytes_depend_on_nothing_but_input_and_options() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     let options = ["--grid", "xyz", "--resampling", "bilinear"];
-    let first = fs::read(folder.built(ELEVATION, "a.goblin", &options)).unwrap();
+    let first = fs::read(directory.built(ELEVATION, "a.goblin", &options)).unwrap();
     for (name, more) in [
         ("b.goblin", ["--threads", "1"]),
         ("c.goblin", ["--threads", "5"]),
         ("d.goblin", ["--memory", "16M"]),
     ] {
-        let file = folder.built(ELEVATION, name, &[&options[..], &more[..]].concat());
+        let file = directory.built(ELEVATION, name, &[&options[..], &more[..]].concat());
         assert!(fs::read(file).unwrap() == first, "{more:?}");
     }
 }
 
 #[test]
 fn transform_and_build_share_the_warper() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     for (input, way) in [(ELEVATION, "cubic"), (CLASSES, "majority")] {
-        let built = folder.built(input, "built.goblin", &["--grid", "xyz", "--resampling", way]);
-        let native = folder.built(input, "native.goblin", &[]);
-        let [step, like] = ["step.goblin", "like.goblin"].map(|name| folder.name(name));
+        let built = directory.built(input, "built.goblin", &["--grid", "xyz", "--resampling", way]);
+        let native = directory.built(input, "native.goblin", &[]);
+        let [step, like] = ["step.goblin", "like.goblin"].map(|name| directory.name(name));
         command(&["transform", "-q", &native, "grid=xyz", "--resampling", way, "-o", &step])
             .assert()
             .success();
@@ -106,14 +106,14 @@ fn transform_and_build_share_the_warper() {
             assert!(stdout(&["diff", "-q", &built, other]).contains("blocks     0,"), "{other}");
         }
         // Warping back: the island is at its old position.
-        let back = folder.name("back.goblin");
+        let back = directory.name("back.goblin");
         let like_step = format!("like={native},extent=a");
         command(&["transform", "-q", &built, &like_step, "--resampling", "nearest", "-o", &back])
             .assert()
             .success();
         let (a, b) = (spinney::open(&native).unwrap(), spinney::open(&back).unwrap());
-        let picture = a.header().picture();
-        let ((_, before), (_, after)) = (cells(&a, a.depth(), &picture), cells(&b, b.depth(), &picture));
+        let image = a.header().extent_bounds();
+        let ((_, before), (_, after)) = (cells(&a, a.depth(), &image), cells(&b, b.depth(), &image));
         let differ = before.iter().zip(&after).filter(|(a, b)| a != b).count();
         assert!(differ * 50 < before.len(), "{differ} of {} cells came or went", before.len());
     }
@@ -121,10 +121,10 @@ fn transform_and_build_share_the_warper() {
 
 #[test]
 fn views_see_other_grids_without_a_file() {
-    let folder = Folder::new();
-    let native = folder.built(ELEVATION, "native.goblin", &[]);
-    let (file, seen) = (folder.name("file.npy"), folder.name("seen.npy"));
-    let xyz = folder.name("xyz.goblin");
+    let directory = TestDirectory::new();
+    let native = directory.built(ELEVATION, "native.goblin", &[]);
+    let (file, seen) = (directory.name("file.npy"), directory.name("seen.npy"));
+    let xyz = directory.name("xyz.goblin");
     command(&["transform", "-q", &native, "grid=xyz,9", "crop", "-o", &xyz]).assert().success();
     command(&["get", "-q", &xyz, &file]).assert().success();
     command(&["get", "-q", &native, &seen, "--view", "grid=xyz,9", "--view", "crop"]).assert().success();
@@ -132,9 +132,9 @@ fn views_see_other_grids_without_a_file() {
 }
 
 #[test]
-fn what_cannot_be_placed_is_refused() {
-    let folder = Folder::new();
-    let out = folder.name("out.goblin");
+fn impossible_warps_are_rejected() {
+    let directory = TestDirectory::new();
+    let out = directory.name("out.goblin");
     let refusal = |arguments: &[&str]| {
         stderr(command(&["build", ELEVATION, "-o", &out]).args(arguments).assert().failure())
     };
@@ -151,7 +151,7 @@ fn what_cannot_be_placed_is_refused() {
     ] {
         let message = refusal(arguments);
         assert!(message.contains(text), "{arguments:?}: {message}");
-        assert_eq!(folder.files(), Vec::<String>::new());
+        assert_eq!(directory.files(), Vec::<String>::new());
     }
     let message =
         stderr(spinney(&["build", CLASSES, "-o", &out, "--grid", "xyz", "--resampling", "area"]).failure());
@@ -160,45 +160,45 @@ fn what_cannot_be_placed_is_refused() {
     let message =
         stderr(spinney(&["build", "fixtures/island_rgb.png", "-o", &out, "--grid", "xyz"]).failure());
     assert!(message.contains("--crs EPSG:NUMBER"), "{message}");
-    assert!(!Path::new(&out).exists() && folder.files().is_empty());
+    assert!(!Path::new(&out).exists() && directory.files().is_empty());
     // Preceding operations would be lost.
-    let native = folder.built(ELEVATION, "native.goblin", &[]);
+    let native = directory.built(ELEVATION, "native.goblin", &[]);
     let message = stderr(spinney(&["transform", &native, "rotate=3", "grid=xyz", "-o", &out]).failure());
-    assert!(message.contains("first step"), "{message}");
+    assert!(message.contains("this operation first"), "{message}");
 }
 
 #[test]
-fn ballpark_is_told() {
-    let folder = Folder::new();
-    let out = folder.name("out.goblin");
+fn ballpark_transformations_are_reported() {
+    let directory = TestDirectory::new();
+    let out = directory.name("out.goblin");
     let arguments =
         ["build", ELEVATION, "-o", &out, "--grid", "xyz", "--crs", "EPSG:26716", "--allow-ballpark"];
-    let told = stderr(spinney(&arguments).success());
-    assert!(told.contains("hundred metres"), "{told}");
+    let message = stderr(spinney(&arguments).success());
+    assert!(message.contains("hundred metres"), "{message}");
 }
 
 #[test]
 fn tiles_are_exported_from_any_grid() {
-    let folder = Folder::new();
-    let native = folder.built(CLASSES, "native.goblin", &[]);
-    let archive = folder.name("island.pmtiles");
+    let directory = TestDirectory::new();
+    let native = directory.built(CLASSES, "native.goblin", &[]);
+    let archive = directory.name("island.pmtiles");
     spinney(&["export", "-q", &native, &archive]).success();
     spinney(&["verify", &archive]).success();
-    let again = folder.name("again.pmtiles");
+    let again = directory.name("again.pmtiles");
     spinney(&["export", "-q", &native, &again, "--threads", "3"]).success();
     assert!(fs::read(&archive).unwrap() == fs::read(&again).unwrap());
     // A zoom at which the island is within one tile.
-    let pattern = folder.name("tiles/{z}/{x}/{y}.png");
+    let pattern = directory.name("tiles/{z}/{x}/{y}.png");
     spinney(&["export", "-q", &native, &pattern, "--zoom", "0..2"]).success();
     for zoom in 0..3 {
-        let columns = fs::read_dir(folder.name(&format!("tiles/{zoom}"))).unwrap().count();
+        let columns = fs::read_dir(directory.name(&format!("tiles/{zoom}"))).unwrap().count();
         assert_eq!(columns, 1, "zoom {zoom}");
     }
     // A window in any coordinates: the western half of the island.
     let tiles = |name: &str, window: &[&str]| {
-        let pattern = folder.name(&format!("{name}/{{z}}/{{x}}/{{y}}.png"));
+        let pattern = directory.name(&format!("{name}/{{z}}/{{x}}/{{y}}.png"));
         spinney(&[&["export", "-q", &native, &pattern, "--zoom", "13"], window].concat()).success();
-        let columns = fs::read_dir(folder.name(&format!("{name}/13"))).unwrap();
+        let columns = fs::read_dir(directory.name(&format!("{name}/13"))).unwrap();
         let mut columns: Vec<_> = columns.map(|column| column.unwrap().file_name()).collect();
         columns.sort();
         columns
@@ -208,29 +208,33 @@ fn tiles_are_exported_from_any_grid() {
     let lonlat = tiles("lonlat", &["--in", "lonlat", "--window", "-17.05,28.82,-16.985,28.92"]);
     assert!(cells == world && cells.len() < all.len() && all.starts_with(&cells), "{cells:?} of {all:?}");
     assert!(lonlat == all[1..3], "{lonlat:?} of {all:?}");
-    let xyz = folder.built(CLASSES, "xyz.goblin", &["--grid", "xyz"]);
+    let xyz = directory.built(CLASSES, "xyz.goblin", &["--grid", "xyz"]);
     let refusal = stderr(spinney(&["export", &xyz, &archive, "--resampling", "majority"]).failure());
     assert!(refusal.contains("grid of web maps already"), "{refusal}");
-    let plain = folder.built("fixtures/island_rgb.png", "plain.goblin", &[]);
-    let refusal = stderr(spinney(&["export", &plain, &folder.name("plain.pmtiles")]).failure());
-    assert!(refusal.contains("crs=EPSG:NUMBER"), "{refusal}");
-    assert!(!Path::new(&folder.name("plain.pmtiles")).exists());
+    let plain = directory.built("fixtures/island_rgb.png", "plain.goblin", &[]);
+    let refusal = stderr(spinney(&["export", &plain, &directory.name("plain.pmtiles")]).failure());
+    let expected = format!("{plain}: coordinate system of the raster: got none");
+    assert!(refusal.contains(&expected) && refusal.contains("crs=EPSG:NUMBER"), "{refusal}");
+    let octree = "fixtures/v1/ball.goblin";
+    let refusal = stderr(spinney(&["export", octree, &directory.name("plain.pmtiles")]).failure());
+    assert!(refusal.contains(&format!("{octree}: an octree as source of tiles")), "{refusal}");
+    assert!(!Path::new(&directory.name("plain.pmtiles")).exists());
 }
 
 /// Builds a tree of bytes with square cells, given its corner and cell width.
 fn raster(
-    folder: &Folder,
+    directory: &TestDirectory,
     name: &str,
     side: usize,
     cells: &[u8],
     (corner, width): ([f64; 2], f64),
 ) -> String {
-    let picture = folder.name(&format!("{name}.pgm"));
-    fs::write(&picture, [format!("P5 {side} {side} 255\n").as_bytes(), cells].concat()).unwrap();
+    let image = directory.name(&format!("{name}.pgm"));
+    fs::write(&image, [format!("P5 {side} {side} 255\n").as_bytes(), cells].concat()).unwrap();
     let [x, y] = corner;
     let place = format!("{width},0,{x},0,-{width},{y}");
     let crs = ["--crs", "EPSG:32633", "--kind", "continuous", "--transform", &place];
-    folder.built(&picture, &format!("{name}.goblin"), &crs)
+    directory.built(&image, &format!("{name}.goblin"), &crs)
 }
 
 /// Returns Keys' kernel with a = -0.5, at a distance.
@@ -245,12 +249,12 @@ fn keys(x: f64) -> f64 {
 #[test]
 fn like_resamples_in_one_coordinate_system_by_each_method() {
     const SIDE: usize = 8;
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     // Multiples of 64, so that linear interpolation gives integers.
     let cells: Vec<u8> = (0..SIDE * SIDE).map(|cell| (cell * cell * 7 % 4 * 64) as u8).collect();
-    let here = raster(&folder, "here", SIDE, &cells, ([500_000.0, 5_000_000.0], 10.0));
+    let here = raster(&directory, "here", SIDE, &cells, ([500_000.0, 5_000_000.0], 10.0));
     // 16 x 16 cells, four per source cell along a side, starting at its third ones.
-    let there = raster(&folder, "there", 16, &[1; 256], ([500_020.0, 4_999_980.0], 2.5));
+    let there = raster(&directory, "there", 16, &[1; 256], ([500_020.0, 4_999_980.0], 2.5));
     let value = |x: usize, y: usize| f64::from(cells[y * SIDE + x]);
     let by_kernel = |x: f64, y: f64, kernel: &dyn Fn(f64) -> f64| -> f64 {
         let each = (0..SIDE).flat_map(|row| (0..SIDE).map(move |column| (column, row)));
@@ -260,7 +264,7 @@ fn like_resamples_in_one_coordinate_system_by_each_method() {
         .sum()
     };
     let resampled = |way: &[&str]| {
-        let out = folder.name("out.goblin");
+        let out = directory.name("out.goblin");
         command(&["transform", "-q", &here, &format!("like={there},extent=a"), "-o", &out])
             .args(way)
             .assert()
@@ -285,17 +289,17 @@ fn like_resamples_in_one_coordinate_system_by_each_method() {
 }
 
 fn cells_of(tree: &Dataset) -> Vec<u8> {
-    cells(tree, tree.depth(), &tree.header().picture()).0
+    cells(tree, tree.depth(), &tree.header().extent_bounds()).0
 }
 
 #[test]
 fn like_takes_cells_of_any_width() {
-    let folder = Folder::new();
+    let directory = TestDirectory::new();
     let corner = [500_000.0, 5_000_000.0];
-    let here = raster(&folder, "here", 8, &[7; 64], (corner, 10.0));
+    let here = raster(&directory, "here", 8, &[7; 64], (corner, 10.0));
     for width in [7.0, 2.9, 14.7, 0.7, 1.1, 3.3] {
-        let there = raster(&folder, "there", 3, &[1; 9], (corner, width));
-        let [out, both] = ["out.goblin", "both.goblin"].map(|name| folder.name(name));
+        let there = raster(&directory, "there", 3, &[1; 9], (corner, width));
+        let [out, both] = ["out.goblin", "both.goblin"].map(|name| directory.name(name));
         command(&["transform", "-q", &here, &format!("like={there},extent=a"), "-o", &out])
             .assert()
             .success();

@@ -28,30 +28,30 @@ fn number(attribute: &FeatureAttribute) -> f64 {
 }
 
 #[test]
-fn features_carry_the_answers() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+fn features_carry_the_statistics() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let tree = at("i.goblin");
     spinney(&["-q", "build", CLASSES, "-o", &tree]).success();
-    let asked = ["--edge", "area", "--measure", "count,majority,median,classes", "--quantiles", "0.1,0.9"];
-    let told = stdout(&[&["stats", &tree, "--zones", DISTRICTS, "--json"], &asked[..]].concat());
-    let told: serde_json::Value = serde_json::from_str(&told).unwrap();
+    let options = ["--edge", "area", "--measure", "count,majority,median,classes", "--quantiles", "0.1,0.9"];
+    let statistics = stdout(&[&["stats", &tree, "--zones", DISTRICTS, "--json"], &options[..]].concat());
+    let statistics: serde_json::Value = serde_json::from_str(&statistics).unwrap();
     let (_, came) = read(DISTRICTS);
     for ending in ["geojson", "gpkg", "fgb", "csv", "shp"] {
         let output = at(&format!("out.{ending}"));
-        let all = [&["stats", &tree, "--zones", DISTRICTS, "-o", &output], &asked[..]].concat();
+        let all = [&["stats", &tree, "--zones", DISTRICTS, "-o", &output], &options[..]].concat();
         assert!(stderr(spinney(&all).success()).contains("2 features"));
         let (names, features) = read(&output);
-        let place =
+        let index_of =
             |name: &str| names.iter().position(|own| own == name).unwrap_or_else(|| panic!("{names:?}"));
         assert_eq!(features.len(), 2);
-        for (zone, feature) in told["zones"].as_array().unwrap().iter().zip(&features) {
-            let found = |name: &str| number(&feature.attributes[place(name)]);
+        for (zone, feature) in statistics["zones"].as_array().unwrap().iter().zip(&features) {
+            let found = |name: &str| number(&feature.attributes[index_of(name)]);
             let is_near = |found: f64, wanted: &serde_json::Value| {
                 let wanted = wanted.as_f64().unwrap();
                 assert!((found - wanted).abs() <= 1e-9 * wanted.abs(), "{ending}: {found} and {wanted}");
             };
-            assert_eq!(zone["name"].as_str().unwrap(), feature.attributes[place("name")].to_text());
+            assert_eq!(zone["name"].as_str().unwrap(), feature.attributes[index_of("name")].to_text());
             is_near(found("count"), &zone["cells"]);
             let channel = &zone["channels"][0];
             is_near(found("majority"), &channel["majority"]);
@@ -72,8 +72,8 @@ fn features_carry_the_answers() {
 
 #[test]
 fn all_features_are_kept_and_no_attribute_is_lost() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (tree, zones, output) = (at("h.goblin"), at("z.geojsonl"), at("out.geojson"));
     spinney(&["-q", "build", HEIGHTS, "-o", &tree]).success();
     let polygon =
@@ -85,7 +85,7 @@ fn all_features_are_kept_and_no_attribute_is_lost() {
     ];
     std::fs::write(&zones, lines.join("\n")).unwrap();
     let said = stderr(spinney(&["stats", &tree, "--zones", &zones, "-o", &output]).success());
-    assert!(said.contains("`mean` of the answers is `mean_2`"), "{said}");
+    assert!(said.contains("statistic `mean` is written as `mean_2`"), "{said}");
     let (names, features) = read(&output);
     assert_eq!(names[..2], ["mean", "count"]);
     let (_, came) = read(&zones);
@@ -95,21 +95,21 @@ fn all_features_are_kept_and_no_attribute_is_lost() {
             (&came.id, &came.geometry, &came.attributes[0])
         );
     }
-    let place = |name: &str| names.iter().position(|own| own == name).unwrap();
-    assert_eq!(features[1].attributes[place("mean_2")], FeatureAttribute::None);
-    assert!(number(&features[2].attributes[place("mean_2")]) > 100.0);
+    let index_of = |name: &str| names.iter().position(|own| own == name).unwrap();
+    assert_eq!(features[1].attributes[index_of("mean_2")], FeatureAttribute::None);
+    assert!(number(&features[2].attributes[index_of("mean_2")]) > 100.0);
     // Formats without such ids store them as an attribute; features are processed in batches if
     // they exceed the memory limit.
     let output = at("out.gpkg");
     spinney(&["-q", "stats", &tree, "--zones", &zones, "-o", &output, "--memory", "1000"]).success();
     let (names, features) = read(&output);
-    let place = names.iter().position(|own| own == "id").unwrap();
-    let ids: Vec<String> = features.iter().map(|own| own.attributes[place].to_text()).collect();
+    let index_of = names.iter().position(|own| own == "id").unwrap();
+    let ids: Vec<String> = features.iter().map(|own| own.attributes[index_of].to_text()).collect();
     assert_eq!(ids, ["5", "b", ""]);
     for (arguments, reason) in [
         (&["stats", &tree, "--zones", &zones, "-o", &at("x.tif")][..], "unknown format"),
         (&["stats", &tree, "--zones", DISTRICTS, "-o", DISTRICTS], "is an input and the output"),
-        (&["stats", &tree, "--zones", &zones, "-o", &at("x.csv"), "--json"], "standard output"),
+        (&["stats", &tree, "--zones", &zones, "-o", &at("x.csv"), "--json"], "without --output"),
     ] {
         let said = stderr(spinney(arguments).failure());
         assert!(said.contains(reason), "{said}");
@@ -118,21 +118,22 @@ fn all_features_are_kept_and_no_attribute_is_lost() {
 
 /// Losses of a shapefile are reported, and so is the coordinate system given for vertices.
 #[test]
-fn what_is_lost_is_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+fn losses_are_reported() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (tree, zones) = (at("i.goblin"), at("z.geojson"));
     spinney(&["-q", "build", CLASSES, "-o", &tree]).success();
     let text = std::fs::read_to_string(DISTRICTS).unwrap();
     let long = "x".repeat(300);
     let text = text.replace("\"name\":", &format!("\"description_of_it\": \"{long}\", \"name\":"));
     std::fs::write(&zones, &text).unwrap();
-    let asked = |output: &str| stderr(spinney(&["stats", &tree, "--zones", &zones, "-o", output]).success());
-    let said = asked(&at("z.shp"));
+    let exported =
+        |output: &str| stderr(spinney(&["stats", &tree, "--zones", &zones, "-o", output]).success());
+    let said = exported(&at("z.shp"));
     assert!(said.contains("`description_of_it` is `descriptio`"), "{said}");
-    assert!(said.contains("texts that are cut to 254 bytes: 2"), "{said}");
-    let said = asked(&at("z.gpkg"));
-    assert!(!said.contains("cut") && !said.contains("other names"), "{said}");
+    assert!(said.contains("strings truncated to 254 bytes: 2"), "{said}");
+    let said = exported(&at("z.gpkg"));
+    assert!(!said.contains("truncated") && !said.contains("renamed"), "{said}");
     // Vertices declared by `--in` to be in the tree's system are written as such.
     let value: serde_json::Value = serde_json::from_str(&text).unwrap();
     let mut unnamed = value.clone();
@@ -158,8 +159,8 @@ const INVALID: &str = r#"{"type": "FeatureCollection", "features": [
 
 #[test]
 fn parts_that_overlap_are_united_and_rings_that_cross_are_even_odd_everywhere() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (zones, raster, tree) = (at("zones.geojson"), at("ones.pgm"), at("ones.goblin"));
     std::fs::write(&zones, INVALID).unwrap();
     std::fs::write(&raster, [&b"P5 64 48 255\n"[..], &[1; 64 * 48]].concat()).unwrap();
@@ -219,17 +220,17 @@ fn utm([longitude, latitude]: [f64; 2]) -> [f64; 2] {
 
 /// Returns longitude and latitude of a position in UTM zone 32, by Newton's method.
 fn degrees([x, y]: [f64; 2]) -> [f64; 2] {
-    let mut place = [9.0 + (x - 500_000.0) / 75_000.0, y / 111_200.0];
+    let mut index_of = [9.0 + (x - 500_000.0) / 75_000.0, y / 111_200.0];
     for _ in 0..8 {
         let step = 1e-6;
         let [at, east, north] =
-            [[0.0, 0.0], [step, 0.0], [0.0, step]].map(|[a, b]| utm([place[0] + a, place[1] + b]));
+            [[0.0, 0.0], [step, 0.0], [0.0, step]].map(|[a, b]| utm([index_of[0] + a, index_of[1] + b]));
         let [a, c] = [0, 1].map(|axis| (east[axis] - at[axis]) / step);
         let [b, d] = [0, 1].map(|axis| (north[axis] - at[axis]) / step);
         let (dx, dy, det) = (x - at[0], y - at[1], a * d - b * c);
-        place = [place[0] + (d * dx - b * dy) / det, place[1] + (a * dy - c * dx) / det];
+        index_of = [index_of[0] + (d * dx - b * dy) / det, index_of[1] + (a * dy - c * dx) / det];
     }
-    place
+    index_of
 }
 
 /// Returns the area of a convex ring, and of its intersection with a box.
@@ -258,8 +259,8 @@ fn areas(ring: &[[f64; 2]], [west, south, east, north]: [f64; 4]) -> [f64; 2] {
 }
 
 /// Builds a raster of ones of 64 x 48 cells, with a frame.
-fn ones(folder: &std::path::Path, crs: &str, transform: &str) -> String {
-    let (raster, tree) = (folder.join("ones.pgm"), folder.join("ones.goblin"));
+fn ones(directory: &std::path::Path, crs: &str, transform: &str) -> String {
+    let (raster, tree) = (directory.join("ones.pgm"), directory.join("ones.goblin"));
     std::fs::write(&raster, [&b"P5 64 48 255\n"[..], &[1; 64 * 48]].concat()).unwrap();
     let [raster, tree] = [raster, tree].map(|path| path.to_str().unwrap().to_owned());
     spinney(&["-q", "build", &raster, "-o", &tree, "--crs", crs, "--transform", transform]).success();
@@ -275,9 +276,9 @@ type ZonesOf<'z> = (&'z str, [Bounds; 5], fn([f64; 2]) -> [f64; 2]);
 /// Cells inside and outside of zones in other coordinate systems are those of the formulas, to 0.5
 /// %.
 #[test]
-fn what_lies_outside_of_zones_in_other_systems_is_what_formulas_say() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+fn zones_in_other_coordinate_systems_match_the_formulas() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let zones = file("zones.geojson");
     // Boxes in the coordinates of the zones: within the raster, partly outside, around it, entirely
     // outside, and at a distance.
@@ -307,7 +308,7 @@ fn what_lies_outside_of_zones_in_other_systems_is_what_formulas_say() {
         ("EPSG:4326", "0.02,0,9,0,-0.02,48.8", degrees_of_raster, (declared, in_metres, degrees)),
     ];
     for (crs, transform, (extent, cell), (declared, boxes, formula)) in cases {
-        let tree = ones(folder.path(), crs, transform);
+        let tree = ones(directory.path(), crs, transform);
         let ring = |[west, south, east, north]: [f64; 4]| {
             [[west, south], [east, south], [east, north], [west, north], [west, south]]
         };
@@ -355,22 +356,23 @@ fn what_lies_outside_of_zones_in_other_systems_is_what_formulas_say() {
 /// Zones over octrees are columns with a volume.
 #[test]
 fn zones_of_octrees_have_volumes() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let directory = tempfile::tempdir().unwrap();
+    let file = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let (solid, tree, zones) = (file("box.csg"), file("box.goblin"), file("zones.geojson"));
     std::fs::write(&solid, "block(0,0,0, 4,4,3);\n").unwrap();
     spinney(&["-q", "build", &solid, "-o", &tree, "--cell", "0.25", "--unit", "m"]).success();
     // Half of it inside, and half outside: columns of 8 x 16 cells, 12 high.
     let ring = "[[-2,0],[2,0],[2,4],[-2,4],[-2,0]]";
     std::fs::write(&zones, format!(r#"{{"type":"FeatureCollection","crs":null,"features":[{{"type":"Feature","properties":{{}},"geometry":{{"type":"Polygon","coordinates":[{ring}]}}}}]}}"#)).unwrap();
-    let asked = ["stats", &tree, "--zones", &zones, "--in", "world", "--edge", "area"];
-    let text = stdout(&asked);
+    let arguments = ["stats", &tree, "--zones", &zones, "--in", "world", "--edge", "area"];
+    let text = stdout(&arguments);
     assert!(text.contains("1536 cells") && text.contains("  24 m3") && !text.contains("m2"), "{text}");
-    let json: serde_json::Value = serde_json::from_str(&stdout(&[&asked[..], &["--json"]].concat())).unwrap();
+    let json: serde_json::Value =
+        serde_json::from_str(&stdout(&[&arguments[..], &["--json"]].concat())).unwrap();
     let zone = &json["zones"][0];
     assert_eq!((&zone["volume"], &zone["unit"]), (&24.0.into(), &"m".into()), "{zone}");
     assert_eq!((&zone["outside_cells"], zone.get("area_m2")), (&1536.0.into(), None), "{zone}");
-    let table = stdout(&[&asked[..], &["--csv"]].concat());
+    let table = stdout(&[&arguments[..], &["--csv"]].concat());
     let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
     let column = rows[0].iter().position(|name| *name == "volume").unwrap();
     assert_eq!((rows[1][column], rows[0].contains(&"area_m2")), ("24", false), "{table}");
@@ -406,8 +408,8 @@ fn zones_of_octrees_have_volumes() {
     assert!(
         json["volume"].is_null() && json["solid"]["volume"].is_null() && json["solid"]["surface"].is_null()
     );
-    let asked = ["stats", &placed, "--zones", &zones, "--in", "world", "--edge", "area", "--json"];
-    let json: serde_json::Value = serde_json::from_str(&stdout(&asked)).unwrap();
+    let arguments = ["stats", &placed, "--zones", &zones, "--in", "world", "--edge", "area", "--json"];
+    let json: serde_json::Value = serde_json::from_str(&stdout(&arguments)).unwrap();
     assert!(json["zones"][0]["volume"].is_null() && json["zones"][0]["cells"] == 1536.0, "{json}");
     // The same for exact models, their objects, and layers between surfaces.
     let (cube, model, wells) = (file("cube.off"), file("cube.goblin"), file("wells.csv"));
@@ -425,6 +427,6 @@ fn zones_of_octrees_have_volumes() {
     assert!(stdout(&["stats", &model, "--each"]).contains(",true,6,,,0,3,"));
     std::fs::write(&wells, "x,y,a,b\n0,0,5,1\n4,0,5,1\n4,4,5,1\n0,4,5,1\n").unwrap();
     let layers = ["build", &wells, "-o", &model, "--tin", "a,b", "--brep", "--crs", "EPSG:4326"];
-    let told = stderr(spinney(&layers).success());
-    assert!(told.contains("a to b: volume and area unknown: degrees"), "{told}");
+    let message = stderr(spinney(&layers).success());
+    assert!(message.contains("a to b: volume and area unknown: degrees"), "{message}");
 }

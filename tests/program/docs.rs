@@ -98,8 +98,8 @@ fn is_alike(expected: &str, line: &str) -> bool {
         return false;
     };
     middle.split("...").all(|part| {
-        rest.split_once(part).is_some_and(|(_, behind)| {
-            rest = behind;
+        rest.split_once(part).is_some_and(|(_, after)| {
+            rest = after;
             true
         })
     })
@@ -127,17 +127,17 @@ fn run(page: &Path) -> Vec<String> {
     if blocks.is_empty() != has_none {
         return vec![format!("{name}: {} blocks of commands", blocks.len())];
     }
-    let folder = tempfile::tempdir().unwrap();
-    let programs = folder.path().join("target/debug");
+    let directory = tempfile::tempdir().unwrap();
+    let programs = directory.path().join("target/debug");
     fs::create_dir_all(&programs).unwrap();
     symlink(command(&[]).get_program(), programs.join("spinney")).unwrap();
-    symlink(Path::new(ROOT).join("fixtures"), folder.path().join("fixtures")).unwrap();
+    symlink(Path::new(ROOT).join("fixtures"), directory.path().join("fixtures")).unwrap();
     let path = format!("{}:{}", programs.display(), std::env::var("PATH").unwrap());
     let mut wrong = Vec::new();
     for block in blocks {
         let mut bash = Command::new("bash");
         bash.args(["-euo", "pipefail", "-c", &format!("exec 2>&1 < /dev/null\n{}", block.commands)]);
-        bash.current_dir(folder.path())
+        bash.current_dir(directory.path())
             .env("PATH", &path)
             .env("SPINNEY_AUTHOR", "")
             .env_remove("SOURCE_DATE_EPOCH");
@@ -155,8 +155,8 @@ fn run(page: &Path) -> Vec<String> {
 
 /// Returns the README, and the pages that it links to.
 fn pages() -> Vec<PathBuf> {
-    let folder = fs::read_dir(Path::new(ROOT).join("docs")).unwrap();
-    let mut pages: Vec<PathBuf> = folder.map(|entry| entry.unwrap().path()).collect();
+    let directory = fs::read_dir(Path::new(ROOT).join("docs")).unwrap();
+    let mut pages: Vec<PathBuf> = directory.map(|entry| entry.unwrap().path()).collect();
     pages.retain(|path| path.extension().is_some_and(|ending| ending == "md"));
     pages.push(Path::new(ROOT).join("README.md"));
     pages.sort();

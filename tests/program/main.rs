@@ -21,6 +21,7 @@ mod cli_exact_sets;
 #[cfg(feature = "cli")]
 mod cli_features;
 mod cli_gltf;
+mod cli_images;
 mod cli_info;
 #[cfg(feature = "cli")]
 mod cli_isosurfaces;
@@ -38,7 +39,6 @@ mod cli_operations;
 mod cli_options;
 mod cli_overlay;
 mod cli_packed;
-mod cli_pictures;
 #[cfg(feature = "cli")]
 mod cli_points;
 #[cfg(feature = "cli")]
@@ -69,4 +69,4 @@ mod cli_wide;
 mod cli_zones;
 #[cfg(all(unix, feature = "cli"))]
 mod docs;
-mod first_look;
+mod reviewed_images;

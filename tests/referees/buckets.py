@@ -96,19 +96,19 @@ def main() -> None:
 
     # Small files, each by one request.
     for name in ["classes.goblin", "elevation.goblin", "history.autumn"]:
-        url = f"s3://maps/folder/{name}"
+        url = f"s3://maps/directory/{name}"
         run("convert", FIXTURES / name, "-o", url)
         near, far = json.loads(run("stats", "--json", FIXTURES / name)), json.loads(run("stats", "--json", url))
         near.pop("file", None), far.pop("file", None)
         assert near == far, name
         assert "good" in run("verify", url)
-    assert objects() == [f"folder/{name}" for name in ("classes.goblin", "elevation.goblin", "history.autumn")]
+    assert objects() == [f"directory/{name}" for name in ("classes.goblin", "elevation.goblin", "history.autumn")]
 
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as directory:
         # A large one, as a multipart upload.
-        noise = Path(folder) / "noise.npy"
+        noise = Path(directory) / "noise.npy"
         np.save(noise, np.random.default_rng(1).integers(0, 255, (256, 300, 300), dtype=np.uint8))
-        near = Path(folder) / "noise.goblin"
+        near = Path(directory) / "noise.goblin"
         run("build", noise, "-o", near)
         assert near.stat().st_size > 20 << 20
         run("convert", near, "-o", "s3://maps/noise.goblin")
@@ -116,11 +116,11 @@ def main() -> None:
         copy = client.get_object(Bucket="maps", Key="noise.goblin")["Body"].read()
         assert copy == near.read_bytes() and not uploads()
         window = ("--window", "20,30,50,40", "--slice", "z=100")
-        cells = [Path(folder) / name for name in ("near.npy", "far.npy")]
+        cells = [Path(directory) / name for name in ("near.npy", "far.npy")]
         run("get", near, cells[0], *window)
-        told = subprocess.run([PROGRAM, "-v", "get", "s3://maps/noise.goblin", cells[1], *window], capture_output=True, text=True)
+        completed = subprocess.run([PROGRAM, "-v", "get", "s3://maps/noise.goblin", cells[1], *window], capture_output=True, text=True)
         assert cells[0].read_bytes() == cells[1].read_bytes()
-        assert int(told.stderr.split(", ")[-1].split()[0]) < 8 << 20, told.stderr
+        assert int(completed.stderr.split(", ")[-1].split()[0]) < 8 << 20, completed.stderr
 
         # An interrupted upload leaves no object.
         proxy = SlowProxy(port)
@@ -141,8 +141,8 @@ def main() -> None:
 
     # Missing or invalid keys are rejected with a message.
     settings.INITIAL_NO_AUTH_ACTION_COUNT = 0
-    refused = run("info", "s3://maps/folder/classes.goblin", code=1)
-    assert "403" in refused and "s3://maps/folder/classes.goblin" in refused, refused
+    refused = run("info", "s3://maps/directory/classes.goblin", code=1)
+    assert "403" in refused and "s3://maps/directory/classes.goblin" in refused, refused
     refused = run("convert", FIXTURES / "classes.goblin", "-o", "s3://maps/no.goblin", code=1)
     assert "403" in refused, refused
     print("good")

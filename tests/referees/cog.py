@@ -16,7 +16,7 @@ import numpy
 import rasterio
 from rio_cogeo.cogeo import cog_validate
 
-program, folder = sys.argv[1], pathlib.Path(sys.argv[2])
+program, directory = sys.argv[1], pathlib.Path(sys.argv[2])
 fixtures = pathlib.Path(__file__).resolve().parents[2] / "fixtures" / "v1"
 
 
@@ -28,7 +28,7 @@ def made(name, array, nodata=None, colours=None, *options):
     """Builds a tree of an array, located in Switzerland."""
     if array.ndim == 2:
         array = array[None]
-    source, tree = folder / f"{name}_in.tif", folder / f"{name}.goblin"
+    source, tree = directory / f"{name}_in.tif", directory / f"{name}.goblin"
     bands, height, width = array.shape
     place = rasterio.transform.from_origin(2_600_000, 1_200_000, 10, 10)
     profile = dict(driver="GTiff", width=width, height=height, count=bands, dtype=array.dtype, nodata=nodata)
@@ -61,7 +61,7 @@ def check(tree, *options):
                                text=True).stdout.split('"depth":')[1].split(",")[0])
     for number in range(len(factors) + 1):
         more = {"OVERVIEW_LEVEL": number - 1} if number else {}
-        array = folder / "level.tif"
+        array = directory / "level.tif"
         run("get", tree, array, "--level", depth - number)
         with rasterio.open(out, **more) as ours, rasterio.open(array) as expected:
             assert ours.shape == expected.shape, (tree, number)
@@ -81,7 +81,7 @@ rows, columns = numpy.mgrid[0:1300, 0:1700]
 waves = (numpy.sin(rows / 90) + numpy.cos(columns / 130)) * 900
 holes = (rows // 100 + columns // 170) % 5 == 0
 check(made("relief", numpy.where(holes, -32768, waves).astype("int16"), -32768))
-check(made("amounts", numpy.where(holes, numpy.nan, waves).astype("float32"), numpy.nan), "--compression", "zstd")
+check(made("continuous", numpy.where(holes, numpy.nan, waves).astype("float32"), numpy.nan), "--compression", "zstd")
 classes = (numpy.abs(waves) // 400 + 1).astype("uint8")
 colours = {value: (40 * value, 255 - 40 * value, 90, 255) for value in range(6)}
 out = check(made("classes", classes, None, colours, "--rule", "majority"), "--tile-size", "256")
@@ -93,13 +93,13 @@ check(made("photograph", photograph))
 check(made("wide", classes[:7, :]), "--compression", "none")
 check(made("dot", classes[:1, :1]))
 for name in ["classes", "elevation", "rgb"]:
-    check(pathlib.Path(shutil.copy(fixtures / f"{name}.goblin", folder / f"fixture_{name}.goblin")))
+    check(pathlib.Path(shutil.copy(fixtures / f"{name}.goblin", directory / f"fixture_{name}.goblin")))
 # Every value occurs, and VOID: masks.
 full = made("full", (rows * 31 + columns * 17).astype("uint8"), None, None, "--rule", "majority")
-edited = folder / "full.autumn"
+edited = directory / "full.autumn"
 run("transform", full, "-o", edited)
 run("edit", edited, "fill", "--window", "100,200,700,600", "--void")
-out = folder / "masked.tif"
+out = directory / "masked.tif"
 run("export", edited, out, "--tile-size", "256")
 assert cog_validate(str(out), strict=True)[0]
 with rasterio.open(out) as file:

@@ -23,8 +23,8 @@ except ImportError as missing:
     print(f"skipped: {missing}")
     sys.exit()
 
-program, folder = sys.argv[1], pathlib.Path(sys.argv[2])
-folder.mkdir(parents=True, exist_ok=True)
+program, directory = sys.argv[1], pathlib.Path(sys.argv[2])
+directory.mkdir(parents=True, exist_ok=True)
 
 
 def spinney(*arguments):
@@ -56,7 +56,7 @@ def expected_labels(cells, neighbours):
 
 
 def built(cells):
-    tree, source = folder / "cells.goblin", folder / ("cells.png" if cells.ndim == 2 else "cells.npy")
+    tree, source = directory / "cells.goblin", directory / ("cells.png" if cells.ndim == 2 else "cells.npy")
     Image.fromarray(cells).save(source) if cells.ndim == 2 else np.save(source, cells)
     spinney("build", source, "-o", tree, "--nodata", "0", "--kind", "categorical")
     return tree
@@ -64,13 +64,13 @@ def built(cells):
 
 def made(tree, *steps, options=()):
     """Returns the file that operations make of a tree."""
-    result = folder / "result.goblin"
+    result = directory / "result.goblin"
     spinney("transform", tree, *steps, "-o", result, *options)
     return result
 
 
 def cells_of(tree):
-    back = folder / "back.npy"
+    back = directory / "back.npy"
     spinney("get", tree, back)
     return np.load(back)
 
@@ -116,11 +116,11 @@ for seed in range(8):
     for option, step in (("-4", f"sieve={least}"), ("-8", f"sieve={least},connect=8")):
         mine = cells_of(made(tree, step))
         header = f"P5 {shape[1]} {shape[0]} 255\n".encode()
-        (folder / "cells.pgm").write_bytes(header + squares.tobytes())
-        theirs = folder / "sieved.tif"
-        subprocess.run(["gdal_translate", "-q", folder / "cells.pgm", folder / "cells.tif"], check=True)
+        (directory / "cells.pgm").write_bytes(header + squares.tobytes())
+        theirs = directory / "sieved.tif"
+        subprocess.run(["gdal_translate", "-q", directory / "cells.pgm", directory / "cells.tif"], check=True)
         subprocess.run(
-            ["gdal_sieve.py", "-q", option, "-st", str(least), folder / "cells.tif", "-nomask", "-of", "ENVI", theirs],
+            ["gdal_sieve.py", "-q", option, "-st", str(least), directory / "cells.tif", "-nomask", "-of", "ENVI", theirs],
             check=True,
         )
         found = np.frombuffer(theirs.read_bytes(), np.uint8).reshape(shape)

@@ -18,12 +18,12 @@ import shutil
 import subprocess
 import sys
 
-program, folder = sys.argv[1], pathlib.Path(sys.argv[2])
+program, directory = sys.argv[1], pathlib.Path(sys.argv[2])
 csv.field_size_limit(1 << 30)
 VOID = -9999
 
 
-def picture(seed, longest):
+def random_rows(seed, longest):
     """Noise, sometimes with holes, in float so that no value equals a level."""
     noise = random.Random(seed)
     size = [noise.randrange(2, longest), noise.randrange(2, 60)]
@@ -56,12 +56,12 @@ def segments(path, rows):
 
 
 def compare(seed, longest=400):
-    rows = picture(seed, longest)
-    ascii_grid, source, tree = folder / "in.asc", folder / "in.tif", folder / "in.goblin"
+    rows = random_rows(seed, longest)
+    ascii_grid, source, tree = directory / "in.asc", directory / "in.tif", directory / "in.goblin"
     head = f"ncols {len(rows[0])}\nnrows {len(rows)}\nxllcorner 0\nyllcorner 0\ncellsize 1\nNODATA_value {VOID}\n"
     ascii_grid.write_text(head + "".join(" ".join(map(str, row)) + "\n" for row in rows))
     subprocess.run(["gdal_translate", "-q", "-ot", "Float64", ascii_grid, source], check=True)
-    ours, theirs = folder / "ours.csv", folder / "theirs.csv"
+    ours, theirs = directory / "ours.csv", directory / "theirs.csv"
     theirs.unlink(missing_ok=True)
     subprocess.run([program, "-q", "build", source, "-o", tree], check=True)
     subprocess.run([program, "-q", "contours", tree, "--every", "1", "--ends", "extend", "-o", ours], check=True)
@@ -79,13 +79,13 @@ def compare(seed, longest=400):
 
 def formats(seed):
     """Lines and bands in all formats that GDAL reads, against our own CSV."""
-    source, tree = folder / "in.tif", folder / "in.goblin"
+    source, tree = directory / "in.tif", directory / "in.goblin"
     compare(seed, 100)
     checked = 0
     for options in ([], ["--filled"], ["--3d"]):
         expected = None
         for ending in ("csv", "geojson", "gpkg", "fgb", "shp"):
-            ours, read = folder / f"formats.{ending}", folder / "read.csv"
+            ours, read = directory / f"formats.{ending}", directory / "read.csv"
             read.unlink(missing_ok=True)
             subprocess.run([program, "-q", "contours", tree, "--every", "1", "-o", ours, *options], check=True)
             subprocess.run(["ogr2ogr", "-q", "-f", "CSV", "-lco", "GEOMETRY=AS_WKT", "-lco", "SEPARATOR=COMMA", read, ours], check=True)
@@ -104,7 +104,7 @@ def formats(seed):
 if not shutil.which("gdal_contour"):
     print("contours: skipped, gdal_contour is not there")
     sys.exit(0)
-folder.mkdir(parents=True, exist_ok=True)
+directory.mkdir(parents=True, exist_ok=True)
 total = [sum(column) for column in zip(*(compare(seed) for seed in range(12)))]
 total.append(formats(3))
 print(f"contours: {total[2]} features are the same in all formats")

@@ -1,9 +1,9 @@
 // 3D Tiles and binary glTF as JavaScript readers see them: gltf-validator, 3d-tiles-tools,
 // loaders.gl.
 //
-//     `NODE_FOLDER=PACKAGES node tests/referees/gltf.mjs TILESET... MODEL.glb...`
+//     `NODE_DIRECTORY=PACKAGES node tests/referees/gltf.mjs TILESET... MODEL.glb...`
 //
-// `NODE_FOLDER` contains the packages. TILESET is a directory. A tileset X is compared with a
+// `NODE_DIRECTORY` contains the packages. TILESET is a directory. A tileset X is compared with a
 // sibling X.meshopt, if it exists; single models are only validated.
 
 import assert from 'node:assert/strict';
@@ -12,15 +12,15 @@ import http from 'node:http';
 import { createRequire } from 'node:module';
 import path from 'node:path';
 
-const require = createRequire(path.join(process.env.NODE_FOLDER, 'node_modules/'));
+const require = createRequire(path.join(process.env.NODE_DIRECTORY, 'node_modules/'));
 const validator = require('gltf-validator');
 const { TilesetSources, TilesetTraverser, TilesetSourceResourceResolver } = require('3d-tiles-tools');
 const { load, parse } = require('@loaders.gl/core');
 const { Tiles3DLoader } = require('@loaders.gl/3d-tiles');
 const { GLTFLoader, postProcessGLTF } = require('@loaders.gl/gltf');
 
-const below = (folder) =>
-  fs.readdirSync(folder, { recursive: true }).filter((name) => name.endsWith('.glb')).sort();
+const below = (directory) =>
+  fs.readdirSync(directory, { recursive: true }).filter((name) => name.endsWith('.glb')).sort();
 
 /**
  * The validator's messages, except about unknown extensions, and about unused views that only these
@@ -35,8 +35,8 @@ async function validate(file) {
 }
 
 /** Tiles as traversed by 3d-tiles-tools: their contents, and their boxes. */
-async function traverse(folder) {
-  const source = await TilesetSources.createAndOpen(folder);
+async function traverse(directory) {
+  const source = await TilesetSources.createAndOpen(directory);
   const json = JSON.parse((await source.getValue('tileset.json')).toString());
   const resolver = new TilesetSourceResourceResolver('.', source);
   const contents = new Map();
@@ -86,9 +86,9 @@ function written(triangle) {
 }
 
 /** The tree of tiles that loaders.gl builds from the subtrees. */
-async function loaded(folder) {
+async function loaded(directory) {
   const server = http.createServer((request, response) => {
-    const file = path.join(folder, new URL(request.url, 'http://x').pathname);
+    const file = path.join(directory, new URL(request.url, 'http://x').pathname);
     response.statusCode = fs.existsSync(file) ? 200 : 404;
     response.end(response.statusCode === 200 ? fs.readFileSync(file) : undefined);
   });
@@ -111,33 +111,33 @@ for (const model of models) {
   console.log(`${path.basename(model)}: valid`);
 }
 
-for (const folder of process.argv.slice(2).filter((name) => !models.includes(name))) {
-  const files = below(folder);
-  for (const file of files) await validate(path.join(folder, file));
-  const contents = await traverse(folder);
-  assert.deepEqual([...contents.keys()].sort(), files, `3d-tiles-tools: ${folder}`);
-  assert.deepEqual((await loaded(folder)).sort(), files, `loaders.gl: ${folder}`);
+for (const directory of process.argv.slice(2).filter((name) => !models.includes(name))) {
+  const files = below(directory);
+  for (const file of files) await validate(path.join(directory, file));
+  const contents = await traverse(directory);
+  assert.deepEqual([...contents.keys()].sort(), files, `3d-tiles-tools: ${directory}`);
+  assert.deepEqual((await loaded(directory)).sort(), files, `loaders.gl: ${directory}`);
   let count = 0;
   for (const file of files) {
-    const all = await triangles(path.join(folder, file));
+    const all = await triangles(path.join(directory, file));
     count += all.length;
     // Boxes are parallel to the tileset's axes; contents have the scale of their root's matrix.
-    const gltf = await parse(fs.readFileSync(path.join(folder, file)), GLTFLoader, { worker: false });
+    const gltf = await parse(fs.readFileSync(path.join(directory, file)), GLTFLoader, { worker: false });
     const unit = gltf.json.nodes[0].matrix[0];
     const box = contents.get(file);
     for (const { at } of all.flat()) {
       for (const axis of [0, 1, 2]) {
         const off = Math.abs(at[axis] * unit - box[axis]) - box[3 + 4 * axis];
-        assert.ok(off <= 1e-9 * Math.abs(box[3 + 4 * axis]), `${folder}/${file}: ${at} is not in ${box}`);
+        assert.ok(off <= 1e-9 * Math.abs(box[3 + 4 * axis]), `${directory}/${file}: ${at} is not in ${box}`);
       }
     }
-    const compressed = path.join(`${folder}.meshopt`, file);
+    const compressed = path.join(`${directory}.meshopt`, file);
     if (fs.existsSync(compressed)) {
       await validate(compressed);
       const others = (await triangles(compressed)).map(written).sort();
       assert.deepEqual(others, all.map(written).sort(), compressed);
     }
   }
-  const besides = fs.existsSync(`${folder}.meshopt`) ? ', the same as compressed ones' : '';
-  console.log(`${path.basename(folder)}: ${files.length} contents, ${count} triangles${besides}`);
+  const besides = fs.existsSync(`${directory}.meshopt`) ? ', the same as compressed ones' : '';
+  console.log(`${path.basename(directory)}: ${files.length} contents, ${count} triangles${besides}`);
 }

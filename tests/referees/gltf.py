@@ -5,7 +5,7 @@ gltf-validator, 3d-tiles-tools, loaders.gl and CesiumJS.
     tests/referees/gltf.py PATH/TO/spinney
 
 Needs Python with numpy and trimesh. With node, gltf.mjs in this directory is run with the packages
-in the directory NODE_FOLDER; with the package cesium and chromium, cesium.mjs is run as well.
+in the directory NODE_DIRECTORY; with the package cesium and chromium, cesium.mjs is run as well.
 """
 
 import json
@@ -72,33 +72,33 @@ def main():
     sets = []
     # A coarse cell of parts is solid if any of its cells is.
     for name, options, tolerance in [("shape", ["--smooth"], 0.02), ("parts", [], 0.05)]:
-        folder = work / f"{name}-tiles"
-        spinney("export", work / f"{name}.goblin", folder / "tileset.json", *options)
+        directory = work / f"{name}-tiles"
+        spinney("export", work / f"{name}.goblin", directory / "tileset.json", *options)
         spinney("export", work / f"{name}.goblin", work / f"{name}-tiles.meshopt" / "tileset.json", *options, "--meshopt")
-        sets.append(folder)
-        tileset = json.loads((folder / "tileset.json").read_text())
+        sets.append(directory)
+        tileset = json.loads((directory / "tileset.json").read_text())
         transform = np.array(tileset["root"]["transform"]).reshape(4, 4).T
         levels = tileset["root"]["children"][0]["implicitTiling"]["availableLevels"]
         for level in range(levels):
-            files = sorted((folder / "content" / str(level)).glob("*/*/*.glb"))
+            files = sorted((directory / "content" / str(level)).glob("*/*/*.glb"))
             mesh = trimesh.util.concatenate([placed(file) for file in files])
             # From y upwards, as in glTF, to z upwards, and to world coordinates.
             z_up = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
             mesh.apply_transform(transform @ z_up)
-            check_volume(mesh, volume, tolerance * 2 ** (levels - 1 - level), f"{folder.name}, level {level}")
-        print(f"{folder.name}: trimesh finds the bodies' volume in each of {levels} levels")
+            check_volume(mesh, volume, tolerance * 2 ** (levels - 1 - level), f"{directory.name}, level {level}")
+        print(f"{directory.name}: trimesh finds the bodies' volume in each of {levels} levels")
 
-    modules = os.environ.get("NODE_FOLDER")
+    modules = os.environ.get("NODE_DIRECTORY")
     if not modules or not shutil.which("node"):
-        print("readers in JavaScript are left out: there is no node, or NODE_FOLDER names no packages")
+        print("readers in JavaScript are left out: there is no node, or NODE_DIRECTORY names no packages")
         return
     subprocess.run(["node", HERE / "gltf.mjs", *sets], check=True)
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if not chromium or not Path(modules, "node_modules/cesium").exists():
         print("Cesium is left out: there is no chromium, or no package")
         return
-    for folder in sets:
-        for one in [folder, f"{folder}.meshopt"]:
+    for directory in sets:
+        for one in [directory, f"{directory}.meshopt"]:
             subprocess.run(["node", HERE / "cesium.mjs", chromium, one], check=True)
     shutil.rmtree(work)
 

@@ -23,9 +23,9 @@ except ImportError as missing:
     print(f"skipped: {missing}")
     sys.exit()
 
-program, folder = sys.argv[1], pathlib.Path(sys.argv[2])
-folder.mkdir(parents=True, exist_ok=True)
-pairs_folder = pathlib.Path(__file__).parents[2] / ".." / "shared" / "data" / "poly2d" / "booleanop"
+program, directory = sys.argv[1], pathlib.Path(sys.argv[2])
+directory.mkdir(parents=True, exist_ok=True)
+pairs_directory = pathlib.Path(__file__).parents[2] / ".." / "shared" / "data" / "poly2d" / "booleanop"
 OPERATIONS = {
     "and": lambda a, b: a & b,
     "union": lambda a, b: a | b,
@@ -36,17 +36,17 @@ OPERATIONS = {
 
 
 def written(name, geometries):
-    path = folder / f"{name}.geojson"
+    path = directory / f"{name}.geojson"
     features = [{"type": "Feature", "properties": {"number": number}, "geometry": own if isinstance(own, dict) else mapping(own)}
                 for number, own in enumerate(geometries)]
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    path.write_text(json.dumps({"type": "FeatureCollection", "crs": None, "features": features}))
     return path
 
 
 def combined(operation, *paths, options=()):
-    output = folder / "out.geojson"
-    told = subprocess.run([program, "combine", operation, *map(str, paths), "-o", str(output), *options], check=True, capture_output=True, text=True)
-    bound = next(float(line.split()[-3]) for line in told.stderr.splitlines() if line.startswith("grid"))
+    output = directory / "out.geojson"
+    process = subprocess.run([program, "combine", operation, *map(str, paths), "-o", str(output), *options], check=True, capture_output=True, text=True)
+    bound = next(float(line.split()[-3]) for line in process.stderr.splitlines() if line.startswith("grid"))
     return json.loads(output.read_text())["features"], bound
 
 
@@ -79,7 +79,7 @@ def check(name, operation, features, bound, wanted):
 
 def difficult_pairs():
     count = 0
-    for path in sorted(pairs_folder.glob("*.geojson")) if pairs_folder.exists() else []:
+    for path in sorted(pairs_directory.glob("*.geojson")) if pairs_directory.exists() else []:
         features = json.loads(path.read_text())["features"]
         if len(features) < 2:
             continue

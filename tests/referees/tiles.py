@@ -4,7 +4,7 @@
     tests/referees/tiles.py PATH/TO/spinney
 
 Needs Python with numpy, pillow and pmtiles. Optional: node with the package `pmtiles` (in the
-directory NODE_FOLDER), GDAL's programs.
+directory NODE_DIRECTORY), GDAL's programs.
 """
 
 import io
@@ -58,7 +58,7 @@ def spinney(*words):
     run(SPINNEY, "-q", *words)
 
 
-def world(folder):
+def world(directory):
     """Builds a map of classes of the world as a tree with the world as its root, without GDAL:
     noise, patches, and a hole."""
     random = np.random.default_rng(3)
@@ -67,7 +67,7 @@ def world(folder):
     cells[1024:, 1024:] = 0
     cells[1024:, :1024] = 5
     # A TIFF file of one strip, with a palette and a frame, and as few tags as possible.
-    tags, behind = [], b""
+    tags, out_of_line = [], b""
     start = 8 + cells.size
     palette = np.array([(number * 40 % 256, 255 - number, number * 97 % 256) for number in range(256)], np.uint16)
     cell = 2 * HALF / SIDE
@@ -82,15 +82,15 @@ def world(folder):
     for tag, kind, value in values:
         data = value if kind == 2 else np.array(value, kinds[kind]).tobytes()
         if len(data) > 4:
-            place = (after + len(behind)).to_bytes(4, "little")
-            behind += data + b"\0" * (len(data) % 2)
+            place = (after + len(out_of_line)).to_bytes(4, "little")
+            out_of_line += data + b"\0" * (len(data) % 2)
         else:
             place = data.ljust(4, b"\0")
         tags.append(tag.to_bytes(2, "little") + kind.to_bytes(2, "little") + len(value).to_bytes(4, "little") + place)
-    tiff = folder / "world.tif"
+    tiff = directory / "world.tif"
     tiff.write_bytes(b"II*\0" + start.to_bytes(4, "little") + cells.tobytes() + len(tags).to_bytes(2, "little")
-                     + b"".join(tags) + bytes(4) + behind)
-    tree = folder / "world.goblin"
+                     + b"".join(tags) + bytes(4) + out_of_line)
+    tree = directory / "world.goblin"
     spinney("build", tiff, "-o", tree)
     return tree
 
@@ -99,22 +99,22 @@ def pixels(data):
     return np.array(Image.open(io.BytesIO(data)).convert("RGBA"))
 
 
-def expected(folder, tree, z, x, y):
+def expected(directory, tree, z, x, y):
     """Returns what `get` draws for a tile's node."""
-    picture = folder / "part.png"
+    image = directory / "part.png"
     side = SIDE >> z
-    spinney("get", tree, picture, "--window", f"{x * side},{y * side},{side},{side}", "--level", str(z + 8))
-    return pixels(picture.read_bytes())
+    spinney("get", tree, image, "--window", f"{x * side},{y * side},{side},{side}", "--level", str(z + 8))
+    return pixels(image.read_bytes())
 
 
 def main():
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        tree = world(folder)
-        archive, database = folder / "t.pmtiles", folder / "t.mbtiles"
-        for target in (archive, database, f"{folder}/t/{{z}}/{{x}}/{{y}}.png"):
-            spinney("export", tree, target, "--attribution", "somebody", "--name", "Classes")
-        for target in (archive, database, folder / "t"):
+        directory = Path(name)
+        tree = world(directory)
+        archive, database = directory / "t.pmtiles", directory / "t.mbtiles"
+        for target in (archive, database, f"{directory}/t/{{z}}/{{x}}/{{y}}.png"):
+            spinney("export", tree, target, "--attribution", "the authors", "--name", "Classes")
+        for target in (archive, database, directory / "t"):
             spinney("verify", target)
 
         with open(archive, "rb") as file:
@@ -128,16 +128,16 @@ def main():
         assert (header["version"], header["clustered"], header["min_zoom"], header["max_zoom"]) == (3, True, 0, ZOOMS)
         assert header["addressed_tiles_count"] == len(tiles)
         assert header["tile_contents_count"] == len(set(tiles.values())) < len(tiles)
-        assert (metadata["name"], metadata["attribution"]) == ("Classes", "somebody")
+        assert (metadata["name"], metadata["attribution"]) == ("Classes", "the authors")
         assert abs(header["min_lat_e7"] + 850511288) <= 1 and header["max_lon_e7"] == 1800000000
         missing = [(z, x, y) for z in range(ZOOMS + 1) for x in range(1 << z) for y in range(1 << z)
                    if (z, x, y) not in tiles]
         assert all(2 * x >= 1 << z and 2 * y >= 1 << z for z, x, y in missing) and missing
         for (z, x, y), data in tiles.items():
-            here, there = pixels(data), expected(folder, tree, z, x, y)
+            here, there = pixels(data), expected(directory, tree, z, x, y)
             here[here[..., 3] == 0] = there[there[..., 3] == 0] = 0
             assert (here == there).all(), (z, x, y)
-            assert (folder / "t" / str(z) / str(x) / f"{y}.png").read_bytes() == data
+            assert (directory / "t" / str(z) / str(x) / f"{y}.png").read_bytes() == data
         print(f"pmtiles (Python): {len(tiles)} tiles are what get draws")
 
         connection = sqlite3.connect(database)
@@ -153,27 +153,27 @@ def main():
         if shutil.which("gdalinfo"):
             facts = json.loads(run("gdalinfo", "-json", database, capture_output=True).stdout)
             assert facts["driverShortName"] == "MBTiles" and facts["size"] == [SIDE, SIDE], facts["size"]
-            picture = folder / "whole.png"
-            run("gdal_translate", "-q", "-of", "PNG", database, picture)
-            here = pixels(picture.read_bytes())
+            image = directory / "whole.png"
+            run("gdal_translate", "-q", "-of", "PNG", database, image)
+            here = pixels(image.read_bytes())
             for (z, x, y), data in tiles.items():
                 if z == ZOOMS:
                     there = pixels(data)
                     part = here[y * 256:y * 256 + 256, x * 256:x * 256 + 256].copy()
                     part[part[..., 3] == 0] = there[there[..., 3] == 0] = 0
                     assert (part == there).all(), (z, x, y)
-            print("GDAL: MBTiles as one picture are the same")
+            print("GDAL: MBTiles as one image is the same")
 
-        modules = os.environ.get("NODE_FOLDER")
+        modules = os.environ.get("NODE_DIRECTORY")
         if modules and shutil.which("node"):
-            answer = run("node", "-e", JAVASCRIPT, archive, cwd=modules, capture_output=True).stdout
-            answer = json.loads(answer)
+            result = run("node", "-e", JAVASCRIPT, archive, cwd=modules, capture_output=True).stdout
+            result = json.loads(result)
             import base64
-            found = {tuple(map(int, place.split("/"))): base64.b64decode(data) for place, data in answer["tiles"].items()}
-            assert found == tiles and answer["metadata"]["name"] == "Classes"
+            found = {tuple(map(int, place.split("/"))): base64.b64decode(data) for place, data in result["tiles"].items()}
+            assert found == tiles and result["metadata"]["name"] == "Classes"
             print("pmtiles (JavaScript): the same tiles")
         else:
-            print("skipped: no node with pmtiles (NODE_FOLDER)")
+            print("skipped: no node with pmtiles (NODE_DIRECTORY)")
 
 
 if __name__ == "__main__":

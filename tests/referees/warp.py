@@ -20,7 +20,7 @@ from rasterio.transform import Affine
 from rasterio.crs import CRS
 from rasterio.warp import transform, transform_bounds
 
-program, folder = sys.argv[1], pathlib.Path(sys.argv[2])
+program, directory = sys.argv[1], pathlib.Path(sys.argv[2])
 HALF = 20037508.342789244
 WAYS = {"nearest": "near", "bilinear": "bilinear", "cubic": "cubic"}
 
@@ -29,19 +29,19 @@ def run(*words):
     subprocess.run([program, "-q", *map(str, words)], check=True)
 
 
-def compare(name, crs, place, zoom, kind="int16", told=None):
-    """Compares a raster of noise over waves, warped by both; `told` is our coordinate system, if
-    the file is to have none."""
+def compare(name, crs, place, zoom, kind="int16", declared=None):
+    """Compares a raster of noise over waves, warped by both; `declared` is our coordinate system,
+    if the file is to have none."""
     rows, columns = numpy.mgrid[0:150, 0:200]
     noise = numpy.random.default_rng(7).integers(0, 400, rows.shape)
     values = (2000 * numpy.sin(columns / 17) * numpy.cos(rows / 23) + noise).astype(kind)
-    source = folder / f"{name}.tif"
+    source = directory / f"{name}.tif"
     profile = dict(driver="GTiff", width=200, height=150, count=1, dtype=kind, crs=crs, transform=place)
     with rasterio.open(source, "w", **profile) as file:
         file.write(values, 1)
         bounds = transform_bounds(crs, "EPSG:3857", *file.bounds)
-    if told:
-        bare = folder / f"{name}_bare.tif"
+    if declared:
+        bare = directory / f"{name}_bare.tif"
         with rasterio.open(bare, "w", **{**profile, "crs": None}) as file:
             file.write(values, 1)
     cell = 2 * HALF / 2 ** (zoom + 8)
@@ -50,12 +50,12 @@ def compare(name, crs, place, zoom, kind="int16", told=None):
     west, north = first[0] * cell - HALF, HALF - first[1] * cell
     box = [west, north - size[1] * cell, west + size[0] * cell, north]
     for way, resampling in WAYS.items():
-        tree, array = folder / f"{name}.goblin", folder / f"{name}.npy"
-        here = [bare, "--crs", told] if told else [source]
+        tree, array = directory / f"{name}.goblin", directory / f"{name}.npy"
+        here = [bare, "--crs", declared] if declared else [source]
         run("build", *here, "-o", tree, "--grid", "xyz", "--max-zoom", zoom, "--resampling", way)
         run("get", tree, array, "--window", ",".join(map(str, first + size)), "--nodata", "-32768")
         ours = numpy.load(array)
-        warped = folder / f"{name}_{way}.tif"
+        warped = directory / f"{name}_{way}.tif"
         options = ["-q", "-overwrite", "-r", resampling, "-et", "0", "-wo", "XSCALE=1", "-wo", "YSCALE=1"]
         target = ["-t_srs", "EPSG:3857", "-te", *box, "-ts", *size, "-dstnodata", "-32768"]
         subprocess.run(["gdalwarp", *options, *map(str, target), source, warped], check=True)
@@ -67,8 +67,8 @@ def compare(name, crs, place, zoom, kind="int16", told=None):
         inside = numpy.minimum(ours, theirs) > -32768
         assert share < 5e-3, f"{name} {way}: {share:.2%} of {differ.size} cells differ"
         # At the raster's border the same decides which cells a kernel has.
-        apart = numpy.count_nonzero(differ[inside] > 1)
-        assert way == "nearest" or apart <= 2, f"{name} {way}: {apart} cells by up to {differ[inside].max()}"
+        different = numpy.count_nonzero(differ[inside] > 1)
+        assert way == "nearest" or different <= 2, f"{name} {way}: {different} cells by up to {differ[inside].max()}"
         assert inside.any()
         print(f"{name}, {way}: {numpy.count_nonzero(differ)} of {differ.size} cells differ")
 
@@ -76,7 +76,7 @@ def compare(name, crs, place, zoom, kind="int16", told=None):
 if shutil.which("gdalwarp") is None:
     print("skipped: no gdalwarp")
     sys.exit()
-folder.mkdir(exist_ok=True)
+directory.mkdir(exist_ok=True)
 compare("utm", "EPSG:32632", Affine(30, 0, 400000, 0, -30, 5400000), 13)
 compare("degrees", "EPSG:4326", Affine(0.01, 0, 7, 0, -0.01, 47), 8)
 compare("turned", "EPSG:3035", Affine(25, 9, 4321000, 8, -25, 3210000), 13)
@@ -117,6 +117,6 @@ for name, (definition, longitude, latitude) in DEFINED.items():
     place = Affine(cell, 0, x, 0, -cell, y)
     compare(name, crs, place, 10 if name == "polar_stereographic" else 11)
     if name in ("transverse_mercator", "albers_us_feet", "conic_paris"):
-        compare(f"{name}_told", crs, place, 11, told=definition)
-        compare(f"{name}_text", crs, place, 11, told=crs.to_wkt())
+        compare(f"{name}_declared", crs, place, 11, declared=definition)
+        compare(f"{name}_text", crs, place, 11, declared=crs.to_wkt())
 compare("degrees_hayford", "+proj=longlat +ellps=intl +towgs84=-87,-98,-121", Affine(0.01, 0, 7, 0, -0.01, 47), 8)

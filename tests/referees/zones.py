@@ -25,8 +25,8 @@ except ImportError as missing:
     print(f"skipped: {missing}")
     sys.exit()
 
-program, folder = sys.argv[1], pathlib.Path(sys.argv[2])
-folder.mkdir(parents=True, exist_ok=True)
+program, directory = sys.argv[1], pathlib.Path(sys.argv[2])
+directory.mkdir(parents=True, exist_ok=True)
 rng = np.random.default_rng(11)
 ROWS, COLUMNS, CELL, WEST, NORTH = 150, 210, 20.0, 400_000.0, 5_500_000.0
 TRANSFORM = rasterio.transform.from_origin(WEST, NORTH, CELL, CELL)
@@ -34,7 +34,7 @@ LEVELS = [0.0, 0.05, 0.25, 0.5, 0.9, 1.0]
 MEASURES = "count,void,outside,sum,min,max,mean,std,majority,minority,variety,median,classes"
 
 
-def pictures():
+def rasters():
     """Returns heights, few integers, and classes; each with some cells VOID."""
     y, x = np.mgrid[:ROWS, :COLUMNS]
     smooth = 300 * np.sin(x / 31) * np.cos(y / 23) + rng.normal(0, 20, x.shape)
@@ -44,10 +44,10 @@ def pictures():
     for name, (cells, nodata) in kinds.items():
         cells[40:70, 60:95] = nodata
         cells[rng.random(cells.shape) < 0.02] = nodata
-        path = folder / f"{name}.tif"
+        path = directory / f"{name}.tif"
         with rasterio.open(path, "w", driver="GTiff", height=ROWS, width=COLUMNS, count=1, dtype=cells.dtype, nodata=nodata, crs="EPSG:25832", transform=TRANSFORM) as file:
             file.write(cells, 1)
-        tree = folder / f"{name}.goblin"
+        tree = directory / f"{name}.goblin"
         kind = ["--kind", "categorical"] if name == "classes" else []
         subprocess.run([program, "-q", "build", path, *kind, "-o", tree], check=True)
         yield name, path, tree, np.ma.masked_equal(cells, nodata)
@@ -82,14 +82,14 @@ def zones():
         column, row, wide, high = (int(rng.integers(0, most)) for most in (COLUMNS, ROWS, 30, 30))
         west, north = WEST + column * CELL, NORTH - row * CELL
         made.append({"type": "Polygon", "coordinates": [box(west, north - (high + 1) * CELL, west + (wide + 1) * CELL, north)]})
-    path = folder / "zones.geojson"
+    path = directory / "zones.geojson"
     features = [{"type": "Feature", "id": number, "properties": {"number": number}, "geometry": own} for number, own in enumerate(made)]
     crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::25832"}}
     path.write_text(json.dumps({"type": "FeatureCollection", "crs": crs, "features": features}))
     return path, features
 
 
-def told(tree, path, edge):
+def statistics(tree, path, edge):
     words = [program, "stats", tree, "--zones", path, "--edge", edge, "--measure", MEASURES, "--quantiles", ",".join(map(str, LEVELS)), "--json"]
     return json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)["zones"]
 
@@ -180,13 +180,13 @@ def check(name, edge, number, zone, values, weights, own=None):
     return True
 
 
-def by_area(name, picture, tree, path, features):
+def by_area(name, raster, tree, path, features):
     measures = ["values", "coverage", "count", "sum", "mean", "stdev", "min", "max", "variety", "majority", "minority", "median", "quantile(q=0.25)", "quantile(q=0.9)"]
-    found = exact_extract(str(picture), features, measures, include_cols=["number"])
+    found = exact_extract(str(raster), features, measures, include_cols=["number"])
     theirs = {feature["properties"]["number"]: feature["properties"] for feature in found}
     assert len(theirs) == len(features)
     compared = 0
-    for number, zone in enumerate(told(tree, path, "area")):
+    for number, zone in enumerate(statistics(tree, path, "area")):
         own = theirs[number]
         values, weights = np.ma.asarray(own["values"]), np.asarray(own["coverage"], float)
         valid = ~np.ma.getmaskarray(values)
@@ -196,7 +196,7 @@ def by_area(name, picture, tree, path, features):
 
 def by_centre(name, cells, tree, path, features):
     compared = 0
-    for number, (zone, feature) in enumerate(zip(told(tree, path, "centre"), features, strict=True)):
+    for number, (zone, feature) in enumerate(zip(statistics(tree, path, "centre"), features, strict=True)):
         inside = rasterio.features.geometry_mask([feature["geometry"]], (ROWS, COLUMNS), TRANSFORM, invert=True)
         void = np.ma.getmaskarray(cells)
         values = np.asarray(cells)[inside & ~void]
@@ -206,7 +206,7 @@ def by_centre(name, cells, tree, path, features):
 
 
 path, features = zones()
-for name, picture, tree, cells in pictures():
-    area, centre = by_area(name, picture, tree, path, features), by_centre(name, cells, tree, path, features)
+for name, raster, tree, cells in rasters():
+    area, centre = by_area(name, raster, tree, path, features), by_centre(name, cells, tree, path, features)
     assert area > 120 and centre > 100, (area, centre)
     print(f"{name}: {area} zones by area, {centre} by centre")

@@ -35,7 +35,7 @@ fn new_access() -> FileAccess {
     let mut options = RemoteOptions::default();
     options.timeout = Duration::from_secs(5);
     options.retries = 3;
-    options.folder_bytes = 1 << 30;
+    options.cache_directory_bytes = 1 << 30;
     FileAccess::new().remote(client(options).unwrap())
 }
 
@@ -54,7 +54,7 @@ fn opened(url: &str) -> Result<Dataset> {
 
 /// Returns all cells of a raster.
 fn cells(tree: &Dataset) -> Result<Vec<u8>> {
-    let bounds = tree.header().picture();
+    let bounds = tree.header().extent_bounds();
     let mut values = vec![0; bounds.volume() as usize * tree.header().form.width()];
     tree.window(tree.depth(), &bounds, 0.0, &mut values, None)?;
     Ok(values)
@@ -70,9 +70,9 @@ fn files_of_all_kinds_are_read() {
         assert_eq!(far.metadata(), near.metadata());
         far.check_unchanged().unwrap();
     }
-    for (place, name) in [(":1", "stack.goblin"), ("@1", "history.autumn"), ("@1:0", "stack.autumn")] {
-        let far = format!("{}{place}", put(&server, "places", name));
-        let near = format!("{}{place}", fixture(name));
+    for (suffix, name) in [(":1", "stack.goblin"), ("@1", "history.autumn"), ("@1:0", "stack.autumn")] {
+        let far = format!("{}{suffix}", put(&server, "references", name));
+        let near = format!("{}{suffix}", fixture(name));
         let signed = format!("{far}?signature=a:b/c@2");
         for url in [far, signed] {
             assert!(
@@ -96,7 +96,7 @@ fn files_of_all_kinds_are_read() {
 }
 
 #[test]
-fn servers_that_are_busy_or_break_off_are_asked_again() {
+fn requests_to_busy_or_failing_servers_are_retried() {
     let server = server();
     let expected = cells(&opened(&fixture("segments.goblin")).unwrap()).unwrap();
     for (number, fault) in
@@ -120,7 +120,7 @@ fn servers_that_cannot_be_used_are_reported() {
     };
     for (fault, says) in [
         (Fault::NoRanges, "whole files only"),
-        (Fault::Compresses, "compresses what it sends (gzip)"),
+        (Fault::Compresses, "compresses its responses (gzip)"),
         (Fault::Busy(usize::MAX), "500"),
         (Fault::Forbidden, "403"),
         (Fault::WrongLength, ""),
@@ -182,7 +182,7 @@ fn a_file_that_changes_is_an_error() {
 }
 
 #[test]
-fn what_was_read_is_held() {
+fn remote_bytes_are_cached() {
     let server = server();
     let url = put(&server, "held", "stack.goblin");
     let first = cells(&opened(&url).unwrap()).unwrap();
@@ -197,20 +197,20 @@ fn what_was_read_is_held() {
 #[test]
 fn outputs_are_uploaded_whole_or_not_at_all() {
     let _server = server();
-    let url = "memory:///folder/copy.goblin";
+    let url = "memory:///directory/copy.goblin";
     let output = access().create(Path::new(url)).unwrap();
     spinney::convert(Path::new(&fixture("segments.goblin")), false, output, WriteOptions::new(64 << 20), &())
         .unwrap();
     let copy = opened(url).unwrap();
     assert!(cells(&copy).unwrap() == cells(&opened(&fixture("segments.goblin")).unwrap()).unwrap());
     // A dropped output never existed.
-    let url = "memory:///folder/dropped.goblin";
+    let url = "memory:///directory/dropped.goblin";
     let mut output = access().create(Path::new(url)).unwrap();
     std::io::Write::write_all(&mut output, b"half").unwrap();
     drop(output);
     assert!(opened(url).is_err());
     // A history is created once.
-    let url = "memory:///folder/map.autumn";
+    let url = "memory:///directory/map.autumn";
     let made = |url: &str| {
         let mut output = access().create(Path::new(url)).unwrap();
         output.keep_existing();
@@ -241,7 +241,7 @@ fn program(arguments: &[&str]) -> Option<std::process::Output> {
 #[test]
 fn the_program_reads_urls_wherever_it_reads_a_file() {
     let server = server();
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let url = put(&server, "program", "elevation.goblin");
     let near = fixture("elevation.goblin");
     for arguments in [
@@ -256,7 +256,7 @@ fn the_program_reads_urls_wherever_it_reads_a_file() {
         vec!["verify", "FILE"],
     ] {
         let run = |file: &str, name: &str| {
-            let name = folder.path().join(name).display().to_string();
+            let name = directory.path().join(name).display().to_string();
             let arguments: Vec<String> =
                 arguments.iter().map(|word| word.replace("FILE", file).replace("OUT", &name)).collect();
             let output = program(&arguments.iter().map(String::as_str).collect::<Vec<_>>())?;
@@ -267,7 +267,7 @@ fn the_program_reads_urls_wherever_it_reads_a_file() {
         assert_eq!(Some(far), run(&near, "near"), "{arguments:?}");
         for ending in ["png", "npy", "geojson", "goblin", "tif"] {
             let [far, near] =
-                ["far", "near"].map(|name| std::fs::read(folder.path().join(format!("{name}.{ending}"))));
+                ["far", "near"].map(|name| std::fs::read(directory.path().join(format!("{name}.{ending}"))));
             if let (Ok(far), Ok(near)) = (far, near) {
                 // Trees store the name of their source.
                 let is_same = far == near || ending == "goblin" && far.len().abs_diff(near.len()) < 100;
@@ -277,8 +277,8 @@ fn the_program_reads_urls_wherever_it_reads_a_file() {
     }
     let report = program(&["-v", "stats", &url]).unwrap();
     let text = String::from_utf8(report.stderr).unwrap();
-    assert!(text.contains("1 rounds, 2 requests"), "{text}");
-    let kept = folder.path().join("kept").display().to_string();
+    assert!(text.contains("1 batches, 2 requests"), "{text}");
+    let kept = directory.path().join("kept").display().to_string();
     for requests in [2, 2] {
         server.take_counts();
         program(&["--cache", &kept, "stats", &url, "--window", "10,10,100,100"]).unwrap();
@@ -300,8 +300,8 @@ fn requests_of(arguments: &[&str]) -> Option<[u64; 2]> {
 
 /// Writes a raster of 1024 x 1024 random cells below `count`, and builds a tree of it. Returns the
 /// tree's path, or `None` without the program.
-fn noise_tree(folder: &Path, count: u64, options: &[&str]) -> Option<PathBuf> {
-    let [raster, tree] = ["noise.pgm", "noise.goblin"].map(|name| folder.join(name));
+fn noise_tree(directory: &Path, count: u64, options: &[&str]) -> Option<PathBuf> {
+    let [raster, tree] = ["noise.pgm", "noise.goblin"].map(|name| directory.join(name));
     let mut state = 1u64;
     let mut noise = b"P5 1024 1024 255\n".to_vec();
     noise.extend((0..1 << 20).map(|_| {
@@ -319,12 +319,12 @@ fn noise_tree(folder: &Path, count: u64, options: &[&str]) -> Option<PathBuf> {
 #[test]
 fn windows_of_class_maps_read_few_segments() {
     let server = server();
-    let folder = tempfile::tempdir().unwrap();
-    let Some(tree) = noise_tree(folder.path(), 4, &["--kind", "categorical"]) else { return };
+    let directory = tempfile::tempdir().unwrap();
+    let Some(tree) = noise_tree(directory.path(), 4, &["--kind", "categorical"]) else { return };
     let bytes = std::fs::read(&tree).unwrap();
     let size = bytes.len() as u64;
     let url = server.put("classes/noise.goblin", bytes);
-    let out = folder.path().join("window.npy");
+    let out = directory.path().join("window.npy");
     let window = ["get", &url, out.to_str().unwrap(), "--window", "10,10,64,64"];
     let [requests, read] = requests_of(&window).unwrap();
     assert!(requests <= 5 && read < size / 4, "{requests} requests, {read} of {size} bytes");
@@ -333,14 +333,14 @@ fn windows_of_class_maps_read_few_segments() {
 #[test]
 fn options_of_remote_files_have_effects() {
     let server = server();
-    let folder = tempfile::tempdir().unwrap();
-    let Some(tree) = noise_tree(folder.path(), 256, &[]) else { return };
+    let directory = tempfile::tempdir().unwrap();
+    let Some(tree) = noise_tree(directory.path(), 256, &[]) else { return };
     let url = server.put("options/noise.goblin", std::fs::read(&tree).unwrap());
     let far_apart = ["point", "--in", "cells", &url, "1,1", "900,100"];
     let [few, more] =
         ["1M", "1"].map(|gap| requests_of(&[&far_apart[..], &["--request-gap", gap]].concat()).unwrap());
     assert!(few[0] < more[0] && few[1] > more[1], "{few:?} {more:?}");
-    let kept = folder.path().join("kept");
+    let kept = directory.path().join("kept");
     let [first, second] = [(); 2]
         .map(|()| requests_of(&[&far_apart[..], &["--cache", kept.to_str().unwrap()]].concat()).unwrap());
     assert!(second[1] < first[1], "{first:?} {second:?}");

@@ -8,8 +8,8 @@ use super::{program, put, server};
 #[test]
 fn outages_are_errors_of_the_first_request() {
     let server = server();
-    let folder = tempfile::tempdir().unwrap();
-    let [out, job] = ["out.goblin", "job"].map(|name| folder.path().join(name).display().to_string());
+    let directory = tempfile::tempdir().unwrap();
+    let [out, job] = ["out.goblin", "job"].map(|name| directory.path().join(name).display().to_string());
     let faults = [Fault::Busy(usize::MAX), Fault::Slow(Duration::from_secs(30))];
     for (number, fault) in faults.into_iter().enumerate() {
         let commands = [
@@ -43,11 +43,11 @@ fn outages_are_errors_of_the_first_request() {
 }
 
 #[test]
-fn remote_and_external_files_are_refused_where_that_is_asked_for() {
+fn remote_and_external_files_are_rejected_on_request() {
     let server = server();
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let url = put(&server, "refused", "classes.goblin");
-    let name = |name: &str| folder.path().join(name).display().to_string();
+    let name = |name: &str| directory.path().join(name).display().to_string();
     let run = |arguments: &[&str], refused: Option<&str>| {
         let Some(output) = program(arguments) else { return };
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -68,7 +68,7 @@ fn remote_and_external_files_are_refused_where_that_is_asked_for() {
     let head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: raw\ndata file: x.raw\n\n";
     std::fs::write(name("x.nhdr"), head).unwrap();
     std::fs::write(name("x.raw"), [7; 8]).unwrap();
-    let view = r#"{"picture":"x.png","kind":"silhouette","from":[0,0],"centre":[0.5,0.5,0.5],"pixel":0.1}"#;
+    let view = r#"{"image":"x.png","kind":"silhouette","from":[0,0],"centre":[0.5,0.5,0.5],"pixel":0.1}"#;
     std::fs::write(name("x.views"), format!(r#"{{"bounds":[0,0,0,1,1,1],"views":[{view}]}}"#)).unwrap();
     let (out, tree, listed) =
         (name("out.goblin"), super::fixture("classes.goblin"), name("all.manifest.json"));
@@ -92,8 +92,8 @@ fn remote_and_external_files_are_refused_where_that_is_asked_for() {
 #[test]
 fn pipes_and_devices_in_the_cache_are_not_waited_for() {
     let server = server();
-    let folder = tempfile::tempdir().unwrap();
-    let cache = folder.path().join("cache");
+    let directory = tempfile::tempdir().unwrap();
+    let cache = directory.path().join("cache");
     let url = put(&server, "pipes", "stack.goblin") + ":0";
     let stats = || {
         let cache = cache.to_str().unwrap();

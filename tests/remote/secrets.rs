@@ -25,7 +25,7 @@ fn leaks(path: &Path) -> bool {
 #[test]
 fn no_command_shows_or_stores_the_secrets_of_a_url() {
     let server = server();
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let tree = put(&server, "secret", "elevation.goblin") + SIGNED;
     let layers = put(&server, "secret", "stack.goblin") + SIGNED;
     let tif = server.put("secret/island.tif", raster()) + SIGNED;
@@ -63,17 +63,17 @@ fn no_command_shows_or_stores_the_secrets_of_a_url() {
         (vec!["transform", &tree, "nonsense=1", "-o", "OUT/none.goblin"], Some(2)),
         (vec!["info", &tree, &tree], Some(2)),
     ] {
-        let base = folder.path().display().to_string();
+        let base = directory.path().display().to_string();
         let arguments: Vec<String> = arguments.iter().map(|word| word.replace("OUT", &base)).collect();
         let Some(output) = program(&arguments.iter().map(String::as_str).collect::<Vec<_>>()) else { return };
         let text = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
         assert_eq!(output.status.code(), code, "{arguments:?}: {text}");
         assert!(!text.contains("SECRET"), "{arguments:?}: {text}");
-        assert!(!leaks(folder.path()), "{arguments:?}");
+        assert!(!leaks(directory.path()), "{arguments:?}");
     }
-    let name = |name: &str| folder.path().join(name).display().to_string();
+    let name = |name: &str| directory.path().join(name).display().to_string();
     program(&["--cache", &name("cache"), "stats", &tree]).unwrap();
-    assert!(!leaks(folder.path()));
+    assert!(!leaks(directory.path()));
     // With the URLs, files that name them without their queries can be read.
     let (urls, job, merged) = (name("urls"), name("job"), name("merged.goblin"));
     std::fs::write(&urls, format!("{tree}\n\n{tif}\n")).unwrap();

@@ -99,14 +99,14 @@ impl State {
         let mut writer = stream;
         while let Some((head, (has_body, path, range))) = request(&mut reader) {
             self.heads.lock().unwrap().push(head);
-            if self.answer(&mut writer, (&path, has_body), range).is_none() {
+            if self.respond(&mut writer, (&path, has_body), range).is_none() {
                 return;
             }
         }
     }
 
     /// Responds to a request. Returns `None` if the connection is to be closed.
-    fn answer(
+    fn respond(
         &self,
         out: &mut TcpStream,
         (path, has_body): (&str, bool),
@@ -157,10 +157,10 @@ impl State {
         if has_changed {
             body.iter_mut().for_each(|byte| *byte ^= 0x55);
         }
-        let told = if fault == Fault::WrongLength { (last - first) / 2 + 1 } else { last - first };
+        let length = if fault == Fault::WrongLength { (last - first) / 2 + 1 } else { last - first };
         let more = if fault == Fault::Compresses { "Content-Encoding: gzip\r\n" } else { "" };
         let head = format!(
-            "HTTP/1.1 206 Partial Content\r\nContent-Length: {told}\r\nETag: {tag}\r\n{more}Content-Range: bytes {first}-{}/{all}\r\n\r\n",
+            "HTTP/1.1 206 Partial Content\r\nContent-Length: {length}\r\nETag: {tag}\r\n{more}Content-Range: bytes {first}-{}/{all}\r\n\r\n",
             last - 1
         );
         out.write_all(head.as_bytes()).ok()?;
@@ -169,7 +169,7 @@ impl State {
             return None;
         }
         self.bytes.fetch_add(body.len() as u64, Ordering::SeqCst);
-        out.write_all(&body[..told.min(body.len())]).ok()
+        out.write_all(&body[..length.min(body.len())]).ok()
     }
 }
 

@@ -25,57 +25,57 @@ fn write_version(path: &Path, number: u8) {
 
 /// Sets all cells of an edited file to one value.
 fn edit_version(path: &Path, number: u8) {
-    let region = FillRegion::Box(Bounds::picture([SIDE, SIDE, 1]));
+    let region = FillRegion::Box(Bounds::of_extent([SIDE, SIDE, 1]));
     let edit = Edit::Fill(region, Some(vec![number.into()]));
     spinney::edit::edit(path, [Ok(edit)], Note::default(), 16 << 20, &()).unwrap();
 }
 
 /// Returns the one value of all cells of a window, from a JSON response.
-fn value_of(answer: &serde_json::Value) -> u64 {
-    let rows = answer["values"].as_array().unwrap();
+fn value_of(response: &serde_json::Value) -> u64 {
+    let rows = response["values"].as_array().unwrap();
     let all: Vec<u64> =
         rows.iter().flat_map(|row| row.as_array().unwrap()).map(|cell| cell.as_u64().unwrap()).collect();
     assert_eq!(all.len() as u64, SIDE * SIDE);
-    assert!(all.iter().all(|value| *value == all[0]), "an answer of several versions: {all:?}");
+    assert!(all.iter().all(|value| *value == all[0]), "a response mixes several versions: {all:?}");
     all[0]
 }
 
 #[test]
 fn files_are_published_and_edited_while_they_are_read() {
     const TIMES: u8 = 100;
-    let folder = tempfile::tempdir().unwrap();
-    let [published, edited] = ["published.goblin", "edited.autumn"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [published, edited] = ["published.goblin", "edited.autumn"].map(|name| directory.path().join(name));
     write_version(&published, 0);
     write_version(&edited, 0);
-    let server = Server::start(folder.path(), &["--timeout", "60"]);
-    let (is_over, asked) = (AtomicBool::new(false), AtomicUsize::new(0));
+    let server = Server::start(directory.path(), &["--timeout", "60"]);
+    let (is_over, requests) = (AtomicBool::new(false), AtomicUsize::new(0));
     // Bytes of published files by their tags: equal tags imply equal bytes.
     let tags: Mutex<HashMap<String, Vec<u8>>> = Mutex::default();
     std::thread::scope(|scope| {
         for number in 0..64 {
-            let (server, is_over, asked, tags) = (&server, &is_over, &asked, &tags);
+            let (server, is_over, requests, tags) = (&server, &is_over, &requests, &tags);
             scope.spawn(move || {
                 let mut connection = server.connect();
                 let name = if number % 2 == 0 { "published" } else { "edited" };
                 let mut last = 0;
                 while !is_over.load(Ordering::Relaxed) {
-                    asked.fetch_add(1, Ordering::Relaxed);
+                    requests.fetch_add(1, Ordering::Relaxed);
                     if number % 8 == 6 {
-                        let answer = connection.get("/published.goblin").unwrap();
-                        let tag = answer.header("etag").unwrap().to_owned();
-                        let bytes = answer.good();
+                        let response = connection.get("/published.goblin").unwrap();
+                        let tag = response.header("etag").unwrap().to_owned();
+                        let bytes = response.good();
                         let mut tags = tags.lock().unwrap();
                         assert!(*tags.entry(tag).or_insert_with(|| bytes.clone()) == bytes);
                     } else if number % 8 == 7 {
-                        let answer = connection.get("/edited.autumn").unwrap().good();
+                        let response = connection.get("/edited.autumn").unwrap().good();
                         let copy = tempfile::Builder::new().suffix(".autumn").tempfile().unwrap();
-                        std::fs::write(copy.path(), answer).unwrap();
+                        std::fs::write(copy.path(), response).unwrap();
                         let tree = spinney::open(copy.path()).unwrap();
                         assert!(tree.verify(1 << 24, &()).unwrap().is_empty());
                     } else {
-                        let answer = connection.get(&format!("/window/{name}?format=json")).unwrap();
-                        let answer = serde_json::from_slice(&answer.good()).unwrap();
-                        let value = value_of(&answer);
+                        let response = connection.get(&format!("/window/{name}?format=json")).unwrap();
+                        let response = serde_json::from_slice(&response.good()).unwrap();
+                        let value = value_of(&response);
                         assert!(value >= last, "version {value} after {last} of {name}");
                         last = value;
                     }
@@ -85,8 +85,8 @@ fn files_are_published_and_edited_while_they_are_read() {
         for number in 1..=TIMES {
             write_version(&published, number);
             edit_version(&edited, number);
-            let before = asked.load(Ordering::Relaxed);
-            while asked.load(Ordering::Relaxed) < before + 32 && scope_is_alive(&server) {
+            let before = requests.load(Ordering::Relaxed);
+            while requests.load(Ordering::Relaxed) < before + 32 && scope_is_alive(&server) {
                 std::thread::sleep(Duration::from_millis(1));
             }
         }
@@ -109,37 +109,37 @@ fn files_are_published_and_edited_while_they_are_read() {
 
 /// Returns whether the server responds. Failed threads send no more requests.
 fn scope_is_alive(server: &Server) -> bool {
-    server.connect().get("/healthz").is_ok_and(|answer| answer.status == 200)
+    server.connect().get("/healthz").is_ok_and(|response| response.status == 200)
 }
 
 #[test]
 fn removed_files_are_gone_and_come_again() {
-    let folder = island();
-    let server = Server::start(folder.path(), &[]);
-    let path = folder.path().join("classes.goblin");
-    let ask = || {
+    let directory = island();
+    let server = Server::start(directory.path(), &[]);
+    let path = directory.path().join("classes.goblin");
+    let get_all = || {
         ["/classes.goblin", "/point/classes?x=1&y=1&crs=cells", "/window/classes?size=8"]
             .map(|target| server.get(target).status)
     };
-    assert_eq!(ask(), [200; 3]);
-    std::fs::rename(&path, folder.path().join("kept")).unwrap();
-    assert_eq!(ask(), [404; 3]);
-    std::fs::copy(folder.path().join("heights.goblin"), &path).unwrap();
-    assert_eq!(ask(), [200; 3]);
+    assert_eq!(get_all(), [200; 3]);
+    std::fs::rename(&path, directory.path().join("kept")).unwrap();
+    assert_eq!(get_all(), [404; 3]);
+    std::fs::copy(directory.path().join("heights.goblin"), &path).unwrap();
+    assert_eq!(get_all(), [200; 3]);
     // A file that is no longer a tree is reported, and served again when it is one.
-    std::fs::write(folder.path().join("new"), b"no tree").unwrap();
-    std::fs::rename(folder.path().join("new"), &path).unwrap();
-    let [file, point, window] = ask();
+    std::fs::write(directory.path().join("new"), b"no tree").unwrap();
+    std::fs::rename(directory.path().join("new"), &path).unwrap();
+    let [file, point, window] = get_all();
     assert!(file == 200 && point >= 400 && window >= 400);
-    std::fs::rename(folder.path().join("kept"), &path).unwrap();
-    assert_eq!(ask(), [200; 3]);
+    std::fs::rename(directory.path().join("kept"), &path).unwrap();
+    assert_eq!(get_all(), [200; 3]);
 }
 
 #[test]
-fn files_that_are_cut_short_end_nothing() {
-    let folder = island();
-    let server = Server::start(folder.path(), &[]);
-    let path = folder.path().join("heights.goblin");
+fn truncated_files_do_not_stop_the_server() {
+    let directory = island();
+    let server = Server::start(directory.path(), &[]);
+    let path = directory.path().join("heights.goblin");
     let bytes = std::fs::read(&path).unwrap();
     let is_over = AtomicBool::new(false);
     std::thread::scope(|scope| {
@@ -149,8 +149,8 @@ fn files_that_are_cut_short_end_nothing() {
             scope.spawn(move || {
                 while !is_over.load(Ordering::Relaxed) {
                     // If a file's bytes are gone, the response is truncated.
-                    if let Ok(answer) = server.connect().get(target) {
-                        assert!(matches!(answer.status, 200 | 500 | 503), "{target}: {answer:?}");
+                    if let Ok(response) = server.connect().get(target) {
+                        assert!(matches!(response.status, 200 | 500 | 503), "{target}: {response:?}");
                     }
                 }
             });
@@ -171,32 +171,37 @@ fn files_that_are_cut_short_end_nothing() {
 #[test]
 fn a_server_ends_in_good_order() {
     let program = env!("CARGO_BIN_EXE_spinney");
-    let folder = island();
+    let directory = island();
     let districts = std::fs::read(fixture("island_districts.geojson")).unwrap();
     for signal in [Signal::TERM, Signal::INT] {
         let Some(command) = interruptible(program) else { return };
-        let mut server = Server::run(command, folder.path(), &[]);
+        let mut server = Server::run(command, directory.path(), &[]);
         let address = server.address.clone();
-        let (answered, refused) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let (completed, refused) = (AtomicUsize::new(0), AtomicUsize::new(0));
         std::thread::scope(|scope| {
             for number in 0..16 {
-                let (address, districts, answered, refused) = (&address, &districts, &answered, &refused);
+                let (address, districts, completed, refused) = (&address, &districts, &completed, &refused);
                 scope.spawn(move || {
                     loop {
                         let Ok(stream) = std::net::TcpStream::connect(address) else { break };
                         drop(stream);
-                        let asked = std::panic::catch_unwind(|| {
+                        let result = std::panic::catch_unwind(|| {
                             let mut connection = super::Connection::open(address);
                             match number % 2 {
                                 0 => connection.get("/window/heights?size=500&style=hillshade"),
-                                _ => connection.ask("POST", "/zonal/heights?measure=median", &[], districts),
+                                _ => connection.request(
+                                    "POST",
+                                    "/zonal/heights?measure=median",
+                                    &[],
+                                    districts,
+                                ),
                             }
                         });
-                        match asked {
-                            Ok(Ok(answer)) => {
+                        match result {
+                            Ok(Ok(response)) => {
                                 // A response that has begun is completed.
-                                answer.good();
-                                answered.fetch_add(1, Ordering::Relaxed);
+                                response.good();
+                                completed.fetch_add(1, Ordering::Relaxed);
                             }
                             // The connection was rejected, or closed before its request was read.
                             _ => {
@@ -207,7 +212,7 @@ fn a_server_ends_in_good_order() {
                     }
                 });
             }
-            while answered.load(Ordering::Relaxed) < 32 {
+            while completed.load(Ordering::Relaxed) < 32 {
                 std::thread::sleep(Duration::from_millis(1));
             }
             let child = server.process();

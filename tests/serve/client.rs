@@ -31,7 +31,7 @@ impl Connection {
         self.reader.get_mut().write_all(bytes)
     }
 
-    pub(crate) fn ask(
+    pub(crate) fn request(
         &mut self,
         method: &str,
         target: &str,
@@ -50,7 +50,7 @@ impl Connection {
     }
 
     pub(crate) fn get(&mut self, target: &str) -> io::Result<Response> {
-        self.ask("GET", target, &[], b"")
+        self.request("GET", target, &[], b"")
     }
 
     /// Reads a response, which has no body for a HEAD request.

@@ -7,9 +7,9 @@ use super::{Server, fixture, island};
 
 #[test]
 fn files_come_whole_and_in_ranges() {
-    let folder = island();
-    let server = Server::start(folder.path(), &[]);
-    let bytes = std::fs::read(folder.path().join("classes.goblin")).unwrap();
+    let directory = island();
+    let server = Server::start(directory.path(), &[]);
+    let bytes = std::fs::read(directory.path().join("classes.goblin")).unwrap();
     let whole = server.get("/classes.goblin");
     let tag = whole.header("etag").unwrap().to_owned();
     assert!(tag.starts_with('"') && tag.ends_with('"') && tag.len() > 10, "{tag}");
@@ -34,8 +34,8 @@ fn files_come_whole_and_in_ranges() {
     ] {
         let part = server.get_with("/classes.goblin", &[("Range", range), ("If-Range", &tag)]);
         assert_eq!(part.status, 206, "{range}");
-        let told = format!("bytes {first}-{}/{length}", end - 1);
-        assert_eq!(part.header("content-range"), Some(&*told), "{range}");
+        let expected = format!("bytes {first}-{}/{length}", end - 1);
+        assert_eq!(part.header("content-range"), Some(&*expected), "{range}");
         assert_eq!(part.header("etag"), Some(&*tag));
         assert!(part.body == bytes[first..end], "{range}");
     }
@@ -61,18 +61,18 @@ fn files_come_whole_and_in_ranges() {
     server.get_with("/classes.goblin", &[("If-Match", "\"other\"")]).complaint(412);
     // HEAD requests return only heads, and the connection continues.
     let mut connection = server.connect();
-    let head = connection.ask("HEAD", "/classes.goblin", &[("Range", "bytes=0-9")], b"").unwrap();
+    let head = connection.request("HEAD", "/classes.goblin", &[("Range", "bytes=0-9")], b"").unwrap();
     assert_eq!((head.status, head.header("content-length")), (200, Some(&*length.to_string())));
     assert!(connection.get("/classes.goblin").unwrap().good() == bytes);
 }
 
 #[test]
-fn large_files_come_piece_by_piece() {
-    let folder = tempfile::tempdir().unwrap();
+fn large_files_are_sent_in_ranges() {
+    let directory = tempfile::tempdir().unwrap();
     let bytes: Vec<u8> =
         (0..3_000_001u32).map(|number| (number.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
-    std::fs::write(folder.path().join("any.goblin"), &bytes).unwrap();
-    let server = Server::start(folder.path(), &[]);
+    std::fs::write(directory.path().join("any.goblin"), &bytes).unwrap();
+    let server = Server::start(directory.path(), &[]);
     assert!(server.get("/any.goblin").good() == bytes);
     let part = server.get_with("/any.goblin", &[("Range", "bytes=1000-2999999")]);
     assert!(part.status == 206 && part.body == bytes[1000..3_000_000]);
@@ -82,24 +82,24 @@ fn large_files_come_piece_by_piece() {
 
 #[test]
 fn empty_files_have_no_ranges() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("empty.goblin"), b"").unwrap();
-    let server = Server::start(folder.path(), &[]);
+    let directory = tempfile::tempdir().unwrap();
+    std::fs::write(directory.path().join("empty.goblin"), b"").unwrap();
+    let server = Server::start(directory.path(), &[]);
     assert!(server.get("/empty.goblin").good().is_empty());
     server.get_with("/empty.goblin", &[("Range", "bytes=0-")]).complaint(416);
 }
 
 #[test]
-fn pages_of_all_origins_may_ask() {
-    let folder = island();
-    let server = Server::start(folder.path(), &[]);
+fn pages_of_all_origins_may_send_requests() {
+    let directory = island();
+    let server = Server::start(directory.path(), &[]);
     for target in ["/", "/classes.goblin", "/zonal/classes", "/nothing/there"] {
-        let asked = [("Origin", "http://elsewhere"), ("Access-Control-Request-Headers", "range")];
-        let answer = server.connect().ask("OPTIONS", target, &asked, b"").unwrap();
-        assert_eq!(answer.status, 204);
-        let methods = answer.header("access-control-allow-methods").unwrap();
+        let headers = [("Origin", "http://elsewhere"), ("Access-Control-Request-Headers", "range")];
+        let response = server.connect().request("OPTIONS", target, &headers, b"").unwrap();
+        assert_eq!(response.status, 204);
+        let methods = response.header("access-control-allow-methods").unwrap();
         assert!(["GET", "HEAD", "POST", "OPTIONS"].iter().all(|method| methods.contains(method)));
-        assert!(answer.header("access-control-allow-headers").unwrap().contains("Range"));
+        assert!(response.header("access-control-allow-headers").unwrap().contains("Range"));
     }
     for target in ["/", "/healthz", "/nope.goblin", "/point/classes?x=a"] {
         assert_eq!(server.get(target).header("access-control-allow-origin"), Some("*"), "{target}");
@@ -107,24 +107,24 @@ fn pages_of_all_origins_may_ask() {
 }
 
 #[test]
-fn names_lead_to_nothing_outside() {
+fn names_do_not_lead_out_of_the_directory() {
     let all = tempfile::tempdir().unwrap();
-    let [folder, outside] = ["served", "outside"].map(|name| all.path().join(name));
-    std::fs::create_dir_all(folder.join("inner.goblin")).unwrap();
-    std::fs::create_dir_all(folder.join("below")).unwrap();
+    let [directory, outside] = ["served", "outside"].map(|name| all.path().join(name));
+    std::fs::create_dir_all(directory.join("inner.goblin")).unwrap();
+    std::fs::create_dir_all(directory.join("below")).unwrap();
     std::fs::create_dir(&outside).unwrap();
     let copy = |to: std::path::PathBuf| std::fs::copy(fixture("v1/classes.goblin"), to).unwrap();
-    copy(folder.join("map.goblin"));
-    copy(folder.join("below/deep.goblin"));
-    copy(folder.join(".hidden.goblin"));
-    copy(folder.join("map.tif"));
+    copy(directory.join("map.goblin"));
+    copy(directory.join("below/deep.goblin"));
+    copy(directory.join(".hidden.goblin"));
+    copy(directory.join("map.tif"));
     copy(outside.join("secret.goblin"));
-    symlink(outside.join("secret.goblin"), folder.join("link.goblin")).unwrap();
-    symlink("../outside/secret.goblin", folder.join("relative.goblin")).unwrap();
-    symlink(&outside, folder.join("way")).unwrap();
-    symlink("map.goblin", folder.join("inside.goblin")).unwrap();
-    symlink("loop.goblin", folder.join("loop.goblin")).unwrap();
-    let server = Server::start(&folder, &[]);
+    symlink(outside.join("secret.goblin"), directory.join("link.goblin")).unwrap();
+    symlink("../outside/secret.goblin", directory.join("relative.goblin")).unwrap();
+    symlink(&outside, directory.join("way")).unwrap();
+    symlink("map.goblin", directory.join("inside.goblin")).unwrap();
+    symlink("loop.goblin", directory.join("loop.goblin")).unwrap();
+    let server = Server::start(&directory, &[]);
     server.get("/map.goblin").good();
     server.get("/inside.goblin").good();
     server.get("/point/inside?x=1&y=1&crs=cells").good();
@@ -174,14 +174,14 @@ fn names_lead_to_nothing_outside() {
             format!("/../outside/{name}.goblin"),
             format!("//{name}/../../outside/secret.goblin"),
         ] {
-            let answer = server.get(&target);
+            let response = server.get(&target);
             // A name that normalizes to the root is the page.
             if target == "/" || target == "/." || target == "/.." {
-                assert!(answer.header("content-type") != Some("application/octet-stream"));
+                assert!(response.header("content-type") != Some("application/octet-stream"));
                 continue;
             }
-            assert!(matches!(answer.status, 400 | 404), "{target}: {answer:?}");
-            answer.complaint(answer.status);
+            assert!(matches!(response.status, 400 | 404), "{target}: {response:?}");
+            response.complaint(response.status);
         }
     }
     let listed = server.get("/files.json").json();
@@ -191,15 +191,15 @@ fn names_lead_to_nothing_outside() {
 }
 
 #[test]
-fn two_files_of_one_stem_are_told_apart() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+fn two_files_of_one_stem_are_distinguished() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
     std::fs::copy(fixture("v1/classes.goblin"), path("a.goblin")).unwrap();
     std::fs::copy(fixture("v1/history.autumn"), path("a.autumn")).unwrap();
     std::fs::copy(fixture("v1/classes.goblin"), path("b.goblin")).unwrap();
-    let server = Server::start(folder.path(), &[]);
-    let told = server.get("/point/a?x=1&y=1&crs=cells").complaint(404);
-    assert!(told.contains("a.goblin") && told.contains("a.autumn"), "{told}");
+    let server = Server::start(directory.path(), &[]);
+    let message = server.get("/point/a?x=1&y=1&crs=cells").complaint(404);
+    assert!(message.contains("a.goblin") && message.contains("a.autumn"), "{message}");
     for name in ["a.goblin", "a.autumn", "b", "b.goblin"] {
         server.get(&format!("/point/{name}?x=1&y=1&crs=cells")).good();
     }
@@ -211,8 +211,8 @@ fn two_files_of_one_stem_are_told_apart() {
 
 #[test]
 fn one_file_is_all_that_is_served() {
-    let folder = island();
-    let server = Server::start(&folder.path().join("classes.goblin"), &[]);
+    let directory = island();
+    let server = Server::start(&directory.path().join("classes.goblin"), &[]);
     server.get("/classes.goblin").good();
     server.get("/point/classes?x=1&y=1&crs=cells").good();
     server.get("/point/classes.goblin?x=1&y=1&crs=cells").good();
@@ -222,18 +222,31 @@ fn one_file_is_all_that_is_served() {
 }
 
 #[test]
-fn manifests_lead_out_of_no_folder() {
-    let folder = island();
+fn manifests_do_not_lead_out_of_the_directory() {
+    let directory = island();
     let outer = tempfile::tempdir().unwrap();
-    std::fs::rename(folder.path().join("heights.goblin"), outer.path().join("heights.goblin")).unwrap();
+    std::fs::rename(directory.path().join("heights.goblin"), outer.path().join("heights.goblin")).unwrap();
     let heights = outer.path().join("heights.goblin");
-    let manifest = folder.path().join("all.goblin");
+    let manifest = directory.path().join("all.goblin");
     stdout(&["manifest", "-q", heights.to_str().unwrap(), "-o", manifest.to_str().unwrap()]);
-    let served = Server::start(folder.path(), &[]);
-    let told = served.get("/point/all?x=100&y=90&crs=cells").complaint(422);
-    assert!(told.contains("a manifest") && told.contains("serve it alone"), "{told}");
-    assert!(!told.contains(outer.path().to_str().unwrap()), "{told}");
+    let served = Server::start(directory.path(), &[]);
+    let message = served.get("/point/all?x=100&y=90&crs=cells").complaint(422);
+    assert!(message.contains("a manifest") && message.contains("serve it alone"), "{message}");
+    assert!(!message.contains(outer.path().to_str().unwrap()), "{message}");
     // A manifest served alone gives access to its files.
     let alone = Server::start(&manifest, &[]);
     alone.get("/point/all?x=100&y=90&crs=cells").good();
+}
+
+#[test]
+fn a_file_that_cannot_be_queried_is_reported_at_the_start() {
+    let remarks = |name: &str| {
+        let mut options = spinney::serve::ServeOptions::default();
+        options.port = 0;
+        let server = spinney::serve::Server::bind(fixture(name).as_ref(), options).unwrap();
+        server.remarks().unwrap()
+    };
+    assert!(remarks("v1/classes.goblin").is_empty());
+    let found = remarks("island_classes.tif");
+    assert!(found.len() == 1 && found[0].contains("is a TIFF image, not a Spinney file"), "{found:?}");
 }

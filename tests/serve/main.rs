@@ -1,13 +1,13 @@
 //! `spinney serve`: responses, errors, and the effects of clients and changing files.
 
-mod answers;
 mod changes;
 mod client;
 #[path = "../common/mod.rs"]
 mod common;
 mod files;
-mod hostile;
+mod malicious;
 mod names;
+mod responses;
 mod tiles;
 
 use std::io::{BufRead as _, BufReader};
@@ -54,11 +54,11 @@ impl Server {
     }
 
     pub(crate) fn get_with(&self, target: &str, headers: &[(&str, &str)]) -> Response {
-        self.connect().ask("GET", target, headers, b"").unwrap()
+        self.connect().request("GET", target, headers, b"").unwrap()
     }
 
     pub(crate) fn post(&self, target: &str, body: &[u8]) -> Response {
-        self.connect().ask("POST", target, &[], body).unwrap()
+        self.connect().request("POST", target, &[], body).unwrap()
     }
 
     /// Returns the process, which this handle no longer ends.
@@ -82,12 +82,12 @@ pub(crate) fn fixture(name: &str) -> String {
 /// Returns a directory with trees of the island, `classes.goblin` and `heights.goblin`, and the
 /// frozen files.
 pub(crate) fn island() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
     spinney::build(fixture("island_classes.tif"), path("classes.goblin")).unwrap();
     spinney::build(fixture("island_elevation.tif"), path("heights.goblin")).unwrap();
     for name in ["history.autumn", "stack.goblin", "ball.goblin", "chapel.goblin"] {
         std::fs::copy(fixture(&format!("v1/{name}")), path(name)).unwrap();
     }
-    folder
+    directory
 }

@@ -24,15 +24,16 @@ fn pixels_of_png(bytes: &[u8]) -> Vec<u8> {
 
 #[test]
 fn tiles_are_those_of_the_library() {
-    let folder = island();
-    let server = Server::start(folder.path(), &[]);
+    let directory = island();
+    let server = Server::start(directory.path(), &[]);
     let mut options = WarpOptions::default();
-    options.level_cells = Some(WarpOptions::LOOK);
+    options.level_cells = Some(WarpOptions::PREVIEW);
     for (name, style) in [("classes", None), ("heights", Some("hillshade")), ("heights", None)] {
-        let tree = spinney::open(folder.path().join(format!("{name}.goblin"))).unwrap();
+        let tree = spinney::open(directory.path().join(format!("{name}.goblin"))).unwrap();
         let tiles = tile_source(&tree, 256, None, &options, &()).unwrap();
-        let look = style.map_or_else(|| Style::default_for(&tree), |style| Style::parse(style).unwrap());
-        let painter = TilePainter::new(&look, &tree, &()).unwrap();
+        let painted_style =
+            style.map_or_else(|| Style::default_for(&tree), |style| Style::parse(style).unwrap());
+        let painter = TilePainter::new(&painted_style, &tree, &()).unwrap();
         let query = style.map(|style| format!("?style={style}")).unwrap_or_default();
         let about = server.get(&format!("/tiles/{name}.json{query}")).json();
         assert_eq!((&about["tilejson"], &about["scheme"]), (&"3.0.0".into(), &"xyz".into()));
@@ -50,18 +51,18 @@ fn tiles_are_those_of_the_library() {
             let range = TileRange::of_degrees(zoom, [west, south, east, north]);
             for row in range.min[1]..range.max[1] {
                 for column in range.min[0]..range.max[0] {
-                    let answer =
+                    let response =
                         connection.get(&format!("/tiles/{name}/{zoom}/{column}/{row}.png{query}")).unwrap();
                     match draw_tile(&*tiles, &painter, TileId { zoom, column, row }, 256).unwrap() {
                         Some(expected) => {
                             there += 1;
-                            assert_eq!(answer.header("content-type"), Some("image/png"));
-                            let found = pixels_of_png(&answer.good());
+                            assert_eq!(response.header("content-type"), Some("image/png"));
+                            let found = pixels_of_png(&response.good());
                             assert!(found == expected.as_flattened(), "{name} {zoom}/{column}/{row}");
                         }
                         None => {
                             empty += 1;
-                            assert_eq!(answer.status, 204);
+                            assert_eq!(response.status, 204);
                         }
                     }
                 }
@@ -74,13 +75,13 @@ fn tiles_are_those_of_the_library() {
 
 #[test]
 fn tiles_of_the_own_grid_are_its_cells() {
-    let folder = island();
-    let server = Server::start(folder.path(), &[]);
+    let directory = island();
+    let server = Server::start(directory.path(), &[]);
     let about = server.get("/tiles/heights.json?grid=native&format=npy").json();
     assert_eq!(about["grid"]["cells"], serde_json::json!([256, 200]));
     assert!(about["tiles"][0].as_str().unwrap().ends_with(".npy?grid=native"), "{about}");
     assert!(about.get("bounds").is_none());
-    let tree = spinney::open(folder.path().join("heights.goblin")).unwrap();
+    let tree = spinney::open(directory.path().join("heights.goblin")).unwrap();
     assert_eq!(about["maxzoom"].as_u64(), Some(u64::from(tree.depth() - 8)));
     let cells = server.get("/tiles/heights/0/0/0.npy?grid=native").good();
     let bounds = Bounds { min: [0; 3], max: [256, 256, 1] };
@@ -108,11 +109,11 @@ fn tiles_of_the_own_grid_are_its_cells() {
 }
 
 #[test]
-fn tiles_that_are_none_are_refused() {
-    let folder = island();
-    let server = Server::start(folder.path(), &[]);
+fn invalid_tiles_are_rejected() {
+    let directory = island();
+    let server = Server::start(directory.path(), &[]);
     for (target, status, what) in [
-        ("/tiles/classes/3/8/0.png", 404, "none"),
+        ("/tiles/classes/3/8/0.png", 404, "0 to 7"),
         ("/tiles/classes/29/0/0.png", 404, "zoom"),
         ("/tiles/classes/3/0/0.tif", 400, "format"),
         ("/tiles/classes/3/0/0", 400, "format"),
@@ -130,28 +131,28 @@ fn tiles_that_are_none_are_refused() {
         ("/tiles/stack.json", 400, "layer"),
         ("/tiles/classes/0/0/0.png?layer=other", 400, "layer"),
     ] {
-        let told = server.get(target).complaint(status);
-        assert!(told.contains(what), "{target}: {told}");
+        let message = server.get(target).complaint(status);
+        assert!(message.contains(what), "{target}: {message}");
     }
     // An invalid host is not echoed.
     let head = b"GET /tiles/classes.json HTTP/1.1\r\nHost: \"><script>\r\n\r\n";
     let mut connection = server.connect();
     connection.send(head).unwrap();
-    let answer = connection.receive(false).unwrap();
-    assert!(answer.status == 400 || !answer.text().contains("script"));
+    let response = connection.receive(false).unwrap();
+    assert!(response.status == 400 || !response.text().contains("script"));
 }
 
 #[test]
-fn what_a_client_has_is_not_sent_again() {
-    let folder = island();
-    let server = Server::start(folder.path(), &[]);
+fn cached_responses_are_not_sent_again() {
+    let directory = island();
+    let server = Server::start(directory.path(), &[]);
     let target = "/tiles/heights/0/0/0.png?grid=native";
     let tag = server.get(target).header("etag").unwrap().to_owned();
     let again = || server.get_with(target, &[("If-None-Match", &tag)]);
     assert_eq!(again().status, 304);
     // A replaced file has another tag.
-    std::fs::copy(folder.path().join("classes.goblin"), folder.path().join("other")).unwrap();
-    std::fs::rename(folder.path().join("other"), folder.path().join("heights.goblin")).unwrap();
+    std::fs::copy(directory.path().join("classes.goblin"), directory.path().join("other")).unwrap();
+    std::fs::rename(directory.path().join("other"), directory.path().join("heights.goblin")).unwrap();
     let other = again();
     assert_ne!(other.header("etag"), Some(&*tag));
     other.good();

@@ -146,20 +146,20 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         if fault is not None and fault.kind == "slow":
             time.sleep(fault.seconds)
         if fault is not None and fault.kind in ("500", "expired"):
-            return self.answer(500 if fault.kind == "500" else 400, [], b"" if self.command == "HEAD" or fault.kind == "500" else _EXPIRED)
+            return self.respond(500 if fault.kind == "500" else 400, [], b"" if self.command == "HEAD" or fault.kind == "500" else _EXPIRED)
         far = http.client.HTTPConnection("127.0.0.1", self.server.port)
         far.putrequest(self.command, self.path, skip_host=True, skip_accept_encoding=True)
         for name, value in self.headers.items():
             if name.lower() not in ("connection", "expect"):
                 far.putheader(name, value)
         far.endheaders(body)
-        answer = far.getresponse()
-        came = answer.read()
+        reply = far.getresponse()
+        came = reply.read()
         far.close()
         bucket.count("received", len(came))
-        self.answer(answer.status, answer.getheaders(), came, is_cut=fault is not None and fault.kind == "cut")
+        self.respond(reply.status, reply.getheaders(), came, is_cut=fault is not None and fault.kind == "cut")
 
-    def answer(self, status: int, headers: list[tuple[str, str]], body: bytes, *, is_cut: bool = False) -> None:
+    def respond(self, status: int, headers: list[tuple[str, str]], body: bytes, *, is_cut: bool = False) -> None:
         self.send_response(status)
         length = str(len(body))
         for name, value in headers:

@@ -3,7 +3,7 @@
     python3 tests/servers/ranges.py DIRECTORY [LATENCY]
 
 prints its URL; `URL/-counts` returns requests and bytes since the last call, as JSON. In Python:
-`with serve(folder) as url:`.
+`with serve(directory) as url:`.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ class _Server(http.server.ThreadingHTTPServer):
     daemon_threads = True
     request_queue_size = 128
 
-    def __init__(self, folder: str | Path, latency: float) -> None:
+    def __init__(self, directory: str | Path, latency: float) -> None:
         super().__init__(("127.0.0.1", 0), _Handler)
-        self.folder, self.latency = Path(folder), latency
+        self.directory, self.latency = Path(directory), latency
         self.lock, self.requests, self.bytes = threading.Lock(), 0, 0
 
     @property
@@ -50,10 +50,10 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         pass
 
     def do_HEAD(self) -> None:
-        self.answer(False)
+        self.respond(False)
 
     def do_GET(self) -> None:
-        self.answer(True)
+        self.respond(True)
 
     def send(self, status: int, body: bytes = b"", length: int | None = None, **headers: str) -> None:
         self.send_response(status)
@@ -63,26 +63,26 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(body)
 
-    def answer(self, has_body: bool) -> None:
+    def respond(self, has_body: bool) -> None:
         if self.path == "/-counts":
             return self.send(200, json.dumps(self.server.counts()).encode())
         time.sleep(self.server.latency)
-        file = self.server.folder / self.path.split("?")[0].lstrip("/")
+        file = self.server.directory / self.path.split("?")[0].lstrip("/")
         with self.server.lock:
             self.server.requests += 1
         if not file.is_file():
             return self.send(404)
         state = file.stat()
         first, end = 0, state.st_size
-        asked = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", ""))
-        if asked and asked[1]:
-            first, end = int(asked[1]), min(int(asked[2]) + 1 if asked[2] else end, end)
-        elif asked:
-            first = max(0, end - int(asked[2]))
-        if asked and first >= state.st_size:
+        requested = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", ""))
+        if requested and requested[1]:
+            first, end = int(requested[1]), min(int(requested[2]) + 1 if requested[2] else end, end)
+        elif requested:
+            first = max(0, end - int(requested[2]))
+        if requested and first >= state.st_size:
             return self.send(416)
         headers = {"ETag": f'"{state.st_mtime_ns:x}-{state.st_size:x}"', "Accept_Ranges": "bytes"}
-        if asked:
+        if requested:
             headers["Content_Range"] = f"bytes {first}-{end - 1}/{state.st_size}"
         body = b""
         if has_body:
@@ -91,13 +91,13 @@ class _Handler(http.server.BaseHTTPRequestHandler):
                 body = bytes_of_file.read(end - first)
             with self.server.lock:
                 self.server.bytes += len(body)
-        self.send(206 if asked else 200, body, end - first, **headers)
+        self.send(206 if requested else 200, body, end - first, **headers)
 
 
 @contextlib.contextmanager
-def serve(folder: str | Path, latency: float = 0.0) -> Iterator[_Server]:
+def serve(directory: str | Path, latency: float = 0.0) -> Iterator[_Server]:
     """Yields a running server."""
-    server = _Server(folder, latency)
+    server = _Server(directory, latency)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:

@@ -30,7 +30,7 @@ pub(crate) fn as_json(error: &Error) -> Value {
     }
     let mut json = match error {
         Error::Io { path, doing, .. } => json!({ "code": "io", "file": path, "doing": doing }),
-        Error::Corrupt { path, place, found, expected } => {
+        Error::Corrupt { path, location: place, found, expected } => {
             json!({ "code": "corrupt", "file": path, "place": place, "found": found, "expected": expected })
         }
         Error::Unsupported { path, found, advice } => {
@@ -58,6 +58,6 @@ pub(crate) fn as_json(error: &Error) -> Value {
 
 /// Returns the error for a result with too many bytes.
 pub(crate) fn too_large(path: &std::path::Path, what: &str, needed: u64, limit: u64) -> Error {
-    let advice = "ask for a smaller part, or for a coarser level".into();
+    let advice = "request a smaller region or a coarser level".into();
     Error::TooLarge { path: path.into(), what: what.into(), needed, limit, advice }
 }

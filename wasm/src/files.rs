@@ -14,7 +14,7 @@ use spinney_brep::ModelView;
 use spinney_container::{ByteSource, OpenOptions};
 use spinney_engine::dataset::Dataset;
 
-use crate::pictures::Prepared;
+use crate::images::Prepared;
 
 /// Default size of the range cache in bytes.
 const CACHE: u64 = 64 << 20;
@@ -51,9 +51,9 @@ impl ReadBackend for WholeFile {
 }
 
 /// A backend for bytes that JavaScript must fetch.
-struct Elsewhere;
+struct DeferredFetch;
 
-impl Fetch for Elsewhere {
+impl Fetch for DeferredFetch {
     fn fetch(&self, _: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
         Err(Error::NotFetched)
     }
@@ -111,7 +111,7 @@ pub(crate) fn add_ranges(name: &str, length: u64) -> u64 {
     let number = RangeCache::file_number();
     let cache = STATE.with_borrow(|state| state.cache.clone());
     // (JavaScript joins ranges.)
-    let file = RangeFile::new(Path::new(name), length, Box::new(Elsewhere), (cache, number), 0);
+    let file = RangeFile::new(Path::new(name), length, Box::new(DeferredFetch), (cache, number), 0);
     add(number, name, Bytes::Ranges(file))
 }
 
@@ -146,7 +146,7 @@ pub(crate) fn close(opened: u32) {
 /// If there is none.
 pub(crate) fn file(number: u64) -> Result<File> {
     let found = STATE.with_borrow(|state| state.files.get(&number).cloned());
-    found.ok_or_else(|| Error::invalid("file", number.to_string(), "one that was added"))
+    found.ok_or_else(|| Error::invalid("file", number.to_string(), "the number of a file that was added"))
 }
 
 /// Stores an open object; returns its number.
@@ -181,8 +181,8 @@ impl Opened {
             Content::Cells(tree) => Ok(tree),
             Content::Model(_) => Err(Error::unsupported(
                 &self.file.name,
-                "an exact model, where cells are asked for,",
-                "ask for what models have: measures, sections, triangles",
+                "this query of an exact model",
+                "exact models have measures, sections and triangles",
             )),
         }
     }
@@ -196,8 +196,8 @@ impl Opened {
             Content::Model(model) => Ok(model),
             Content::Cells(_) => Err(Error::unsupported(
                 &self.file.name,
-                "a tree of cells, where an exact model is asked for,",
-                "ask for windows, points and statistics",
+                "this query of a tree of cells",
+                "trees have windows, points and statistics",
             )),
         }
     }

@@ -10,8 +10,8 @@ use spinney_crs::{Crs, Frame, Transformation};
 use spinney_engine::dataset::Dataset;
 use spinney_report::{JsonNumbers, commit_as_json};
 
-use crate::answer::{count, sample};
 use crate::files::{Content, Opened};
+use crate::result::{count, sample};
 
 /// Returns the header of an open file.
 ///
@@ -28,7 +28,7 @@ fn of_cells(tree: &Dataset) -> Result<Value> {
     let (header, metadata) = (tree.header(), tree.metadata());
     let (axes, value) = (header.form.axes(), header.form.value);
     let frame = &metadata.frame;
-    let [low, high] = frame.world_box(&header.picture());
+    let [low, high] = frame.world_box(&header.extent_bounds());
     let class = |value: &Number| {
         let name = metadata.class_names.get(value);
         json!({ "value": sample(*value, header.form.value.sample), "name": name, "colour": colour(metadata, value) })
@@ -66,7 +66,7 @@ fn of_cells(tree: &Dataset) -> Result<Value> {
         "crs": frame.crs.as_ref().map(crs_json),
         "unit": unit(metadata),
         "bounds": bounds,
-        "geographicBounds": geographic_bounds(frame, &header.picture()),
+        "geographicBounds": geographic_bounds(frame, &header.extent_bounds()),
         "transform": if axes == 2 { json!(frame.affine()) } else { Value::Null },
         "matrix": frame.matrix,
         "channelNames": metadata.band_names,
@@ -130,11 +130,11 @@ fn crs_json(crs: &Crs) -> Value {
 }
 
 /// Returns west, south, east and north of a raster in degrees, if known.
-fn geographic_bounds(frame: &Frame, picture: &Bounds) -> Option<[f64; 4]> {
+fn geographic_bounds(frame: &Frame, extent: &Bounds) -> Option<[f64; 4]> {
     /// Subdivisions of each side: lines that are straight in one system are curves in the other.
     const STEPS: u32 = 32;
     let way = Transformation::new(frame.crs.as_ref()?, &Crs::epsg(4326), true).ok()?;
-    let [width, height, _] = picture.max.map(|cells| cells as f64);
+    let [width, height, _] = extent.max.map(|cells| cells as f64);
     let mut bounds = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
     for step in 0..=STEPS {
         let share = f64::from(step) / f64::from(STEPS);

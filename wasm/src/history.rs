@@ -12,9 +12,9 @@ use spinney_engine::ops::{TreeFile, View, diff as differences};
 use spinney_engine::store::autumnal::History;
 use spinney_report::{JsonNumbers, commit_as_json};
 
-use crate::answer::{Found, count, sample};
 use crate::files::Opened;
-use crate::part::Part;
+use crate::region::Region;
+use crate::result::{Found, count, sample};
 
 /// A comparison of two commits.
 #[derive(Deserialize)]
@@ -32,7 +32,11 @@ const BLOCKS: usize = 10_000;
 fn check_commits(tree: &Dataset) -> Result<()> {
     match tree.commit() {
         Some(_) => Ok(()),
-        None => Err(Error::unsupported(tree.name(), "a file without commits", "`.autumn` files have them")),
+        None => Err(Error::unsupported(
+            tree.name(),
+            "the history of a file without commits",
+            "only `.autumn` files have commits",
+        )),
     }
 }
 
@@ -50,17 +54,17 @@ pub(crate) fn commits(opened: &Opened, limit: Option<usize>) -> Result<Found> {
 }
 
 /// Returns the differences of two commits.
-pub(crate) fn diff(opened: &Opened, part: &Part, request: &Request) -> Result<Found> {
+pub(crate) fn diff(opened: &Opened, region: &Region, request: &Request) -> Result<Found> {
     let tree = opened.cells()?;
     check_commits(tree)?;
-    let within = match part.boxes(tree)? {
-        None => vec![tree.header().picture()],
+    let within = match region.boxes(tree)? {
+        None => vec![tree.header().extent_bounds()],
         Some(boxes) => boxes,
     };
     let at = |commit: Option<u64>| {
         let layer = Some(tree.layer_number().to_string());
-        let place = FileReference { file: opened.file.name.as_path().into(), commit, layer };
-        let file = TreeFile::at(&place, &opened.file.options())?;
+        let reference = FileReference { file: opened.file.name.as_path().into(), commit, layer };
+        let file = TreeFile::at(&reference, &opened.file.options())?;
         let extent = file.header().extent;
         View::new(Arc::new(file.into()), extent)
     };
@@ -71,7 +75,7 @@ pub(crate) fn diff(opened: &Opened, part: &Part, request: &Request) -> Result<Fo
     let (depth, value) = (tree.depth(), tree.header().form.value);
     differences(&first, &second, &(), &mut |block| {
         let all = block.code.bounds(depth);
-        let cells: u64 = within.iter().map(|part| part.intersect(&all).volume()).sum();
+        let cells: u64 = within.iter().map(|bounds| bounds.intersect(&all).volume()).sum();
         if cells == 0 {
             return Ok(());
         }

@@ -5,16 +5,16 @@
 //! arrays. No call waits: a query reports the ranges that it lacks, and the caller fetches and
 //! [supplies](supply) them, and repeats the query. There is one thread, and no shared memory.
 
-mod answer;
 mod failure;
 mod files;
 mod header;
 mod history;
+mod images;
 mod model;
-mod part;
-mod pictures;
 mod points;
-mod question;
+mod query;
+mod region;
+mod result;
 mod search;
 mod solid;
 mod statistics;
@@ -23,7 +23,7 @@ mod zones;
 
 use wasm_bindgen::prelude::wasm_bindgen;
 
-pub use answer::Answer;
+pub use result::QueryResult;
 
 /// Installs the panic hook. It stores the message for the caller, who cannot use the module any
 /// more.
@@ -77,6 +77,6 @@ pub fn close(opened: u32) {
 
 /// Runs a query on the available bytes. The coordinates of many points are passed separately.
 #[wasm_bindgen]
-pub fn ask(question: &str, places: &[f64]) -> Answer {
-    question::ask(question, places)
+pub fn query(request: &str, coordinates: &[f64]) -> QueryResult {
+    query::run(request, coordinates)
 }

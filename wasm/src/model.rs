@@ -7,7 +7,7 @@ use spinney_brep::query::{CuttingPlane, Location};
 use spinney_brep::{Faces, ModelView, Triangulated};
 use spinney_container::Tag;
 
-use crate::answer::{Found, bytes_of, count};
+use crate::result::{Found, bytes_of, count};
 
 /// A plane across an axis, or one with a normal: the points whose product with it is `at`.
 #[derive(Deserialize)]
@@ -51,7 +51,7 @@ pub(crate) fn section(view: &ModelView, plane: &Plane) -> Result<Found> {
     let plane = match (plane.axis, plane.normal) {
         (Some(axis), None) => CuttingPlane::across(axis as usize, plane.at),
         (None, Some(normal)) => CuttingPlane { normal, distance: plane.at },
-        _ => return Err(Error::invalid("plane", "none or both", "an axis or a normal")),
+        _ => return Err(Error::invalid("plane", "neither or both of `axis` and `normal`", "one of the two")),
     };
     let polygons = view.section(&plane, &())?;
     let area: f64 = polygons.iter().map(|polygon| polygon.area).sum();

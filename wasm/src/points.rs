@@ -7,8 +7,8 @@ use spinney_crs::{Crs, Transformation};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::PointSamples;
 
-use crate::answer::{Found, sample};
-use crate::part::places;
+use crate::region::cell_locator;
+use crate::result::{Found, sample};
 
 /// How points are queried, whose coordinates are passed separately.
 #[derive(Deserialize)]
@@ -31,12 +31,12 @@ pub(crate) fn cells_at(
     if level > depth {
         return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
     }
-    let places = places(tree, crs)?;
-    let cell = |place: &[f64]| {
+    let locator = cell_locator(tree, crs)?;
+    let cell = |coordinates: &[f64]| {
         let mut point = [0.0; 3];
-        point[..axes].copy_from_slice(place);
-        let cell = places.cell(point).map(|[x, y, z]| if axes == 3 { [x, y, z] } else { [x, y, 0.0] });
-        let cell = cell.filter(|cell| places.is_inside(*cell));
+        point[..axes].copy_from_slice(coordinates);
+        let cell = locator.cell(point).map(|[x, y, z]| if axes == 3 { [x, y, z] } else { [x, y, 0.0] });
+        let cell = cell.filter(|cell| locator.is_inside(*cell));
         cell.map_or(OUTSIDE, |cell| cell.map(|at| at.floor() as u64 >> (depth - level)))
     };
     Ok((numbers.chunks_exact(axes).map(cell).collect(), level))
@@ -73,11 +73,11 @@ pub(crate) fn geographic(tree: &Dataset, numbers: &[f64]) -> Result<Found> {
     let Some(crs) = &tree.metadata().frame.crs else {
         return Err(Error::unsupported(
             tree.name(),
-            "a place on the globe of a file without a coordinate system",
+            "longitude and latitude without a coordinate reference system",
             "give it one with `spinney edit --crs`",
         ));
     };
     let way = Transformation::new(crs, &Crs::epsg(4326), true)?;
-    let places = numbers.chunks_exact(2).map(|place| json!(way.forward([place[0], place[1]])));
-    Ok(Value::from(places.collect::<Vec<_>>()).into())
+    let positions = numbers.chunks_exact(2).map(|point| json!(way.forward([point[0], point[1]])));
+    Ok(Value::from(positions.collect::<Vec<_>>()).into())
 }

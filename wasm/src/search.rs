@@ -8,8 +8,8 @@ use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{Condition, FoundBlock};
 use spinney_report::JsonNumbers;
 
-use crate::answer::{Found, count};
-use crate::part::Part;
+use crate::region::Region;
+use crate::result::{Found, count};
 
 /// A condition on the first channel, and the number of blocks.
 #[derive(Deserialize)]
@@ -26,19 +26,19 @@ pub(crate) struct Request {
 const BLOCKS: usize = 10_000;
 const MAX_BLOCKS: usize = 1_000_000;
 
-pub(crate) fn find(tree: &Dataset, part: &Part, request: &Request) -> Result<Found> {
+pub(crate) fn find(tree: &Dataset, region: &Region, request: &Request) -> Result<Found> {
     let condition = match (request.above, request.below, request.equal) {
         (Some(bound), None, None) => Condition::Above(bound),
         (None, Some(bound), None) => Condition::Below(bound),
         (None, None, Some(number)) => Condition::Equal(number),
-        _ => return Err(Error::invalid("where", "none or several conditions", "above, below or equal")),
+        _ => return Err(Error::invalid("where", "no condition or several", "one of above, below or equal")),
     };
-    let parts = part.boxes(tree)?.map_or(vec![None], |boxes| boxes.into_iter().map(Some).collect());
+    let boxes = region.boxes(tree)?.map_or(vec![None], |boxes| boxes.into_iter().map(Some).collect());
     let limit = request.limit.unwrap_or(BLOCKS).min(MAX_BLOCKS);
-    let largest = request.largest.map(|most| most.min(MAX_BLOCKS));
+    let largest = request.largest.map(|limit| limit.min(MAX_BLOCKS));
     let (mut found, mut is_all): (Vec<FoundBlock>, bool) = (Vec::new(), true);
     let order = |block: &FoundBlock| (block.level, block.code.clone());
-    for bounds in parts {
+    for bounds in boxes {
         tree.find(condition, bounds, &(), &mut |block| {
             if largest.is_none() && found.len() >= limit {
                 is_all = false;
@@ -46,17 +46,17 @@ pub(crate) fn find(tree: &Dataset, part: &Part, request: &Request) -> Result<Fou
             }
             found.push(block);
             // (Excess blocks are dropped from time to time.)
-            if let Some(most) = largest.filter(|most| found.len() >= 2 * most + 1024) {
+            if let Some(limit) = largest.filter(|limit| found.len() >= 2 * limit + 1024) {
                 found.sort_by_cached_key(order);
-                found.truncate(most);
+                found.truncate(limit);
             }
             Ok(true)
         })?;
     }
-    if let Some(most) = largest {
+    if let Some(limit) = largest {
         found.sort_by_cached_key(order);
-        is_all = found.len() <= most;
-        found.truncate(most);
+        is_all = found.len() <= limit;
+        found.truncate(limit);
     }
     let blocks: Vec<Value> = found.iter().map(|block| block_json(tree, block)).collect();
     Ok(json!({ "blocks": blocks, "isAll": is_all }).into())

@@ -5,15 +5,15 @@ use serde_json::{Value, json};
 use spinney_base::value::Rule;
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
-use spinney_engine::ops::ViewStep;
+use spinney_engine::ops::ViewOperation;
 use spinney_engine::query::PointSamples;
 use spinney_mesh::export::{MeshRequest as SurfaceRequest, SurfaceMesh, surface_mesh};
 
-use crate::answer::{Found, bytes_of};
 use crate::files::Opened;
-use crate::part::Part;
-use crate::pictures::slice_image;
+use crate::images::slice_image;
 use crate::points::cells_at;
+use crate::region::Region;
+use crate::result::{Found, bytes_of};
 use crate::windows::{Detail, at_level, samples};
 
 /// A slice across an axis.
@@ -47,16 +47,20 @@ fn check_octree(tree: &Dataset) -> Result<()> {
     if tree.header().form.axes() == 3 {
         return Ok(());
     }
-    Err(Error::unsupported(tree.name(), "a quadtree, where an octree is asked for,", "ask for windows"))
+    Err(Error::unsupported(
+        tree.name(),
+        "this query of a quadtree",
+        "only octrees have it; quadtrees have windows",
+    ))
 }
 
 /// Returns a slice, whose columns and rows are the other two axes, in their order: its samples, or
 /// its colours if there is a style.
-pub(crate) fn slice(opened: &Opened, (part, detail): (&Part, &Detail), slice: &Slice) -> Result<Found> {
+pub(crate) fn slice(opened: &Opened, (region, detail): (&Region, &Detail), slice: &Slice) -> Result<Found> {
     let tree = opened.cells()?;
     check_octree(tree)?;
     let axis = slice.axis as usize;
-    let mut bounds = part.one_box(tree)?;
+    let mut bounds = region.one_box(tree)?;
     let cell = cell_of(tree, slice)?;
     (bounds.min[axis], bounds.max[axis]) = (cell, cell + 1);
     let level = detail.level(tree, &bounds)?;
@@ -86,7 +90,7 @@ fn cell_of(tree: &Dataset, slice: &Slice) -> Result<u64> {
             world[axis] = at;
             let cell = frame.to_cells(world).map_or(f64::NAN, |cell| cell[axis].floor());
             if !(0.0..extent[axis] as f64).contains(&cell) {
-                let [low, high] = frame.world_box(&tree.header().picture());
+                let [low, high] = frame.world_box(&tree.header().extent_bounds());
                 let expected = format!("{} to {}", low[axis], high[axis]);
                 return Err(Error::invalid("at", at.to_string(), expected));
             }
@@ -117,31 +121,32 @@ pub(crate) fn contains(tree: &Dataset, level: Option<u8>, numbers: &[f64]) -> Re
 
 /// Returns the surface of a level as triangles: vertices relative to an origin, and three vertex
 /// numbers each.
-pub(crate) fn mesh(tree: &Dataset, part: &Part, request: &MeshRequest) -> Result<Found> {
+pub(crate) fn mesh(tree: &Dataset, region: &Region, request: &MeshRequest) -> Result<Found> {
     check_octree(tree)?;
     let depth = tree.depth();
     let level = request.level.unwrap_or(depth);
     if level > depth {
         return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
     }
-    let part = match part.boxes(tree)? {
+    let bounds = match region.boxes(tree)? {
         None => None,
-        Some(_) => Some(part.one_box(tree)?),
+        Some(_) => Some(region.one_box(tree)?),
     };
     let mut wanted = SurfaceRequest::new();
     wanted.smooth = request.smooth.unwrap_or(false);
-    let surface = match part {
+    let surface = match bounds {
         None => {
             wanted.level = Some(level);
             surface_mesh(tree, &wanted, &())?
         }
-        Some(part) => {
+        Some(bounds) => {
             // (Aligned to the level's cells, so that adjacent regions have no gaps.)
             let shift = depth - level;
-            let cells = at_level(&part, shift);
+            let cells = at_level(&bounds, shift);
             let min = cells.min.map(|cell| (cell << shift) as i64);
             let size = cells.size().map(|cells| cells << shift);
-            let view = tree.layer(&tree.layer_number().to_string())?.view(&[ViewStep::Window(min, size)])?;
+            let view =
+                tree.layer(&tree.layer_number().to_string())?.view(&[ViewOperation::Window(min, size)])?;
             // (The window's space may be smaller: its levels are counted from the cells, too.)
             wanted.level = Some(view.depth().saturating_sub(shift));
             surface_mesh(&view, &wanted, &())?

@@ -6,8 +6,8 @@ use spinney_base::Result;
 use spinney_engine::dataset::Dataset;
 use spinney_report::{JsonNumbers, bins_as_json, bins_of, bins_with, statistics_as_json, statistics_of};
 
-use crate::answer::Found;
-use crate::part::Part;
+use crate::region::Region;
+use crate::result::Found;
 
 /// Number of the histogram's bins, and their range.
 #[derive(Deserialize)]
@@ -21,16 +21,16 @@ pub(crate) struct Request {
 const BINS: u32 = 16;
 const MAX_BINS: u32 = 1 << 16;
 
-pub(crate) fn statistics(tree: &Dataset, part: &Part, request: &Request) -> Result<Found> {
-    let boxes = part.boxes(tree)?;
+pub(crate) fn statistics(tree: &Dataset, region: &Region, request: &Request) -> Result<Found> {
+    let boxes = region.boxes(tree)?;
     let statistics = statistics_of(tree, boxes.as_deref())?;
-    let boxes = boxes.unwrap_or_else(|| vec![tree.header().picture()]);
+    let boxes = boxes.unwrap_or_else(|| vec![tree.header().extent_bounds()]);
     let bins = bins_with(tree, &boxes, &statistics, request.bins.unwrap_or(BINS).min(MAX_BINS))?;
     Ok(statistics_as_json(tree, &statistics, &bins, JsonNumbers::Marked).into())
 }
 
-pub(crate) fn histogram(tree: &Dataset, part: &Part, request: &Request) -> Result<Found> {
-    let boxes = part.boxes(tree)?;
+pub(crate) fn histogram(tree: &Dataset, region: &Region, request: &Request) -> Result<Found> {
+    let boxes = region.boxes(tree)?;
     let bins = request.bins.unwrap_or(BINS).clamp(1, MAX_BINS);
     let range = match (request.low, request.high) {
         (Some(low), Some(high)) => Some((low, high)),
@@ -43,7 +43,7 @@ pub(crate) fn histogram(tree: &Dataset, part: &Part, request: &Request) -> Resul
         }
     };
     let Some((low, high)) = range else { return Ok(json!({ "low": null, "high": null, "bins": [] }).into()) };
-    let boxes = boxes.unwrap_or_else(|| vec![tree.header().picture()]);
+    let boxes = boxes.unwrap_or_else(|| vec![tree.header().extent_bounds()]);
     let bins = bins_as_json(&bins_of(tree, &boxes, (low, high), bins)?, JsonNumbers::Marked);
     Ok(json!({ "low": low, "high": high, "bins": bins }).into())
 }

@@ -7,9 +7,9 @@ use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
 
-use crate::answer::Found;
 use crate::failure::too_large;
-use crate::part::Part;
+use crate::region::Region;
+use crate::result::Found;
 
 /// Maximum bytes of a window.
 const MAX_BYTES: u64 = 1 << 30;
@@ -62,8 +62,8 @@ pub(crate) fn at_level(bounds: &Bounds, shift: u8) -> Bounds {
 }
 
 /// Returns the samples of a window.
-pub(crate) fn window(tree: &Dataset, (part, detail): (&Part, &Detail), window: &Window) -> Result<Found> {
-    let bounds = part.one_box(tree)?;
+pub(crate) fn window(tree: &Dataset, (region, detail): (&Region, &Detail), window: &Window) -> Result<Found> {
+    let bounds = region.one_box(tree)?;
     let level = detail.level(tree, &bounds)?;
     samples(tree, &bounds, level, window.channels.as_deref(), window.fill)
 }

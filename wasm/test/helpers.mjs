@@ -35,12 +35,12 @@ export async function serve(path) {
 }
 
 /** Runs the program; parses the JSON that it prints, with numbers beyond doubles as BigInts. */
-export function told(...list) {
+export function spinneyJson(...list) {
   return read(spinney(...list));
 }
 
 /** Runs the program, which prints JSON line by line. */
-export function toldLines(...list) {
+export function spinneyJsonLines(...list) {
   return spinney(...list).split("\n").filter(Boolean).map(read);
 }
 
@@ -50,7 +50,7 @@ function read(text) {
 }
 
 /** A directory for a test file, which is removed afterwards. */
-export function folder() {
+export function temporaryDirectory() {
   const path = mkdtempSync(join(tmpdir(), "spinney-wasm-"));
   process.on("exit", () => rmSync(path, { recursive: true, force: true }));
   return path;
@@ -61,7 +61,7 @@ export function folder() {
  * formats and packings.
  */
 export function files() {
-  const made = process.env.SPINNEY_FILES ?? folder();
+  const made = process.env.SPINNEY_FILES ?? temporaryDirectory();
   if (!existsSync(join(made, "done"))) makeFiles(made);
   const of = (path) => readdirSync(path).filter((name) => /\.(goblin|autumn)$/.test(name)).map((name) => join(path, name));
   const isModel = (path) => /^(chapel|crossing|cube)/.test(basename(path));
@@ -100,8 +100,8 @@ export function near(found, expected, message, loose = []) {
   const [a, b] = [plain(found), plain(expected)];
   const compare = (a, b, path) => {
     if (typeof a === "number" && typeof b === "number") {
-      const most = (loose.includes(path.at(-1)) ? 0.1 : 1e-9) * Math.max(Math.abs(a), Math.abs(b), 1e-3);
-      if (!(Math.abs(a - b) <= most)) assert.fail(`${message}: ${path.join(".")} is ${a}, not ${b}`);
+      const tolerance = (loose.includes(path.at(-1)) ? 0.1 : 1e-9) * Math.max(Math.abs(a), Math.abs(b), 1e-3);
+      if (!(Math.abs(a - b) <= tolerance)) assert.fail(`${message}: ${path.join(".")} is ${a}, not ${b}`);
     } else if (a && b && typeof a === "object" && typeof b === "object") {
       assert.deepEqual(Object.keys(a), Object.keys(b).filter((name) => b[name] !== undefined), `${message}: ${path.join(".")}`);
       for (const name of Object.keys(a)) compare(a[name], b[name], [...path, name]);

@@ -6,24 +6,24 @@ import { join } from "node:path";
 import test from "node:test";
 
 import { open } from "../../crates/site/page/spinney/index.js";
-import { folder, frozen, same, spinney, told } from "./helpers.mjs";
+import { frozen, same, spinney, spinneyJson, temporaryDirectory } from "./helpers.mjs";
 
-const work = folder();
+const work = temporaryDirectory();
 
 for (const name of ["history.autumn", "stack.autumn"]) {
   test(`commits of ${name}`, async () => {
     const path = join(frozen, name);
     const file = await open(path);
     const commits = await file.commits();
-    same(commits, told("log", "--json", path));
+    same(commits, spinneyJson("log", "--json", path));
     same(await file.commits({ limit: 1 }), commits.slice(0, 1));
     for (const { number } of commits) {
       const old = await file.openCommit(number);
       same(old.header.commit.number, number);
       const layer = old.header.layer ? `:${old.header.layer}` : "";
-      same(await old.stats(), told("stats", "--json", `${path}@${number}${layer}`));
+      same(await old.stats(), spinneyJson("stats", "--json", `${path}@${number}${layer}`));
       same((await (await open(path, { commit: number })).stats()).cells, (await old.stats()).cells);
-      const expected = told("diff", "--json", `${path}@${number}${layer}`, `${path}${layer}`);
+      const expected = spinneyJson("diff", "--json", `${path}@${number}${layer}`, `${path}${layer}`);
       const found = await file.diff(number);
       same([found.added, found.removed, found.changed, found.blockCount], [expected.added, expected.removed, expected.changed, expected.blocks]);
       same(found.blocks.length, expected.blocks);
@@ -36,7 +36,7 @@ for (const name of ["history.autumn", "stack.autumn"]) {
   });
 }
 
-test("differences of a part", async () => {
+test("differences of a region", async () => {
   const file = await open(join(frozen, "history.autumn"));
   const all = await file.diff(1);
   const [width, height] = file.header.size;
@@ -46,7 +46,7 @@ test("differences of a part", async () => {
   assert.equal((await file.diff(1, undefined, { limit: 1 })).blocks.length, Math.min(1, all.blocks.length));
 });
 
-test("a commit that is made meanwhile is there after refresh", async () => {
+test("a commit that is appended meanwhile is read after refresh", async () => {
   const path = join(work, "edited.autumn");
   copyFileSync(join(frozen, "history.autumn"), path);
   const file = await open(path);
@@ -59,7 +59,7 @@ test("a commit that is made meanwhile is there after refresh", async () => {
   assert.equal(await file.refresh(), true);
   assert.ok(file.header.commit.number > before);
   assert.equal((await file.commits())[0].message, "more");
-  same(await file.stats(), told("stats", "--json", path));
+  same(await file.stats(), spinneyJson("stats", "--json", path));
   const { changedCells } = await file.diff(before);
   assert.ok(changedCells > 0);
 });

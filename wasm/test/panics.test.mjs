@@ -14,10 +14,10 @@ test("a panic is an error of its call alone", async () => {
   for (let time = 0; time < 3; time += 1) {
     // (A pending query is repeated.)
     const meanwhile = second.window();
-    await assert.rejects(first.ask("panic"), (error) => {
+    await assert.rejects(first.query("panic"), (error) => {
       assert.ok(error instanceof PanicError);
       assert.equal(error.code, "panic");
-      assert.match(error.message, /asked for/);
+      assert.match(error.message, /requested by a test/);
       return true;
     });
     same((await meanwhile).width, (await second.window()).width);

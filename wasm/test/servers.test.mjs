@@ -19,14 +19,14 @@ async function serve(bytes, how = {}) {
   const server = createServer(async (request, response) => {
     state.requests.push(request.headers.range ?? "");
     if (state.delay) await new Promise((resolve) => setTimeout(resolve, state.delay));
-    if (state.answer?.(request, response, state)) return;
+    if (state.respond?.(request, response, state)) return;
     const { length } = state.bytes;
-    const asked = /^bytes=(\d*)-(\d*)$/.exec(request.headers.range ?? "");
+    const range = /^bytes=(\d*)-(\d*)$/.exec(request.headers.range ?? "");
     const headers = {};
     if (state.etag) headers.ETag = state.etag;
-    if (asked && !state.hasNoRanges) {
-      const start = asked[1] ? Number(asked[1]) : Math.max(0, length - Number(asked[2]));
-      const end = asked[1] && asked[2] ? Math.min(Number(asked[2]) + 1, length) : length;
+    if (range && !state.hasNoRanges) {
+      const start = range[1] ? Number(range[1]) : Math.max(0, length - Number(range[2]));
+      const end = range[1] && range[2] ? Math.min(Number(range[2]) + 1, length) : length;
       if (start >= length) {
         response.writeHead(416, headers).end();
         return;
@@ -51,7 +51,7 @@ async function serve(bytes, how = {}) {
 const map = bytesOf(join(frozen, "classes.goblin"));
 const { made } = files();
 
-test("answers from a server, from memory and from a Blob are those from a disk", async () => {
+test("results from a server, from memory and from a Blob are those from a disk", async () => {
   for (const name of ["classes.goblin", "stack.goblin", "history.autumn", "ball.goblin"]) {
     const path = join(frozen, name);
     const expected = await open(path);
@@ -67,19 +67,19 @@ test("answers from a server, from memory and from a Blob are those from a disk",
   }
 });
 
-test("few rounds lead to an answer", async () => {
+test("a query takes few batches", async () => {
   const bytes = bytesOf(join(made, "island_classes_packed.goblin"));
   const { url, state } = await serve(bytes);
   const found = await open(url);
-  let traffic = { rounds: 0 };
-  await found.window({ level: 6, progress: (told) => { traffic = told; } });
-  assert.ok(traffic.rounds <= 2, `${traffic.rounds} rounds`);
+  let traffic = { batches: 0 };
+  await found.window({ level: 6, progress: (total) => { traffic = total; } });
+  assert.ok(traffic.batches <= 2, `${traffic.batches} batches`);
   const count = state.requests.length;
   await found.window({ level: 6 });
-  assert.equal(state.requests.length, count, "what is held is not fetched again");
+  assert.equal(state.requests.length, count, "cached ranges are not fetched again");
 });
 
-test("a host without ranges is told of, and small files are read whole", async () => {
+test("a host without ranges causes a warning, and small files are read completely", async () => {
   for (const how of [{ hasNoRanges: true }, { hasNoRanges: true, hidesLength: true }, { hasNoRanges: true, compresses: true }]) {
     const { url } = await serve(map, how);
     const found = await open(url);
@@ -89,7 +89,7 @@ test("a host without ranges is told of, and small files are read whole", async (
   }
 });
 
-test("a host that hides the range is asked for the length", async () => {
+test("the length is requested from a host that hides the range", async () => {
   const { url } = await serve(map, { hidesRange: true });
   const found = await open(url);
   assert.deepEqual(found.warnings, []);
@@ -99,7 +99,7 @@ test("a host that hides the range is asked for the length", async () => {
 test("large files of such hosts are refused", async () => {
   const huge = { length: 65 * 2 ** 20 };
   const { url } = await serve(map, {
-    answer: (_, response) => {
+    respond: (_, response) => {
       response.writeHead(200, { "Content-Length": huge.length });
       response.write(map);
       return true;
@@ -107,7 +107,7 @@ test("large files of such hosts are refused", async () => {
   });
   await assert.rejects(open(url), { code: "unsupported", message: /too many to read all of it/ });
   const { url: endless } = await serve(map, {
-    answer: (_, response) => {
+    respond: (_, response) => {
       response.writeHead(200);
       const more = () => { while (!response.destroyed && response.write(Buffer.alloc(2 ** 20)));  };
       response.on("drain", more);
@@ -118,14 +118,14 @@ test("large files of such hosts are refused", async () => {
   await assert.rejects(open(endless), { code: "unsupported", message: /too many to read all of it/ });
 });
 
-test("a file that changes in between is an error that says so, and refresh opens it anew", async () => {
+test("a file that changes in between is an error that says so, and refresh opens it again", async () => {
   const elevation = bytesOf(join(frozen, "elevation.goblin"));
   for (const change of [
     (state) => { state.etag = '"2"'; },
     (state) => { state.bytes = elevation; state.etag = undefined; },
     (state) => { state.bytes = map.subarray(0, 3000); state.etag = undefined; },
   ]) {
-    const { url, state } = await serve(map, { answer: undefined });
+    const { url, state } = await serve(map, { respond: undefined });
     const found = await open(url, { cacheBytes: 2 ** 20 });
     change(state);
     // (The small file was fetched completely when it was opened: another dataset requests its
@@ -142,7 +142,7 @@ test("a file that changes in between is an error that says so, and refresh opens
   for (const [change, pattern] of [
     [(state) => { state.etag = '"2"'; }, /was replaced/],
     [(state) => { state.bytes = large.subarray(0, large.length - 7); }, /another length/],
-    [(state) => { state.answer = (_, response) => { response.writeHead(404).end(); return true; }; }, /was removed/],
+    [(state) => { state.respond = (_, response) => { response.writeHead(404).end(); return true; }; }, /was removed/],
   ]) {
     const { url, state } = await serve(large);
     const found = await open(url);
@@ -161,19 +161,19 @@ test("commits that are appended meanwhile leave readers alone", async () => {
   same(await found.window(), await (await open(bytes)).window());
 });
 
-test("hosts that are busy are asked again; others are errors", async () => {
+test("requests to busy hosts are retried; other failures are errors", async () => {
   let failures = 2;
-  const { url } = await serve(map, { answer: (_, response) => { if (failures-- <= 0) return false; response.writeHead(503).end(); return true; } });
+  const { url } = await serve(map, { respond: (_, response) => { if (failures-- <= 0) return false; response.writeHead(503).end(); return true; } });
   await open(url);
-  const { url: missing } = await serve(map, { answer: (_, response) => { response.writeHead(404).end(); return true; } });
+  const { url: missing } = await serve(map, { respond: (_, response) => { response.writeHead(404).end(); return true; } });
   await assert.rejects(open(missing), { code: "not-found", message: /no such file/ });
-  const { url: refused } = await serve(map, { answer: (_, response) => { response.writeHead(403).end(); return true; } });
+  const { url: refused } = await serve(map, { respond: (_, response) => { response.writeHead(403).end(); return true; } });
   await assert.rejects(open(refused), { code: "io", message: /403/ });
   const { url: page } = await serve(Buffer.from("<!doctype html><title>not found</title>"));
   await assert.rejects(open(page), (error) => error.name === "SpinneyError");
 });
 
-test("a question is given up between rounds and meanwhile", async () => {
+test("a query is aborted between batches and during one", async () => {
   const large = bytesOf(join(made, "island_elevation.goblin"));
   const { url, state } = await serve(large);
   const found = await open(url);
@@ -183,25 +183,25 @@ test("a question is given up between rounds and meanwhile", async () => {
   state.delay = 2000;
   const control = new AbortController();
   const start = Date.now();
-  const asked = found.window({ signal: control.signal });
+  const pending = found.window({ signal: control.signal });
   setTimeout(() => control.abort(), 50);
-  await assert.rejects(asked, { name: "AbortError" });
+  await assert.rejects(pending, { name: "AbortError" });
   assert.ok(Date.now() - start < 1500, "at once");
   state.delay = 0;
   same((await found.stats()).cells, (await (await open(large)).stats()).cells);
   await assert.rejects(open(url, { signal: before.signal }), { name: "AbortError" });
 });
 
-test("what needs more than is held is answered all the same", async () => {
+test("a query that needs more bytes than the cache holds succeeds", async () => {
   const path = join(made, "island_elevation.goblin");
   const { url } = await serve(bytesOf(path));
   const found = await open(url, { cacheBytes: 1 });
   same(await found.window(), await (await open(path)).window());
 });
 
-test("headers of users are sent", async () => {
+test("custom headers are sent", async () => {
   const { url } = await serve(map, {
-    answer: (request, response) => {
+    respond: (request, response) => {
       if (request.headers.authorization === "Bearer secret") return false;
       response.writeHead(401).end();
       return true;

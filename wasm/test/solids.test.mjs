@@ -6,11 +6,11 @@ import { basename, join } from "node:path";
 import test from "node:test";
 
 import { open } from "../../crates/site/page/spinney/index.js";
-import { bytesOf, files, folder, random, same, spinney, told } from "./helpers.mjs";
+import { bytesOf, files, random, same, spinney, spinneyJson, temporaryDirectory } from "./helpers.mjs";
 import { alike, readPng } from "./png.mjs";
 
 const { cells, models } = files();
-const work = folder();
+const work = temporaryDirectory();
 
 /** Vertices and triangles of an OBJ. */
 function readObj(path) {
@@ -74,13 +74,13 @@ for (const path of cells) {
       return volumeOf((corner) => [0, 1, 2].map((axis) => mesh.positions[3 * corner + axis] + mesh.origin[axis]), trianglesOf(mesh));
     };
     const whole = await volume([0, 0, 0, width, height, depth]);
-    const parts = (await volume([0, 0, 0, half, height, depth])) + (await volume([half, 0, 0, width, height, depth]));
-    assert.ok(Math.abs(whole - parts) <= 1e-5 * Math.abs(whole), `${whole}, ${parts}`);
+    const sum = (await volume([0, 0, 0, half, height, depth])) + (await volume([half, 0, 0, width, height, depth]));
+    assert.ok(Math.abs(whole - sum) <= 1e-5 * Math.abs(whole), `${whole}, ${sum}`);
     const next = random(3);
     for (let time = 0; time < 20; time += 1) {
-      const place = low.map((from, axis) => from + next() * (high[axis] - from));
-      const { value } = await solid.point(place);
-      assert.equal(await solid.contains(place), header.rule === "occupancy" ? (value ?? 0) >= 128 : value !== null);
+      const point = low.map((from, axis) => from + next() * (high[axis] - from));
+      const { value } = await solid.point(point);
+      assert.equal(await solid.contains(point), header.rule === "occupancy" ? (value ?? 0) >= 128 : value !== null);
     }
   });
 }
@@ -90,19 +90,19 @@ for (const path of models) {
     const model = await open(path);
     const { header } = model;
     assert.equal(header.kind, "model");
-    const info = told("info", "--json", path);
+    const info = spinneyJson("info", "--json", path);
     same([header.faces, header.objects, header.codec, header.depth], [info.faces, info.parts, info.codec, info.depth]);
-    const expected = told("stats", "--json", path);
+    const expected = spinneyJson("stats", "--json", path);
     const measures = await model.measures();
     for (const name of ["volume", "surface", "centre", "second_moments", "inertia", "bounds", "unit"]) same(measures[name], expected[name], name);
     same(header.bounds, expected.bounds.flat());
     const [low, high] = expected.bounds;
     const next = random(5);
-    const places = Array.from({ length: 50 }, () => low.map((from, axis) => from + (next() * 1.1 - 0.05) * (high[axis] - from)));
-    const answers = spinney("point", path, "--", ...places.map((place) => place.join(","))).trim().split("\n");
-    for (const [index, place] of places.entries()) {
-      assert.equal(await model.locate(place), answers[index]);
-      assert.equal(await model.contains(place), answers[index] !== "outside");
+    const points = Array.from({ length: 50 }, () => low.map((from, axis) => from + (next() * 1.1 - 0.05) * (high[axis] - from)));
+    const locations = spinney("point", path, "--", ...points.map((point) => point.join(","))).trim().split("\n");
+    for (const [index, point] of points.entries()) {
+      assert.equal(await model.locate(point), locations[index]);
+      assert.equal(await model.contains(point), locations[index] !== "outside");
     }
     for (const [axis, name] of ["x", "y", "z"].entries()) {
       const at = low[axis] + 0.37 * (high[axis] - low[axis]);
@@ -121,9 +121,9 @@ for (const path of models) {
     const at = (corner) => [0, 1, 2].map((axis) => positions[3 * corner + axis]);
     const volume = volumeOf(at, Array.from({ length: triangles }, (_, number) => [3 * number, 3 * number + 1, 3 * number + 2]));
     // (Proxies replace faces with off-grid vertices.)
-    const most = info.exact_faces > 0 ? 1e-2 : 1e-5;
-    assert.ok(Math.abs(volume - expected.volume) <= most * expected.volume, `${volume}, ${expected.volume}; ${origin}`);
-    await assert.rejects(model.ask("window", {}), { code: "unsupported", message: /exact model/ });
+    const tolerance = info.exact_faces > 0 ? 1e-2 : 1e-5;
+    assert.ok(Math.abs(volume - expected.volume) <= tolerance * expected.volume, `${volume}, ${expected.volume}; ${origin}`);
+    await assert.rejects(model.query("window", {}), { code: "unsupported", message: /exact model/ });
     await assert.rejects(model.section({ at: 3 }), { code: "invalid" });
   });
 }

@@ -16,15 +16,15 @@ setWorker(() => {
 });
 after(() => worker?.terminate());
 
-test("all questions", async () => {
+test("all queries", async () => {
   const path = join(frozen, "history.autumn");
   const [here, there] = [await open(path), await openInWorker(path)];
   same(there.header, here.header);
   const { bounds } = here.header;
-  const place = [(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2];
+  const point = [(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2];
   same(await there.window({ level: 2 }), await here.window({ level: 2 }));
-  same(await there.point(place), await here.point(place));
-  same(await there.points([place, place]), await here.points([place, place]));
+  same(await there.point(point), await here.point(point));
+  same(await there.points([point, point]), await here.points([point, point]));
   same(await there.stats(), await here.stats());
   same(await there.histogram(), await here.histogram());
   same(await there.find({ where: { above: 2 } }), await here.find({ where: { above: 2 } }));
@@ -38,9 +38,9 @@ test("all questions", async () => {
   same(await there.image({ style: "viridis" }), await here.image({ style: "viridis" }));
   same(await there.legend(), await here.legend());
   same(await there.tile({ z: 0, x: 0, y: 0, grid: "native" }), await here.tile({ z: 0, x: 0, y: 0, grid: "native" }));
-  const rounds = [];
-  const fresh = await openInWorker(path, { progress: (told) => rounds.push(told.rounds) });
-  assert.ok(rounds.length > 0);
+  const batches = [];
+  const fresh = await openInWorker(path, { progress: (total) => batches.push(total.batches) });
+  assert.ok(batches.length > 0);
   fresh.close();
   const model = await openInWorker(join(frozen, "chapel.goblin"));
   same(await model.measures(), await (await open(join(frozen, "chapel.goblin"))).measures());
@@ -50,9 +50,9 @@ test("all questions", async () => {
   control.abort();
   await assert.rejects(there.window({ signal: control.signal }), { name: "AbortError" });
   const later = new AbortController();
-  const asked = there.window({ signal: later.signal });
+  const pending = there.window({ signal: later.signal });
   later.abort();
-  await assert.rejects(asked, { name: "AbortError" });
+  await assert.rejects(pending, { name: "AbortError" });
   there.close();
   await assert.rejects(there.stats(), /closed/);
 });

@@ -5,25 +5,15 @@ use std::io;
 use std::path::Path;
 
 fn main() {
-    let crate_folder = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the library's folder");
-    let config = cbindgen::Config::from_file(crate_folder.join("cbindgen.toml")).expect("cbindgen.toml");
+    let crate_directory = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the library's directory");
+    let config = cbindgen::Config::from_file(crate_directory.join("cbindgen.toml")).expect("cbindgen.toml");
     let sources = [
-        "status",
-        "warnings",
-        "dataset",
-        "layers",
-        "questions",
-        "exact",
-        "blocks",
-        "model",
-        "meshes",
-        "shells",
-        "sections",
-        "parts",
+        "status", "warnings", "dataset", "layers", "queries", "exact", "blocks", "model", "meshes", "shells",
+        "sections", "parts",
     ];
     let builder = cbindgen::Builder::new().with_config(config);
     let builder = sources.into_iter().fold(builder, |builder, name| {
-        builder.with_src(crate_folder.join("src").join(name).with_extension("rs"))
+        builder.with_src(crate_directory.join("src").join(name).with_extension("rs"))
     });
-    builder.generate().expect("the header").write(io::stdout());
+    builder.generate().expect("valid sources").write(io::stdout());
 }

@@ -46,28 +46,30 @@ fn layers_are_those_of_the_library() {
         let depth = describe(first).depth;
         let mut opened = Vec::new();
         for (number, layer) in library.layers().unwrap().iter().enumerate() {
-            let told = unsafe { CStr::from_ptr(spinney_layer_name(first, number)) }.to_str().unwrap();
-            assert_eq!(told, layer.name);
-            let by_path = open_with(&format!("{}:{told}", fixture(name)), &[], 0).unwrap();
-            let (by_name, by_number) =
-                (open_layer(first, told, 0).unwrap(), open_layer(first, &number.to_string(), 0).unwrap());
-            let expected = library.layer(told).unwrap();
+            let layer_name = unsafe { CStr::from_ptr(spinney_layer_name(first, number)) }.to_str().unwrap();
+            assert_eq!(layer_name, layer.name);
+            let by_path = open_with(&format!("{}:{layer_name}", fixture(name)), &[], 0).unwrap();
+            let (by_name, by_number) = (
+                open_layer(first, layer_name, 0).unwrap(),
+                open_layer(first, &number.to_string(), 0).unwrap(),
+            );
+            let expected = library.layer(layer_name).unwrap();
             let bounds = expected.header().extent;
             let bounds = Bounds { min: [0; 3], max: [bounds[0] + 3, bounds[1] + 2, 1] };
             let expected = super::expected(&expected, expected.depth(), &bounds, 5.0);
             for found in [by_path, by_name, by_number] {
                 assert_eq!(describe(found).depth, u32::from(layer.header.depth()));
-                assert!(all_cells(found) == expected, "{name}:{told}");
+                assert!(all_cells(found) == expected, "{name}:{layer_name}");
                 let text = unsafe { CStr::from_ptr(spinney_metadata(found)) }.to_str().unwrap();
                 let document: serde_json::Value = serde_json::from_str(text).unwrap();
-                assert_eq!(document["name"], told);
+                assert_eq!(document["name"], layer_name);
                 assert_eq!(
                     document["time"].as_str(),
-                    library.layer(told).unwrap().metadata().time.as_deref()
+                    library.layer(layer_name).unwrap().metadata().time.as_deref()
                 );
             }
             // Resampled to the first layer's cells: larger cells are repeated.
-            let aligned = open_layer(first, told, SPINNEY_ALIGNED).unwrap();
+            let aligned = open_layer(first, layer_name, SPINNEY_ALIGNED).unwrap();
             assert_eq!((describe(aligned).depth, describe(aligned).size), (depth, describe(first).size));
             let shift = depth - describe(by_name).depth;
             let (large, width) = (describe(by_name).size[0] as usize + 3, describe(first).size[0] as usize);
@@ -76,8 +78,12 @@ fn layers_are_those_of_the_library() {
             for cell in 0..width * describe(first).size[1] as usize {
                 let (x, y) = (cell % width, cell / width);
                 let (from, to) = ((y >> shift) * large + (x >> shift), y * (width + 3) + x);
-                assert_eq!(valid[to], expected.1[from], "{told} {x} {y}");
-                assert_eq!(samples[to * size..][..size], expected.0[from * size..][..size], "{told} {x} {y}");
+                assert_eq!(valid[to], expected.1[from], "{layer_name} {x} {y}");
+                assert_eq!(
+                    samples[to * size..][..size],
+                    expected.0[from * size..][..size],
+                    "{layer_name} {x} {y}"
+                );
             }
             opened.extend([by_path, by_name, by_number, aligned]);
         }
@@ -93,7 +99,7 @@ fn layers_are_those_of_the_library() {
 }
 
 #[test]
-fn layers_that_are_not_there_are_told() {
+fn missing_layers_are_reported() {
     let path = fixture("stack.goblin");
     assert_eq!(open_with(&format!("{path}:depth"), &[], 0), Err(SPINNEY_INVALID));
     assert!(error().contains("`depth`") && error().contains("`height`"), "{}", error());
@@ -120,8 +126,8 @@ fn layers_that_are_not_there_are_told() {
     for (dataset, name) in [(alone, ""), (view, "height")] {
         let mut count = 0;
         assert_eq!(unsafe { spinney_layer_count(dataset, &mut count) }, SPINNEY_OK);
-        let told = unsafe { CStr::from_ptr(spinney_layer_name(dataset, 0)) };
-        assert_eq!((count, told.to_str()), (1, Ok(name)));
+        let layer_name = unsafe { CStr::from_ptr(spinney_layer_name(dataset, 0)) };
+        assert_eq!((count, layer_name.to_str()), (1, Ok(name)));
     }
     let itself = open_layer(alone, "", 0).unwrap();
     assert!(all_cells(itself) == all_cells(alone));
@@ -130,9 +136,9 @@ fn layers_that_are_not_there_are_told() {
 }
 
 #[test]
-fn layers_move_on_each_for_itself() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("s.autumn");
+fn layers_refresh_independently() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("s.autumn");
     std::fs::copy(fixture("stack.autumn"), &path).unwrap();
     let path = path.to_str().unwrap();
     let first = open_with(path, &[], 0).unwrap();

@@ -28,9 +28,9 @@ pub enum Error {
     },
     /// The file's bytes violate the rules of its format.
     #[error(
-        "{}: {}: found {}, expected {}; the file is damaged or not what its name says",
+        "{}: {}: found {}, expected {}; the file is corrupt, or its name is wrong",
         shown(path),
-        redacted(place),
+        redacted(location),
         redacted(found),
         redacted(expected)
     )]
@@ -38,7 +38,7 @@ pub enum Error {
         /// The file.
         path: PathBuf,
         /// Location in the file: a section, record, tag or offset.
-        place: String,
+        location: String,
         /// Description of the bytes that were found.
         found: String,
         /// Description of what the format requires.
@@ -55,7 +55,7 @@ pub enum Error {
         advice: String,
     },
     /// The file has another format, but a tree is expected.
-    #[error("{}: is no tree but {found}; {}", shown(path), redacted(advice))]
+    #[error("{}: is {found}, not a Spinney file; {}", shown(path), redacted(advice))]
     NotATree {
         /// The file.
         path: PathBuf,
@@ -65,14 +65,14 @@ pub enum Error {
         advice: String,
     },
     /// The surface of a model does not bound a solid.
-    #[error("{}: {}; {}{}", shown(path), redacted(what), redacted(advice), listed(places, *count))]
+    #[error("{}: {}; {}{}", shown(path), redacted(what), redacted(advice), listed(locations, *count))]
     NotASolid {
         /// The file.
         path: PathBuf,
         /// Description of the surface's defect.
         what: String,
         /// Descriptions of the defect's locations: at most 100.
-        places: Vec<String>,
+        locations: Vec<String>,
         /// Number of all such locations.
         count: u64,
         /// Advice to the user: what to do instead.
@@ -97,11 +97,7 @@ pub enum Error {
         advice: String,
     },
     /// The output would be larger than the free space, or than is allowed.
-    #[error(
-        "{}: about {needed} bytes would be written, and {limit} {whose}; {}",
-        shown(path),
-        redacted(advice)
-    )]
+    #[error("{}: would have about {needed} bytes, but {limit} {whose}; {}", shown(path), redacted(advice))]
     InsufficientSpace {
         /// The file.
         path: PathBuf,
@@ -124,7 +120,7 @@ pub enum Error {
     },
     /// Another process changed the file while it was read.
     #[error(
-        "{}: {what} while it was read: the answer may be of the one state or the other, or of both; ask again",
+        "{}: {what} while it was read, so the result may mix both states; run the query again",
         shown(path)
     )]
     Changed {
@@ -147,7 +143,7 @@ pub enum Error {
     },
     /// The file that is being edited is no longer at its path: it was moved, removed or replaced.
     #[error(
-        "{}: {what} while it was edited; the edits are not in the file of that name{}",
+        "{}: {what} while it was edited; the file at this path does not have the edits{}",
         shown(path),
         now_at(file)
     )]
@@ -162,7 +158,7 @@ pub enum Error {
     /// An earlier write or sync failed, so the state on disk is unknown. To continue, open the file
     /// again.
     #[error(
-        "{}: nothing more can be written, an earlier write or sync failed; open the file again, its last commit is whole",
+        "{}: cannot be written after a failed write or sync; open the file again, its last commit is complete",
         shown(path)
     )]
     Poisoned {
@@ -181,7 +177,9 @@ pub enum Error {
     },
     /// Bytes of a remote file have not been fetched yet: fetch them, and run the query again. See
     /// [`io::batch`](crate::io::batch).
-    #[error("bytes of a file elsewhere that are needed have not been fetched; fetch them and ask again")]
+    #[error(
+        "the query needs bytes of a remote file that were not fetched; fetch them and run the query again"
+    )]
     NotFetched,
     /// The operation was cancelled. It left no output.
     #[error("interrupted; no output was written")]
@@ -203,13 +201,13 @@ impl fmt::Debug for Error {
 
 /// For messages: the present path of a file.
 fn now_at(file: &Option<PathBuf>) -> String {
-    file.as_ref().map_or(String::new(), |file| format!(", but in {}", shown(file)))
+    file.as_ref().map_or(String::new(), |file| format!("; they are in {}", shown(file)))
 }
 
 /// For messages: locations, one per line.
-fn listed(places: &[String], count: u64) -> String {
-    let mut text: String = places.iter().map(|place| format!("\n  {}", redacted(place))).collect();
-    let more = count.saturating_sub(places.len() as u64);
+fn listed(locations: &[String], count: u64) -> String {
+    let mut text: String = locations.iter().map(|location| format!("\n  {}", redacted(location))).collect();
+    let more = count.saturating_sub(locations.len() as u64);
     if more > 0 {
         text.push_str(&format!("\n  and {more} more"));
     }
@@ -233,12 +231,8 @@ impl Error {
             // The system takes a URL for a file name, and its "no such file" would mislead the
             // user.
             if cause.raw_os_error().is_some() && url_of(&path).is_some() {
-                let advice = "copy it to this machine first (trees and exact models are read where they are)";
-                return Error::unsupported(
-                    path,
-                    "a file elsewhere, where one of this machine is needed,",
-                    advice,
-                );
+                let advice = "download it first; only trees and exact models are read from URLs";
+                return Error::unsupported(path, "reading this format from a URL", advice);
             }
             Error::Io { path, doing, cause }
         }
@@ -258,13 +252,13 @@ impl Error {
     /// Creates an [`Error::Corrupt`].
     pub fn corrupt(
         path: impl AsRef<Path>,
-        place: impl Into<String>,
+        location: impl Into<String>,
         found: impl Into<String>,
         expected: impl Into<String>,
     ) -> Error {
         Error::Corrupt {
             path: path.as_ref().to_path_buf(),
-            place: place.into(),
+            location: location.into(),
             found: found.into(),
             expected: expected.into(),
         }
@@ -273,6 +267,16 @@ impl Error {
     /// Creates an [`Error::Unsupported`]; `advice` is what the user can do instead.
     pub fn unsupported(path: impl AsRef<Path>, found: impl Into<String>, advice: impl Into<String>) -> Error {
         Error::Unsupported { path: path.as_ref().to_path_buf(), found: found.into(), advice: advice.into() }
+    }
+
+    /// Adds the name of the file that an [`Error::Invalid`] is about. Other errors have one.
+    pub fn of_file(self, path: &Path) -> Error {
+        match self {
+            Error::Invalid { what, found, expected } => {
+                Error::Invalid { what: format!("{}: {what}", path.display()), found, expected }
+            }
+            other => other,
+        }
     }
 
     /// Creates an [`Error::Invalid`].
@@ -299,7 +303,13 @@ mod tests {
                 found: "TIFF".into(),
                 advice: format!("spinney build {URL} -o x"),
             },
-            Error::NotASolid { path: path(), what: text(), places: vec![text()], count: 2, advice: text() },
+            Error::NotASolid {
+                path: path(),
+                what: text(),
+                locations: vec![text()],
+                count: 2,
+                advice: text(),
+            },
             Error::TooLarge { path: path(), what: "x".into(), needed: 2, limit: 1, advice: text() },
             Error::InsufficientSpace { path: path(), needed: 2, limit: 1, whose: "are free", advice: text() },
             Error::Locked { path: path(), holder: "x".into() },

@@ -12,15 +12,15 @@ use crate::{Error, Result};
 /// error message, not an abort of the process.
 ///
 /// # Errors
-/// Those of the decoder; [`Error::Corrupt`] if it panics. `place` describes the location in the
+/// Those of the decoder; [`Error::Corrupt`] if it panics. `location` describes the position in the
 /// file.
-pub fn guard<T>(path: &Path, place: &str, decode: impl FnOnce() -> Result<T>) -> Result<T> {
+pub fn guard<T>(path: &Path, location: &str, decode: impl FnOnce() -> Result<T>) -> Result<T> {
     // A decoder that has panicked is in an unknown state, but it is not used again: the error ends
     // the read.
-    catch_unwind(AssertUnwindSafe(decode)).unwrap_or_else(|_| Err(broken(path, place)))
+    catch_unwind(AssertUnwindSafe(decode)).unwrap_or_else(|_| Err(broken(path, location)))
 }
 
 #[cold]
-fn broken(path: &Path, place: &str) -> Error {
-    Error::corrupt(path, place, "bytes that break the decoder", "a valid file")
+fn broken(path: &Path, location: &str) -> Error {
+    Error::corrupt(path, location, "bytes on which the decoder fails", "a valid file")
 }

@@ -3,7 +3,6 @@
 pub mod array;
 mod decimal_steps;
 mod error;
-mod form;
 pub mod guard;
 pub mod io;
 pub mod parallel;
@@ -12,11 +11,12 @@ mod set_operation;
 pub mod sort;
 pub mod space;
 pub mod text_fields;
+mod tree_type;
 mod url;
 pub mod value;
 
 pub use decimal_steps::DecimalSteps;
 pub use error::{Error, Result};
-pub use form::TreeType;
 pub use progress::{Progress, SilentProgress, SubProgress};
 pub use set_operation::SetOperation;
+pub use tree_type::TreeType;

@@ -111,7 +111,7 @@ impl<T: Send> Pool<T> {
         make: impl FnOnce() -> Result<T, E>,
         job: impl FnOnce(&mut T) -> Result<R, E>,
     ) -> Result<R, E> {
-        let free = self.0.lock().expect("nobody panics with this lock").pop();
+        let free = self.0.lock().expect("no thread panics while it has this lock").pop();
         let mut thing = free.map_or_else(make, Ok)?;
         let result = job(&mut thing)?;
         self.0.lock().expect("as above").push(thing);

@@ -113,7 +113,7 @@ fn sort_point_pairs(pairs: &mut [[[i32; 3]; 2]]) {
 #[inline]
 pub fn by_key<T>(items: &mut [T], mut key: impl FnMut(&T) -> u64) {
     if items.len() > SHORT {
-        let number = |(item, place)| u128::from(key(item)) << 64 | place;
+        let number = |(item, index)| u128::from(key(item)) << 64 | index;
         let numbers = items.iter().zip(0u128..).map(number).collect();
         arrange(numbers, &mut |a, b| items.swap(a, b));
         return;
@@ -140,7 +140,7 @@ pub fn by_key<T>(items: &mut [T], mut key: impl FnMut(&T) -> u64) {
 #[inline]
 pub fn by_wide_key<T>(items: &mut [T], mut key: impl FnMut(&T) -> u128) {
     if items.len() > SHORT {
-        let numbers = items.iter().zip(0..).map(|(item, place)| (key(item), place)).collect();
+        let numbers = items.iter().zip(0..).map(|(item, index)| (key(item), index)).collect();
         arrange_wide(numbers, &mut |a, b| items.swap(a, b));
         return;
     }
@@ -213,7 +213,7 @@ pub fn watched<T: Ord + Send>(items: &mut [T], progress: &dyn Progress) -> Resul
 #[inline(never)]
 fn arrange(mut numbers: Vec<u128>, swap: &mut dyn FnMut(usize, usize)) {
     sort128(&mut numbers);
-    permute(&mut numbers, swap, |number, place| mem::replace(number, place as u128) as usize);
+    permute(&mut numbers, swap, |number, index| mem::replace(number, index as u128) as usize);
 }
 
 /// Arranges items by keys, each with the item's index.
@@ -221,7 +221,7 @@ fn arrange(mut numbers: Vec<u128>, swap: &mut dyn FnMut(usize, usize)) {
 fn arrange_wide(mut keys: Vec<(u128, usize)>, swap: &mut dyn FnMut(usize, usize)) {
     // A stable sort exploits presorted runs.
     keys.sort();
-    permute(&mut keys, swap, |(_, known), place| mem::replace(known, place));
+    permute(&mut keys, swap, |(_, known), index| mem::replace(known, index));
 }
 
 /// Returns the indices of items in sorted order.
@@ -317,7 +317,7 @@ mod tests {
         let mut lists = Vec::new();
         for len in (0..50).chain([100, 1000, 5000]) {
             for kinds in [1, 3, 40, u64::MAX] {
-                let mut list: Vec<_> = (0..len).map(|place| (random.next() % kinds, place)).collect();
+                let mut list: Vec<_> = (0..len).map(|index| (random.next() % kinds, index)).collect();
                 lists.push(list.clone());
                 list.sort();
                 lists.push(list.clone());
@@ -333,7 +333,7 @@ mod tests {
         for list in lists() {
             // Strings check that items with a destructor are moved correctly.
             let list: Vec<(u64, String)> =
-                list.iter().map(|(key, place)| (*key, place.to_string())).collect();
+                list.iter().map(|(key, index)| (*key, index.to_string())).collect();
             let mut expected = list.clone();
             expected.sort_by_key(|(key, _)| *key);
             let mut sorted = list.clone();
@@ -357,7 +357,7 @@ mod tests {
             }
         }
         let mut random = Random(9);
-        let list: Vec<(u64, usize)> = (0..300_000).map(|place| (random.next() % 1000, place)).collect();
+        let list: Vec<(u64, usize)> = (0..300_000).map(|index| (random.next() % 1000, index)).collect();
         let mut sorted = list.clone();
         watched(&mut sorted, &Stopped(false)).unwrap();
         let mut expected = list;
@@ -397,16 +397,18 @@ mod tests {
         let (nan, infinite) = (f64::NAN, f64::INFINITY);
         let mut floats = vec![0.0, -0.0, nan, -nan, infinite, -infinite, 1.5, -1.5, f64::MIN_POSITIVE];
         floats.extend((0..50).map(|_| f64::from_bits(random.next())));
-        let mut places = vec![i32::MIN, i32::MAX, 0, -1, 1];
-        places.extend((0..20).map(|_| random.next() as i32));
+        let mut coordinates = vec![i32::MIN, i32::MAX, 0, -1, 1];
+        coordinates.extend((0..20).map(|_| random.next() as i32));
         for a in &floats {
             for b in &floats {
                 assert_eq!(float_key(*a).cmp(&float_key(*b)), a.total_cmp(b), "{a} {b}");
             }
         }
         let mut points = Vec::new();
-        for (i, x) in places.iter().enumerate() {
-            points.extend(places[i / 2..].iter().map(|y| [*x, *y, places[random.next() as usize % 25]]));
+        for (i, x) in coordinates.iter().enumerate() {
+            points.extend(
+                coordinates[i / 2..].iter().map(|y| [*x, *y, coordinates[random.next() as usize % 25]]),
+            );
         }
         for a in &points {
             assert_eq!(key_point(point_key(*a)), *a);

@@ -47,7 +47,7 @@ impl Attributes {
     }
 
     /// Reserves memory for an entry, or fails if the limit is exceeded; `path` is for the error.
-    fn take_room(&mut self, path: &Path, bytes: usize) -> spinney_base::Result<()> {
+    fn reserve(&mut self, path: &Path, bytes: usize) -> spinney_base::Result<()> {
         // (48 bytes for the containers' overhead.)
         self.bytes += bytes as u64 + 48;
         if self.bytes <= self.limit {
@@ -55,7 +55,7 @@ impl Attributes {
         }
         Err(Error::TooLarge {
             path: path.to_path_buf(),
-            what: "what is said of objects".into(),
+            what: "storing the attributes of objects".into(),
             needed: self.bytes,
             limit: self.limit,
             advice: "allow more memory, or split the file".into(),
@@ -67,7 +67,7 @@ impl Attributes {
     /// # Errors
     /// If the memory limit is exceeded; the error names `path`.
     pub fn push_part(&mut self, path: &Path, part: u32, text: String) -> spinney_base::Result<()> {
-        self.take_room(path, text.len())?;
+        self.reserve(path, text.len())?;
         self.parts.insert(part, text);
         Ok(())
     }
@@ -77,7 +77,7 @@ impl Attributes {
     /// # Errors
     /// If the memory limit is exceeded; the error names `path`.
     pub fn push_file(&mut self, path: &Path, text: String) -> spinney_base::Result<()> {
-        self.take_room(path, text.len())?;
+        self.reserve(path, text.len())?;
         self.files.push(text);
         Ok(())
     }
@@ -97,7 +97,7 @@ pub fn each_member<'a>(json: &'a str, each: impl FnMut(&str, &'a str)) -> serde_
         type Value = ();
 
         fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-            f.write_str("an object")
+            f.write_str("a JSON object")
         }
 
         fn visit_map<A: MapAccess<'de>>(mut self, mut map: A) -> Result<(), A::Error> {
@@ -107,7 +107,7 @@ pub fn each_member<'a>(json: &'a str, each: impl FnMut(&str, &'a str)) -> serde_
                     continue;
                 }
                 if taken.len() == MAX_MEMBERS {
-                    return Err(de::Error::custom("more than 65536 members of an object"));
+                    return Err(de::Error::custom("an object with more than 65536 members"));
                 }
                 (self.each)(&key, value.get());
                 taken.insert(key);
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_told() {
+    fn attributes_beyond_the_limit_are_rejected() {
         let path = Path::new("a.json");
         let mut attributes = Attributes::within(200);
         attributes.push_file(path, "{\"metadata\":{}}".into()).unwrap();

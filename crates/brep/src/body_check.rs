@@ -6,7 +6,7 @@ use crate::arrangement::ExactFaces;
 use crate::build::defects_of;
 use crate::closure::{Closure, Seed, edges};
 use crate::repair::divided;
-use crate::{FaceList, Faces, InsideRule, show_place};
+use crate::{FaceList, Faces, InsideRule, format_position};
 use spinney_base::{Error, Progress, Result, SilentProgress, sort};
 
 /// Returns a description of the flaw, with a position, that keeps faces from bounding a solid.
@@ -38,13 +38,15 @@ pub fn body_flaw(
         if defects.is_empty() && volume == 0 {
             return Ok(Some("it has no volume".into()));
         }
-        return Ok(defects.first().map(|defect| format!("{} at {}", defect.kind, show_place(defect.place))));
+        return Ok(defects
+            .first()
+            .map(|defect| format!("{} at {}", defect.kind, format_position(defect.place))));
     };
     match divided((&ExactFaces::of_grid(faces.clone()), false), rule, path, memory, &SilentProgress(progress))
     {
         Ok(_) => Ok(None),
-        Err(Error::NotASolid { what, places, .. }) => {
-            Ok(Some(places.first().map_or(what.clone(), |place| format!("{what}: {place}"))))
+        Err(Error::NotASolid { what, locations, .. }) => {
+            Ok(Some(locations.first().map_or(what.clone(), |location| format!("{what}: {location}"))))
         }
         Err(error) => Err(error),
     }
@@ -69,6 +71,7 @@ fn open_edges(faces: &FaceList, progress: &dyn Progress) -> Result<String> {
             first.get_or_insert(edge[0]);
         }
     }
-    let place = first.map_or(String::new(), |at| format!(", at {}", show_place(faces.grid().to_world(at))));
+    let place =
+        first.map_or(String::new(), |at| format!(", at {}", format_position(faces.grid().to_world(at))));
     Ok(format!("open: {count} edges have a face on one side only{place}"))
 }

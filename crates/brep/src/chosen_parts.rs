@@ -42,8 +42,8 @@ impl<'a> ChosenParts<'a> {
     pub fn of(faces: &'a dyn Faces, chosen: &BTreeSet<u32>) -> Result<ChosenParts<'a>> {
         let all = faces.parts();
         if chosen.is_empty() || chosen.iter().any(|part| *part as usize >= all.len()) {
-            let found = format!("{:?}", chosen.last());
-            return Err(Error::invalid("parts", found, format!("some of 0 to {}", all.len() - 1)));
+            let found = chosen.last().map_or("none".to_string(), u32::to_string);
+            return Err(Error::invalid("parts", found, format!("numbers from 0 to {}", all.len() - 1)));
         }
         let numbers: BTreeMap<u32, u32> = chosen.iter().copied().zip(0..).collect();
         let names = chosen.iter().map(|part| all[*part as usize].clone()).collect();

@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn tells_closed_from_turned_from_open() {
+    fn closed_reversed_and_open_surfaces_are_distinguished() {
         let [a, b, c, d, on] = [[0, 0, 0], [8, 0, 0], [0, 8, 0], [0, 0, 8], [3, 0, 0]];
         let tetrahedron = [[a, c, b], [a, b, d], [b, c, d], [c, a, d]];
         assert_eq!(are_closed(&tetrahedron), [true; 2]);

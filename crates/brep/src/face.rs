@@ -125,8 +125,7 @@ pub trait Faces {
     ///
     /// # Errors
     /// If the exact faces cannot be read.
-    /// If they cannot be read.
-    fn volume_beside(&self) -> Result<f64> {
+    fn volume_correction(&self) -> Result<f64> {
         Ok(0.0)
     }
 

@@ -32,18 +32,18 @@ impl FaceCheck {
         let wrong = |found: String, expected: &'static str| Err(FaceFlaw { found, expected });
         let outside = |at: &[i32; 3]| at.iter().any(|at| (*at as u32) >> self.bits != 0);
         if let Some(at) = face.points.iter().find(|at| outside(at)) {
-            return wrong(format!("a corner at {at:?}"), "corners on the grid");
+            return wrong(format!("a vertex at {at:?}"), "vertices on the grid");
         }
         let mut start = 0;
         for &end in face.ring_ends {
             if end < start + 3 || end > face.points.len() {
                 let found = format!("rings that end at {:?}", face.ring_ends);
-                return wrong(found, "rings of three corners or more");
+                return wrong(found, "rings of at least three vertices");
             }
             start = end;
         }
         if start != face.points.len() || start == 0 {
-            return wrong(format!("rings up to corner {start}"), "rings of all corners");
+            return wrong(format!("rings up to vertex {start}"), "rings of all vertices");
         }
         let normal = ring_normal(&face.points[..face.ring_ends[0]]);
         if normal == [0; 3] || face.points.len() == 3 {
@@ -59,14 +59,14 @@ impl FaceCheck {
                 != 0
         };
         if let Some(at) = face.points.iter().find(|at| is_off(at)) {
-            return wrong(format!("a corner at {at:?}"), "all corners in one plane");
+            return wrong(format!("a vertex at {at:?}"), "all vertices in one plane");
         }
         self.wide.clear();
         self.wide.extend(face.points.iter().map(|point| point.map(i64::from)));
         self.triangles.clear();
         match self.triangulator.triangulate(&self.wide, face.ring_ends, &mut self.triangles) {
             true => Ok(true),
-            false => wrong("rings that cross".into(), "an outer ring, and holes inside of it"),
+            false => wrong("rings that cross".into(), "an outer ring, and holes inside it"),
         }
     }
 }

@@ -122,11 +122,11 @@ impl Grid {
             let (step, divisor) = if is_fraction { (1.0, whole) } else { (width, 1.0) };
             return Grid::fit(bounds, step, divisor).ok_or_else(|| {
                 let least = Grid::least(bounds).width();
-                let found = format!("a step of {width}");
+                let found = format!("a unit of {width}");
                 Error::invalid(
                     "grid",
                     found,
-                    format!("{least} or more, for at most 2^26 steps along an axis"),
+                    format!("at least {least}, for at most 2^26 units along an axis"),
                 )
             });
         }

@@ -12,12 +12,12 @@ pub mod exact;
 mod face;
 mod face_check;
 mod face_set;
+mod face_triangle;
 pub mod geometry;
 mod grid;
 mod hash;
 mod motion;
 mod object_contacts;
-mod piece;
 pub mod planar;
 pub mod query;
 mod repair;
@@ -29,10 +29,12 @@ mod triangulated;
 pub use arrangement::{ExactPlane, ExactPoint};
 pub use attributes::Attributes;
 pub use body_check::body_flaw;
-pub use build::show_place;
+pub use build::format_position;
 pub use build::{BuildReport, ColumnValues, Defect, DefectKind, LEAF_SIZE, ModelBuilder};
 pub use chosen_parts::ChosenParts;
-pub use combine::{BoundaryPart, CombineReport, Origin, boundary_parts, combine, combine_as, divide_faces};
+pub use combine::{
+    BoundaryClass, CombineReport, Origin, boundary_classes, combine, combine_as, divide_faces,
+};
 pub use exact::bounds::MAX_BITS;
 pub use face::{AttributedFaceVisitor, Face, FaceList, Faces};
 pub use grid::Grid;

@@ -119,7 +119,7 @@ impl ExactModel {
 fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
     Error::TooLarge {
         path: path.to_path_buf(),
-        what: "the faces of objects that are looked at in pairs".into(),
+        what: "comparing objects in pairs".into(),
         needed,
         limit,
         advice: "allow more with --memory".into(),
@@ -155,7 +155,7 @@ fn contacts_of(
     const BATCH: usize = 1 << 10;
     let memory = memory / 2 / parallel::threads() as u64;
     let (bodies, open) = Bodies::of(faces, path, memory, progress)?;
-    tell_open(faces, &open, path, progress);
+    warn_of_open_objects(faces, &open, path, progress);
     let list = &bodies.list;
     if list.is_empty() {
         return Ok(open);
@@ -193,18 +193,18 @@ fn contacts_of(
 }
 
 /// Warns of open objects.
-fn tell_open(faces: &ExactFaces, open: &[u32], path: &Path, progress: &dyn Progress) {
+fn warn_of_open_objects(faces: &ExactFaces, open: &[u32], path: &Path, progress: &dyn Progress) {
     /// Maximum number of names in the warning.
-    const MOST: usize = 5;
+    const MAX_NAMES: usize = 5;
     if open.is_empty() {
         return;
     }
     let name = |part: &u32| {
         faces.list.parts().get(*part as usize).map_or_else(|| format!("part {part}"), String::clone)
     };
-    let names: Vec<String> = open.iter().take(MOST).map(name).collect();
-    let more = if open.len() > MOST { ", ..." } else { "" };
-    let text = format!("{} objects are open, and left out: {}{more}", open.len(), names.join(", "));
+    let names: Vec<String> = open.iter().take(MAX_NAMES).map(name).collect();
+    let more = if open.len() > MAX_NAMES { ", ..." } else { "" };
+    let text = format!("{} objects are open and were left out: {}{more}", open.len(), names.join(", "));
     progress.warn(path, &text);
 }
 
@@ -268,7 +268,7 @@ impl Bodies<'_> {
             are_bodies: false,
             turns_roots: false,
             most_contacts: 0,
-            keeps_apart: false,
+            keeps_cuts: false,
             changed: &[],
             winding: &|_, _| None,
             rest: None,

@@ -46,7 +46,7 @@ impl std::str::FromStr for InsideRule {
     fn from_str(text: &str) -> Result<InsideRule> {
         let all = [InsideRule::Nonzero, InsideRule::Positive, InsideRule::Odd];
         let known = all.into_iter().find(|rule| rule.name() == text);
-        known.ok_or_else(|| Error::invalid("rule of what is inside", text, "nonzero, positive or odd"))
+        known.ok_or_else(|| Error::invalid("inside rule", text, "nonzero, positive or odd"))
     }
 }
 
@@ -146,13 +146,13 @@ pub(crate) fn repair_around(
         divided((&faces, is_unbounded), rule, path, memory, &part(REPAIR_PASSES - 1))?;
     let Resolved { pairs, divided, removed, outside, outside_share, turned } = done;
     drop(faces);
-    tell_changes(outside_share, volume / cells_volume, path, progress);
+    warn_of_changes(outside_share, volume / cells_volume, path, progress);
     let mut rounded = round(exact, progress)?;
     let crossings = rounded.crossings(path, memory, progress)?;
     let mut seams = Seams::default();
     seams.add_all(&rounded.faces, progress)?;
     let whole = Surroundings { is_unbounded, reach: 1, rest: None };
-    let rounded = rounded.closed(seams, crossings, &whole, path, memory, progress)?;
+    let rounded = rounded.stitch_and_mend(seams, crossings, &whole, path, memory, progress)?;
     let mut surface = SurfaceClosure::new(!rounded.exact.is_empty());
     rounded.faces.each(&mut |face| {
         if face.number.is_multiple_of(1 << 12) {
@@ -163,7 +163,7 @@ pub(crate) fn repair_around(
     })?;
     rounded.exact.iter().try_for_each(|face| surface.add_exact(face, progress))?;
     if let Some(flaw) = surface.flaw() {
-        let what = format!("what is inside would be no body: {flaw}");
+        let what = format!("the result would not be a solid: {flaw}");
         return Err(refused(path, what, "build cells of it (without --brep), and report it"));
     }
     let displacement = rounded.displacement * width;
@@ -208,7 +208,7 @@ pub(crate) fn divided(
         are_bodies: false,
         turns_roots: !is_unbounded,
         most_contacts: MAX_CONTACTS_OF_A_FACE * count + MAX_CONTACTS,
-        keeps_apart: false,
+        keeps_cuts: false,
         changed: &[],
         winding: &|_, _| None,
         rest: None,
@@ -218,7 +218,7 @@ pub(crate) fn divided(
     let part = || SubProgress::new(progress, count, times * count);
     let (exact, done) = divide(faces, &all, path, memory, &part())?;
     if exact.list.is_empty() {
-        let what = format!("nothing is inside, by the rule {}", rule.name());
+        let what = format!("nothing is inside by the rule {}", rule.name());
         let advice = "choose another rule with --inside, or close the surface with --close";
         return Err(refused(path, what, advice));
     }
@@ -236,8 +236,8 @@ pub(crate) fn divided(
     if lost > MAX_LOST {
         let percent = (lost * 100.0).floor();
         let what = format!(
-            "most of it would be lost, {percent} percent: by the rule {}, {} of {count} faces bound nothing, and the volume is {} \
-             where cells have {}, in cubes of the model's unit",
+            "{percent} percent of it would be lost: by the rule {}, {} of {count} faces bound nothing, and the volume is {} \
+             instead of the {} of cells, in cubes of the model's unit",
             rule.name(),
             done.outside,
             volume * width.powi(3),
@@ -249,22 +249,24 @@ pub(crate) fn divided(
 }
 
 /// Warns of unexpected changes.
-fn tell_changes(outside_share: f64, of_cells: f64, path: &Path, progress: &dyn Progress) {
+fn warn_of_changes(outside_share: f64, of_cells: f64, path: &Path, progress: &dyn Progress) {
     if outside_share > WORTH_A_WARNING {
         let percent = outside_share * 100.0;
-        progress
-            .warn(path, &format!("{percent:.1} percent of the surface bounded nothing, and are left out"));
+        progress.warn(path, &format!("{percent:.1} percent of the surface bound nothing and were left out"));
     }
     let change = of_cells - 1.0;
     if change.abs() > WORTH_A_WARNING {
         let percent = change * 100.0;
-        progress.warn(path, &format!("the volume is {percent:+.1} percent of what cells of the models have"));
+        progress.warn(
+            path,
+            &format!("the volume differs by {percent:+.1} percent from that of cells of the models"),
+        );
     }
 }
 
 fn refused(path: &Path, what: String, advice: &str) -> Error {
-    let (places, count) = (Vec::new(), 0);
-    Error::NotASolid { path: path.to_path_buf(), what, places, count, advice: advice.into() }
+    let (locations, count) = (Vec::new(), 0);
+    Error::NotASolid { path: path.to_path_buf(), what, locations, count, advice: advice.into() }
 }
 
 /// Returns the approximate volume within a surface, in cubed grid units.
@@ -274,6 +276,6 @@ pub(crate) fn volume(faces: &ExactFaces) -> f64 {
     // (In the order of their numbers, since the rounding of sums depends on it.)
     let mut numbers: Vec<u32> = faces.exact.keys().copied().collect();
     numbers.sort_unstable();
-    let beside: f64 = numbers.iter().map(|number| faces.exact[number].six_volumes()).sum();
-    (whole as f64 + beside) / 6.0
+    let off_grid: f64 = numbers.iter().map(|number| faces.exact[number].six_volumes()).sum();
+    (whole as f64 + off_grid) / 6.0
 }

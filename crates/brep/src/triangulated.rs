@@ -68,8 +68,8 @@ impl Faces for Triangulated<'_> {
         self.faces.is_unbounded()
     }
 
-    fn volume_beside(&self) -> Result<f64> {
-        self.faces.volume_beside()
+    fn volume_correction(&self) -> Result<f64> {
+        self.faces.volume_correction()
     }
 
     fn len(&self) -> u64 {

@@ -23,8 +23,9 @@ impl Metadata {
             0..=2 if roles.len() >= 3 => role == ["Red", "Green", "Blue"][channel],
             _ => false,
         };
-        let is_told = |(channel, role): (usize, &String)| !PLAIN.contains(&&**role) && !usual(channel, role);
-        if !roles.iter().enumerate().any(is_told) {
+        let is_informative =
+            |(channel, role): (usize, &String)| !PLAIN.contains(&&**role) && !usual(channel, role);
+        if !roles.iter().enumerate().any(is_informative) {
             return;
         }
         // Role names contain no comma, which is the separator.
@@ -56,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn the_usual_roles_are_not_told() {
+    fn usual_roles_are_not_stored() {
         for (usual, alpha) in [
             ("Gray", None),
             ("Palette", None),

@@ -96,24 +96,33 @@ impl FileHeader {
     /// If it cannot be read, or the content is not cells.
     pub fn read_cells(path: &Path, file: &dyn ReadBackend) -> Result<FileHeader> {
         let header = FileHeader::read(path, file)?;
-        match header.content {
-            Content::Cells => Ok(header),
+        header.check_cells(path)?;
+        Ok(header)
+    }
+
+    /// Checks that the content is cells.
+    ///
+    /// # Errors
+    /// If it is not.
+    pub(crate) fn check_cells(&self, path: &Path) -> Result<()> {
+        match self.content {
+            Content::Cells => Ok(()),
             Content::Model => {
                 let advice =
-                    "make cells of it first (`spinney build MODEL.goblin --cells N -o CELLS.goblin`)";
-                Err(Error::unsupported(path, "an exact model, where cells are expected,", advice))
+                    "build a tree of cells from it: `spinney build MODEL.goblin --cells N -o CELLS.goblin`";
+                Err(Error::unsupported(path, "an exact model instead of a tree of cells", advice))
             }
             Content::Points => {
-                let advice = "make a raster of it first (`spinney transform POINTS.goblin -o OUT.goblin raster=mean,cell=1`)";
-                Err(Error::unsupported(path, "a tree of points, where cells are expected,", advice))
+                let advice = "make a raster from it: `spinney transform POINTS.goblin -o OUT.goblin raster=mean,cell=1`";
+                Err(Error::unsupported(path, "a tree of points instead of a tree of cells", advice))
             }
             Content::Shard => {
-                let advice = "merge the shards of its job first (`spinney shard merge`)";
-                Err(Error::unsupported(path, "a shard summary, where cells are expected,", advice))
+                let advice = "merge the shards of its job first: `spinney shard merge`";
+                Err(Error::unsupported(path, "a shard summary instead of a tree of cells", advice))
             }
             Content::Lines => {
-                let advice = "write its features first (`spinney get LINES.goblin LINES.geojson`), and build a tree of cells of them";
-                Err(Error::unsupported(path, "a tree of lines, where cells are expected,", advice))
+                let advice = "write its features (`spinney get LINES.goblin LINES.geojson`), and build a tree of cells from them";
+                Err(Error::unsupported(path, "a tree of lines instead of a tree of cells", advice))
             }
         }
     }
@@ -150,13 +159,12 @@ impl FileHeader {
         };
         let Some(format) = format else {
             let found = format!("`{}`", raw.magic.escape_ascii());
-            return Err(corrupt(
-                found,
-                "the first bytes of a tree file, `\\x93Goblin\\n` or `\\x93Autumn\\n`",
-            ));
+            return Err(corrupt(found, "the signature of a tree file, `\\x93Goblin\\n` or `\\x93Autumn\\n`"));
         };
         if raw.major.get() != MAJOR {
-            let advice = format!("this program reads version {MAJOR}; use one that is as new as the file");
+            let advice = format!(
+                "this program reads version {MAJOR}; install the version of Spinney that wrote the file, or a newer one"
+            );
             return Err(Error::unsupported(path, format!("{} version {}", format.name(), raw.major), advice));
         }
         let checksum = crc32c::crc32c(&bytes[..HEADER_SIZE - 4]);
@@ -178,7 +186,7 @@ impl FileHeader {
             (4, TreeFormat::Goblin) => Content::Lines,
             (6, TreeFormat::Goblin) => Content::Shard,
             (other, _) => {
-                let advice = "read it with a program as new as the file";
+                let advice = "install the version of Spinney that wrote the file, or a newer one";
                 return Err(Error::unsupported(path, format!("content number {other}"), advice));
             }
         };
@@ -188,7 +196,11 @@ impl FileHeader {
             _ => layers == 0,
         };
         if !fits {
-            return Err(number("layers", layers, &format!("1 to {MAX_LAYERS}, or 0 where there are none")));
+            return Err(number(
+                "layers",
+                layers,
+                &format!("1 to {MAX_LAYERS}, or 0 for files without layers"),
+            ));
         }
         Ok(FileHeader { format, content, dimension, depth: raw.depth, layers })
     }

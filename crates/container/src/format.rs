@@ -157,7 +157,7 @@ impl<'p> FileReference<'p> {
             let place = format!("{}: layer", self.file.display());
             let known = known.join(", ");
             let expected = match known.is_empty() {
-                true => "none: the file has one layer, without a name".into(),
+                true => "no layer name: the file has a single layer without a name".into(),
                 false => format!("{known}, or a number less than {}", names.len()),
             };
             Error::invalid(place, format!("`{layer}`"), expected)
@@ -193,7 +193,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn commits_and_layers_of_urls_stand_before_the_query() {
+    fn commits_and_layers_of_urls_precede_the_query() {
         let place = |url: &'static str| {
             let FileReference { file, commit, layer } = FileReference::of(Path::new(url));
             (file.to_str().unwrap().to_string(), commit, layer)

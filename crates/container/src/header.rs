@@ -43,7 +43,7 @@ impl Codec {
     /// If there is none. `what` is appended to the message.
     pub fn of_number(path: &Path, number: u8, what: &str) -> Result<Codec> {
         Codec::ALL.get(usize::from(number)).copied().ok_or_else(|| {
-            let advice = "read it with a program that has this codec";
+            let advice = "install the version of Spinney that wrote the file, or a newer one";
             Error::unsupported(path, format!("codec number {number}{what}"), advice)
         })
     }
@@ -119,17 +119,17 @@ impl Header {
         self.shape.depth
     }
 
-    /// Bounds of the raster: all cells that can be other than VOID.
+    /// Bounds of the extent: all cells that can be other than VOID.
     #[inline]
-    pub fn picture(&self) -> Bounds {
-        Bounds::picture(self.extent)
+    pub fn extent_bounds(&self) -> Bounds {
+        Bounds::of_extent(self.extent)
     }
 
-    /// Intersects a box with the raster; returns the whole raster if there is no box.
+    /// Intersects a box with the extent; returns the whole extent if there is no box.
     #[inline]
-    pub fn within_picture(&self, bounds: Option<Bounds>) -> Bounds {
-        let picture = self.picture();
-        bounds.map_or(picture, |bounds| bounds.intersect(&picture))
+    pub fn within_extent(&self, bounds: Option<Bounds>) -> Bounds {
+        let extent = self.extent_bounds();
+        bounds.map_or(extent, |bounds| bounds.intersect(&extent))
     }
 
     /// Returns whether zonal statistics count classes.
@@ -181,7 +181,11 @@ impl Header {
         let heavy_threshold = raw.heavy_threshold.get();
         let shape = Shape { depth: raw.depth, reach: raw.reach, stride: raw.stride, heavy_threshold };
         if shape.depth > most_depth {
-            return Err(number("depth", raw.depth, &format!("at most {most_depth}, the file's")));
+            return Err(number(
+                "depth",
+                raw.depth,
+                &format!("at most {most_depth}, the depth in the file header"),
+            ));
         }
         // These limits keep the record count of a segment within `skip`. A segment holds the
         // records of 2^reach cells along each axis, and those of up to children^stride candidates
@@ -197,7 +201,7 @@ impl Header {
             return Err(corrupt(
                 format!("segments {shape:?}"),
                 &format!(
-                    "stride < reach <= {most}, heavy threshold <= 2^20, and times {}^stride <= {most_records}",
+                    "stride < reach <= {most}, reach a multiple of stride, heavy threshold 1 to 2^20, and heavy threshold * {}^stride <= {most_records}",
                     dimension.children()
                 ),
             ));
@@ -216,11 +220,8 @@ impl Header {
             None if OLD_NUMBERS.contains(&raw.sample) => {
                 return Err(Error::unsupported(
                     path,
-                    format!(
-                        "{place}: samples of 64 bits with statistics of an earlier form (sample type {})",
-                        raw.sample
-                    ),
-                    "build the file again from what it was built from, or export it with the program that wrote it",
+                    format!("{place}: the obsolete sample type {}", raw.sample),
+                    "build the file again from its input, or export it with the version of Spinney that wrote it",
                 ));
             }
             None => return Err(number("sample type", raw.sample, "0 to 5, 7, or 10 to 12")),
@@ -229,7 +230,7 @@ impl Header {
             0 => Mask::None,
             1 if raw.channels > 1 => Mask::Missing(raw.missing),
             2 if raw.channels > 1 => Mask::Alpha,
-            other => return Err(number("mask", other, "0, or 1 or 2 where there are several channels")),
+            other => return Err(number("mask", other, "0; 1 or 2 only with several channels")),
         };
         let value = ValueType { mask, ..ValueType::new(sample, raw.channels) };
         if !value.is_supported() {

@@ -34,7 +34,7 @@ pub struct Layer {
     /// Location of the run. Its checksum is not used.
     pub run: Section,
     /// Offset in the run of the segments of the top levels.
-    pub crown: u64,
+    pub top_levels: u64,
     /// Offset in the run of the segment index, which follows the segments.
     pub directory: u64,
     /// The top of the index over the pages of the segment index.
@@ -56,7 +56,7 @@ struct RawLayer {
     stored_records: U64,
     run_offset: U64,
     run_length: U64,
-    crown: U64,
+    top_levels: U64,
     directory: U64,
     top_offset: U64,
     top_length: U32,
@@ -84,7 +84,7 @@ impl LayerTable {
         for layer in layers {
             let Ok(name) = u16::try_from(layer.name.len()) else {
                 let found = format!("a name of {} bytes", layer.name.len());
-                return Err(Error::unsupported(path, found, "choose a shorter one"));
+                return Err(Error::unsupported(path, found, "use at most 65535 bytes"));
             };
             let raw = RawLayer {
                 header: layer.header.to_bytes(),
@@ -96,7 +96,7 @@ impl LayerTable {
                 stored_records: layer.stored_records.into(),
                 run_offset: layer.run.offset.into(),
                 run_length: layer.run.length.into(),
-                crown: layer.crown.into(),
+                top_levels: layer.top_levels.into(),
                 directory: layer.directory.into(),
                 top_offset: layer.top.offset.into(),
                 top_length: (layer.top.length as u32).into(),
@@ -107,7 +107,7 @@ impl LayerTable {
             };
             bytes.extend_from_slice(raw.as_bytes());
         }
-        layers.iter().try_for_each(|layer| bytes.write_all(layer.name.as_bytes())).expect("there is room");
+        layers.iter().try_for_each(|layer| bytes.write_all(layer.name.as_bytes())).expect("a vector grows");
         Ok(bytes)
     }
 
@@ -126,7 +126,7 @@ impl LayerTable {
         };
         let mut layers = Vec::with_capacity(count);
         for (number, raw) in list.iter().enumerate() {
-            let place = if count > 1 { format!("layer {number}") } else { "tree's header".into() };
+            let place = if count > 1 { format!("layer {number}") } else { "tree header".into() };
             let header = Header::from_bytes(path, &place, &raw.header, (file.dimension, file.depth))?;
             let section =
                 |offset: U64, length: u64, checksum: u32| Section { offset: offset.get(), length, checksum };
@@ -138,7 +138,11 @@ impl LayerTable {
                 None => None,
             };
             let Some(name) = name else {
-                return Err(corrupt(&place, format!("a name of {} bytes", raw.name), "UTF-8 in the table"));
+                return Err(corrupt(
+                    &place,
+                    format!("a name of {} bytes", raw.name),
+                    "a UTF-8 name inside the table",
+                ));
             };
             let layer = Layer {
                 name: name.into(),
@@ -148,7 +152,7 @@ impl LayerTable {
                 segments: raw.segments.get(),
                 stored_records: raw.stored_records.get(),
                 run: section(raw.run_offset, raw.run_length.get(), 0),
-                crown: raw.crown.get(),
+                top_levels: raw.top_levels.get(),
                 directory: raw.directory.get(),
                 top: section(raw.top_offset, raw.top_length.get().into(), raw.top_checksum.get()),
                 metadata: section(
@@ -165,10 +169,14 @@ impl LayerTable {
                 let end = section.offset.checked_add(section.length);
                 section.offset >= HEADER_SIZE as u64 && end.is_some_and(|end| end <= file_length)
             };
-            let is_ordered = layer.crown <= layer.directory && layer.directory <= layer.run.length;
+            let is_ordered = layer.top_levels <= layer.directory && layer.directory <= layer.run.length;
             if ![layer.run, layer.top, layer.metadata].iter().all(is_inside) || !is_ordered {
-                let found = format!("a run of {} bytes at {}", layer.run.length, layer.run.offset);
-                return Err(corrupt(&place, found, "parts that lie in the file, in their order"));
+                let found = format!("{} bytes of segments at {}", layer.run.length, layer.run.offset);
+                return Err(corrupt(
+                    &place,
+                    found,
+                    "sections inside the file, and segments before the segment index",
+                ));
             }
             layers.push(layer);
         }
@@ -181,11 +189,11 @@ impl LayerTable {
             return Err(corrupt(
                 "table of layers",
                 format!("the name `{}`", layer.name),
-                "names that differ",
+                "unique names that are not empty",
             ));
         }
         if !names.is_empty() {
-            let found = format!("{} bytes behind the names", names.len());
+            let found = format!("{} bytes after the names", names.len());
             return Err(corrupt("table of layers", found, "none"));
         }
         // Otherwise a small file could make a reader read large overlapping layers many times.
@@ -198,7 +206,7 @@ impl LayerTable {
         if let Some(pair) = parts.windows(2).find(|pair| pair[0].offset + pair[0].length > pair[1].offset) {
             let [Section { offset, length, .. }, second] = [pair[0], pair[1]];
             let found = format!("{length} bytes at {offset} and others at {}", second.offset);
-            return Err(corrupt("table of layers", found, "parts of layers that do not overlap"));
+            return Err(corrupt("table of layers", found, "sections of layers that do not overlap"));
         }
         Ok(layers)
     }

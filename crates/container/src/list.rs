@@ -28,7 +28,7 @@ impl List {
     ) -> Result<List> {
         if !section.length.is_multiple_of(entry as u64) {
             let found = format!("{} bytes", section.length);
-            return Err(Error::corrupt(path, name, found, format!("entries of {entry} bytes")));
+            return Err(Error::corrupt(path, name, found, format!("a multiple of {entry} bytes")));
         }
         let bytes = section.read(path, backend, name)?;
         let held = match bytes {

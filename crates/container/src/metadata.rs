@@ -112,7 +112,7 @@ impl Metadata {
             what: "the metadata (coordinate system, palette, names, tags, control points)".into(),
             needed: LIMIT as u64 + 1,
             limit: LIMIT as u64,
-            advice: "leave out tags or class names".into(),
+            advice: "remove tags or class names".into(),
         })
     }
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use spinney_base::io::{FileAccess, Output};
 use spinney_base::{Error, Result};
 
+use crate::file_header::FileHeader;
 use crate::format::TreeFormat;
 
 /// A file format other than Spinney's own.
@@ -51,18 +52,21 @@ const DRAW: &str = "convert it to GeoJSON first (`ogr2ogr zones.geojson IN`): `s
 const FEATURES: &str = "it has no cells: `spinney build FILE --cell 10 --value FIELD -o OUT.goblin` makes cells of its features; its polygons are zones for \
     `spinney stats TREE --zones FILE`, and `spinney transform FILE warp=EPSG:NUMBER -o OUT.gpkg` brings it to another coordinate system";
 const TRANSLATE: &str = "convert it to GeoTIFF first (`gdal_translate IN OUT.tif`)";
-const VARIABLES: &str = "convert the variable that is meant to GeoTIFF first (`gdalinfo IN` lists them; `gdal_translate 'NETCDF:\"IN\":NAME' OUT.tif`, or HDF5: for NETCDF:); \
+const VARIABLES: &str = "convert a variable to GeoTIFF first (`gdalinfo IN` lists them; `gdal_translate 'NETCDF:\"IN\":NAME' OUT.tif` converts one; HDF5 files: HDF5: instead of NETCDF:); \
     in Python, open it with xarray, and give the DataArray to spinney.build";
-const PICTURE: &str = "convert it to PNG or TIFF first (`magick IN OUT.png`)";
+const IMAGE: &str = "convert it to PNG or TIFF first (`magick IN OUT.png`)";
 const POINTS: &str = "convert it to LAS or LAZ first (`pdal translate IN OUT.laz`)";
-const CLOUD: &str = "it has no cells: `spinney build FILE -o OUT.goblin` makes a tree of points of it (in Python `spinney.build_points`)";
-const SURFACES: &str = "export it as OBJ, PLY or STL from the program that made it, or from Blender, with the measures that it has";
-const SOLIDS: &str = "its surfaces are curved: export it as STL or OBJ from the program that made it, or from FreeCAD, as fine as needed";
-const DRAWING: &str = "export its solids as STL or OBJ from the CAD program; what is drawn flat can become GeoJSON (`ogr2ogr out.geojson IN`, for DXF)";
+const CLOUD: &str = "it has no cells: `spinney build FILE -o OUT.goblin` makes a tree of points (in Python: `spinney.build_points`)";
+const JSON: &str = "a manifest has the first key \"spinney_manifest\" (`spinney manifest TREE... -o FILE` writes one); if it is a CityJSON model, build a tree: \
+    `spinney build FILE -o OUT.goblin`";
+const SURFACES: &str =
+    "export it as OBJ, PLY or STL with a scale of 1 from the program that made it, or from Blender";
+const SOLIDS: &str = "its surfaces are curved: export it as STL or OBJ, as fine as needed, from the program that made it, or from FreeCAD";
+const DRAWING: &str = "export its solids as STL or OBJ from the CAD program; convert plane drawings to GeoJSON (`ogr2ogr out.geojson IN`, for DXF)";
 const SCAN: &str =
     "convert it to an NPY array of shape (z, y, x) first, in Python with pydicom, nibabel or SimpleITK";
 const PACKED: &str = "unpack it first";
-const TILES: &str = "it has finished tiles for viewers: open the tree that they were made of";
+const TILES: &str = "it contains rendered tiles: open the tree from which they were made";
 
 const fn format(
     name: &'static str,
@@ -77,14 +81,14 @@ const fn format(
 /// wins, else the first.
 static FORMATS: &[OtherFormat] = &[
     format(
-        "a TIFF picture",
+        "a TIFF image",
         &["tif", "tiff", "gtiff"],
         &[At(0, b"II*\0"), At(0, b"II+\0"), At(0, b"MM\0*"), At(0, b"MM\0+")],
         Source,
     ),
-    format("a PNG picture", &["png"], &[At(0, b"\x89PNG")], Source),
-    format("a JPEG picture", &["jpg", "jpeg", "jpe"], &[At(0, b"\xff\xd8\xff")], Source),
-    format("a WebP picture", &["webp"], &[At(8, b"WEBP")], Source),
+    format("a PNG image", &["png"], &[At(0, b"\x89PNG")], Source),
+    format("a JPEG image", &["jpg", "jpeg", "jpe"], &[At(0, b"\xff\xd8\xff")], Source),
+    format("a WebP image", &["webp"], &[At(8, b"WEBP")], Source),
     format("a BMP image", &["bmp", "dib"], &[], Source),
     format("a GIF image", &["gif"], &[At(0, b"GIF8")], Source),
     // The extension .hdr belongs to ENVI headers.
@@ -92,7 +96,7 @@ static FORMATS: &[OtherFormat] = &[
     format("a PNM image", &["pbm", "pgm", "ppm", "pnm", "pam"], &[], Source),
     format("a QOI image", &["qoi"], &[At(0, b"qoif")], Source),
     format("a TGA image", &["tga"], &[], Source),
-    format("an OpenEXR picture", &["exr"], &[At(0, b"\x76\x2f\x31\x01")], Source),
+    format("an OpenEXR image", &["exr"], &[At(0, b"\x76\x2f\x31\x01")], Source),
     format("an SRTM elevation model", &["hgt"], &[], Source),
     format("a GDAL virtual raster (VRT)", &["vrt"], &[Within("<VRTDataset")], Source),
     format("a chain code", &["chain"], &[At(0, b"freeman-chain-code")], Source),
@@ -112,9 +116,10 @@ static FORMATS: &[OtherFormat] = &[
         "a manifest of files",
         &[],
         &[Within("\"spinney_manifest\"")],
-        Read("make one tree of its files first (`spinney transform FILE -o OUT.goblin`)"),
+        Read("make one tree from its files first (`spinney transform FILE -o OUT.goblin`)"),
     ),
-    format("a CityJSON model", &["json", "jsonl", "cityjson"], &[], Source),
+    format("a CityJSON model", &["jsonl", "cityjson"], &[Within("\"CityJSON")], Source),
+    format("a JSON document", &["json"], &[], Read(JSON)),
     format("a point cloud (LAS or LAZ)", &["las", "laz"], &[At(0, b"LASF")], Read(CLOUD)),
     format("a point cloud (E57)", &["e57"], &[At(0, b"ASTM-E57")], Refused(POINTS)),
     format("a point cloud (PCD)", &["pcd"], &[At(0, b"# .PCD")], Refused(POINTS)),
@@ -150,20 +155,20 @@ static FORMATS: &[OtherFormat] = &[
     ),
     format("a GRIB file", &["grib", "grib2", "grb", "grb2"], &[At(0, b"GRIB")], Refused(TRANSLATE)),
     format(
-        "a JPEG 2000 picture",
+        "a JPEG 2000 image",
         &["jp2", "j2k", "jpx", "jpf"],
         &[At(4, b"jP  \r\n\x87\n"), At(0, b"\xff\x4f\xff\x51")],
         Refused(TRANSLATE),
     ),
-    format("a JPEG XL picture", &["jxl"], &[At(4, b"JXL \r\n\x87\n")], Refused(PICTURE)),
+    format("a JPEG XL image", &["jxl"], &[At(4, b"JXL \r\n\x87\n")], Refused(IMAGE)),
     format(
-        "a HEIC picture",
+        "a HEIC image",
         &["heic", "heif"],
         &[At(4, b"ftyphei"), At(4, b"ftyphev"), At(4, b"ftypmif1")],
-        Refused(PICTURE),
+        Refused(IMAGE),
     ),
-    format("an AVIF picture", &["avif"], &[At(4, b"ftypavi")], Refused(PICTURE)),
-    format("a Photoshop picture", &["psd"], &[At(0, b"8BPS")], Refused(PICTURE)),
+    format("an AVIF image", &["avif"], &[At(4, b"ftypavi")], Refused(IMAGE)),
+    format("a Photoshop image", &["psd"], &[At(0, b"8BPS")], Refused(IMAGE)),
     format(
         "an SVG drawing",
         &["svg"],
@@ -186,7 +191,7 @@ static FORMATS: &[OtherFormat] = &[
     ),
     format("an ASCII grid", &["asc", "grd"], &[At(0, b"ncols"), At(0, b"NCOLS")], Refused(TRANSLATE)),
     format("a USGS elevation model", &["dem", "dt0", "dt1", "dt2"], &[], Refused(TRANSLATE)),
-    format("a MrSID or ECW picture", &["sid", "ecw"], &[At(0, b"msid")], Refused(TRANSLATE)),
+    format("a MrSID or ECW image", &["sid", "ecw"], &[At(0, b"msid")], Refused(TRANSLATE)),
     format(
         "an IFC model",
         &["ifc", "ifczip"],
@@ -216,7 +221,7 @@ static FORMATS: &[OtherFormat] = &[
         "an NPZ archive",
         &["npz"],
         &[At(0, b"PK\x03\x04")],
-        Refused("it has several arrays: write the one that is meant as NPY (numpy.save)"),
+        Refused("it has several arrays: write one of them as NPY (numpy.save)"),
     ),
     format("a ZIP archive", &["zip"], &[At(0, b"PK\x03\x04")], Refused(PACKED)),
     format(
@@ -235,15 +240,16 @@ static FORMATS: &[OtherFormat] = &[
         "a table (CSV)",
         &["csv", "tsv"],
         &[],
-        Refused(
-            "cells and their values can be put into a tree that is there (`spinney edit TREE.autumn set IN`)",
+        Read(
+            "`spinney build FILE --cell 10 --value FIELD -o OUT.goblin` makes cells of its features; `spinney edit TREE.autumn set FILE` sets cells of an existing tree",
         ),
     ),
 ];
 
 /// List of readable formats, for files of other formats.
-const WHAT_IS_READ: &str = "TIFF, PNG, JPEG, WebP, OpenEXR, BMP, GIF, PNM, TGA, QOI, Radiance HDR, .hgt and NPY are read, and PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq; \
-    GDAL converts most other rasters (`gdal_translate IN OUT.tif`)";
+const WHAT_IS_READ: &str = "these are read: rasters and volumes (TIFF, PNG, JPEG, WebP, OpenEXR, BMP, GIF, PNM, TGA, QOI, Radiance HDR, .hgt, VRT, NPY, NRRD, raw samples with \
+    --raw-size, .chain and .bintree), solids (PLY, OBJ, STL, OFF, CityJSON, CityJSONSeq and .csg), features (GeoJSON, GeoPackage, FlatGeobuf, shapefile and CSV), points (LAS and \
+    LAZ), and Spinney's own files; GDAL converts most other rasters (`gdal_translate IN OUT.tif`)";
 
 impl OtherFormat {
     /// Detects the format of a file by its first bytes, up to [`FIRST_BYTES`] of them, and its
@@ -265,22 +271,44 @@ impl OtherFormat {
     pub fn refuse_unread(path: &Path, first: &[u8]) -> Option<Error> {
         match OtherFormat::of(path, first) {
             Some(OtherFormat { name, role: Refused(advice), .. }) => {
-                Some(Error::unsupported(path, *name, advice.replace("IN", &shown(path))))
+                Some(Error::unsupported(path, *name, advice.replace("IN", &shell_word(path))))
             }
             _ => None,
         }
     }
 
-    /// Returns the error for a file that is not a source of trees.
-    pub fn refuse_source(path: &Path, first: &[u8]) -> Error {
-        if let Some(error) = OtherFormat::refuse_unread(path, first) {
+    /// Returns whether a file starts with the mark of a known format.
+    pub fn is_marked(first: &[u8]) -> bool {
+        let starts = |mark: &Mark| matches!(mark, At(..)) && mark.is_in(first);
+        FORMATS.iter().any(|format| format.marks.iter().any(starts))
+    }
+
+    /// Returns the error for a file whose first bytes are those of another format than `expected`;
+    /// `None` if they are of no known format.
+    pub fn refuse_content(path: &Path, first: &[u8], expected: &str) -> Option<Error> {
+        let found =
+            OtherFormat::of(path, first).filter(|format| format.marks.iter().any(|m| m.is_in(first)))?;
+        Some(Error::corrupt(path, "content", found.name, expected))
+    }
+
+    /// Returns the error for a file that is not a source of trees, where `expected` is one.
+    pub fn refuse_source(path: &Path, first: &[u8], expected: &str) -> Error {
+        if let Some(error) = refuse_own(path, first).or_else(|| OtherFormat::refuse_unread(path, first)) {
             return error;
         }
         match OtherFormat::of(path, first) {
-            Some(OtherFormat { name, role: Read(purpose), .. }) => {
-                Error::unsupported(path, format!("{name} as a source"), purpose.replace("FILE", &shown(path)))
-            }
-            _ => Error::unsupported(path, "a file of this format", WHAT_IS_READ.replace("IN", &shown(path))),
+            Some(OtherFormat { name, role: Read(purpose), .. }) => Error::unsupported(
+                path,
+                format!("{name} as input of a build"),
+                purpose.replace("FILE", &shell_word(path)),
+            ),
+            _ => OtherFormat::refuse_content(path, first, expected).unwrap_or_else(|| {
+                Error::unsupported(
+                    path,
+                    "a file of this format",
+                    WHAT_IS_READ.replace("IN", &shell_word(path)),
+                )
+            }),
         }
     }
 
@@ -288,10 +316,12 @@ impl OtherFormat {
     /// unknown.
     pub(crate) fn refuse_tree(path: &Path, first: &[u8]) -> Option<Error> {
         let OtherFormat { name, role, .. } = OtherFormat::of(path, first)?;
-        let file = shown(path);
+        let file = shell_word(path);
         let advice = match role {
             Source => {
-                let tree = shown(&path.with_extension("goblin"));
+                // (The output must not be the input, which may have the name of a tree.)
+                let tree = path.with_extension("goblin");
+                let tree = if tree == path { "OUT.goblin".into() } else { shell_word(&tree) };
                 format!("build one: `spinney build {file} -o {tree}`")
             }
             Read(purpose) => purpose.replace("FILE", &file),
@@ -314,6 +344,17 @@ impl Mark {
     }
 }
 
+/// Returns the error for a file of Spinney's that is not a source of trees of cells; `None` for
+/// other files.
+fn refuse_own(path: &Path, first: &[u8]) -> Option<Error> {
+    if ![TreeFormat::Goblin, TreeFormat::Autumnal].iter().any(|format| first.starts_with(&format.magic())) {
+        return None;
+    }
+    let checked = FileHeader::from_bytes(path, first).and_then(|header| header.check_cells(path));
+    let advice = "build a tree from it alone, or combine trees: `spinney combine over`";
+    Some(checked.err().unwrap_or_else(|| Error::unsupported(path, "a tree among other inputs", advice)))
+}
+
 /// Checks that a tree's file name does not have the extension of another format.
 ///
 /// # Errors
@@ -323,11 +364,12 @@ pub fn check_tree_name(path: &Path) -> Result<()> {
     let Some(format) = FORMATS.iter().find(|format| format.endings.contains(&ending.as_str())) else {
         return Ok(());
     };
-    let (goblin, autumn) = (shown(&path.with_extension("goblin")), shown(&path.with_extension("autumn")));
+    let (goblin, autumn) =
+        (shell_word(&path.with_extension("goblin")), shell_word(&path.with_extension("autumn")));
     let advice = format!(
-        "trees have names that end with .goblin (compact, read-only) or .autumn (to be edited), such as {goblin} or {autumn}"
+        "names of trees end with .goblin (compact, read-only) or .autumn (editable), such as {goblin} or {autumn}"
     );
-    Err(Error::unsupported(path, format!("a tree with the name of {}", format.name), advice))
+    Err(Error::unsupported(path, format!("a tree with the file extension of {}", format.name), advice))
 }
 
 /// Creates the file of a tree, as [`FileAccess::create`] does.
@@ -348,8 +390,8 @@ fn ending(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }
 
-/// A path quoted as a shell word.
-fn shown(path: &Path) -> String {
+/// Returns a path as a word of a shell, with quotes if it needs them.
+pub fn shell_word(path: &Path) -> String {
     let text = path.display().to_string();
     let is_plain = |c: char| c.is_alphanumeric() || "/\\._-+@:%,~".contains(c);
     if !text.is_empty() && text.chars().all(is_plain) {
@@ -368,8 +410,8 @@ mod tests {
     }
 
     #[test]
-    fn bytes_go_before_names() {
-        assert_eq!(name("a.png", b"II*\0...."), Some("a TIFF picture"));
+    fn file_contents_precede_file_names() {
+        assert_eq!(name("a.png", b"II*\0...."), Some("a TIFF image"));
         assert_eq!(name("a.mbtiles", b"SQLite format 3\0"), Some("an MBTiles archive"));
         assert_eq!(name("a", b"SQLite format 3\0"), Some("a GeoPackage"));
         assert_eq!(name("a.h5", b"\x89HDF\r\n\x1a\n"), Some("an HDF5 file"));
@@ -387,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn endings_and_marks_are_told_apart() {
+    fn endings_and_marks_are_unambiguous() {
         let endings: Vec<_> = FORMATS.iter().flat_map(|format| format.endings).collect();
         for (index, ending) in endings.iter().enumerate() {
             assert!(!endings[..index].contains(ending), "{ending} twice");
@@ -407,6 +449,26 @@ mod tests {
     }
 
     #[test]
+    fn all_formats_that_are_read_are_listed() {
+        let list = WHAT_IS_READ.to_lowercase();
+        for format in FORMATS.iter().filter(|format| !matches!(format.role, Refused(_))) {
+            let name = format.name.split(' ').nth(1).unwrap().to_lowercase();
+            let is_listed = format.endings.iter().any(|ending| list.contains(ending)) || list.contains(&name);
+            assert!(is_listed || format.endings.is_empty(), "{}", format.name);
+        }
+    }
+
+    #[test]
+    fn files_of_spinney_are_refused_for_what_they_are() {
+        let refused =
+            |bytes: &[u8]| OtherFormat::refuse_source(Path::new("a.autumn"), bytes, "a raster").to_string();
+        let mut header = b"\x93Autumn\n\x01\0\0\0\x02\0\x08\0\0\0\0\0....".to_vec();
+        assert!(refused(&header).contains("a.autumn: header: found checksum"), "{}", refused(&header));
+        header.truncate(9);
+        assert!(refused(&header).contains("found 9 bytes"), "{}", refused(&header));
+    }
+
+    #[test]
     fn names_of_trees() {
         for fine in ["a.goblin", "a.autumn", "a", "-", "a.b.Goblin", "tif", "a.tree", "/dev/stdout"] {
             assert!(check_tree_name(Path::new(fine)).is_ok(), "{fine}");
@@ -417,17 +479,22 @@ mod tests {
 
     #[test]
     fn advice_names_the_file() {
-        let refused = |path, bytes: &[u8]| OtherFormat::refuse_source(Path::new(path), bytes).to_string();
+        let refused =
+            |path, bytes: &[u8]| OtherFormat::refuse_source(Path::new(path), bytes, "a model").to_string();
         assert!(refused("my scan.e57", b"ASTM-E57").contains("pdal translate 'my scan.e57' OUT.laz"));
         assert!(refused("a.geojson", b"{}").contains("--zones a.geojson"));
         assert!(
             refused("a.las", b"LASF").contains("`spinney build a.las -o OUT.goblin` makes a tree of points")
         );
         assert!(refused("a.txt", b"text").contains("are read"));
+        assert!(refused("a.stl", b"\x89PNG").contains("a.stl: content: found a PNG image, expected a model"));
         let no_tree =
             |path, bytes: &[u8]| OtherFormat::refuse_tree(Path::new(path), bytes).map(|e| e.to_string());
-        let told = "map.tif: is no tree but a TIFF picture; build one: `spinney build map.tif -o map.goblin`";
-        assert_eq!(no_tree("map.tif", b"II*\0").as_deref(), Some(told));
+        let expected =
+            "map.tif: is a TIFF image, not a Spinney file; build one: `spinney build map.tif -o map.goblin`";
+        assert_eq!(no_tree("map.tif", b"II*\0").as_deref(), Some(expected));
+        let misnamed = no_tree("map.goblin", b"II*\0").unwrap();
+        assert!(misnamed.contains("`spinney build map.goblin -o OUT.goblin`"), "{misnamed}");
         assert_eq!(no_tree("map.goblin", b"something"), None);
     }
 }

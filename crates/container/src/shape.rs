@@ -67,13 +67,13 @@ impl Shape {
         if level == 0 { 0 } else { self.segment_level(level - 1) }
     }
 
-    /// Level above which segments are stored together, after all others: the *top levels*. 0 if
-    /// there are none.
+    /// Level whose nodes are divided among shards. Segments above it are stored together, after all
+    /// others: the *top levels*. 0 if there are none.
     ///
     /// One read of the top levels provides an overview of the whole file. Files of adjacent
     /// subtrees can be concatenated under new top levels.
     #[inline]
-    pub fn crown_level(&self) -> u8 {
+    pub fn shard_level(&self) -> u8 {
         let blocks = self.block_level();
         blocks.saturating_sub(6).max(blocks.min(3))
     }

@@ -25,7 +25,7 @@ pub enum Tag {
     ModelRepairedFaces,
     /// Number of locations where an exact model's surface intersects itself because its vertices
     /// were moved to the grid.
-    ModelThinPlaces,
+    ModelIntersections,
     /// Source text of the primitives and operations that define a solid or an exact model.
     Csg,
     /// Rule for cells on a solid's boundary.
@@ -58,7 +58,7 @@ impl Tag {
             Tag::ModelSlivers => "model.slivers",
             Tag::ModelClosingTriangles => "model.closing_triangles",
             Tag::ModelRepairedFaces => "model.repaired_faces",
-            Tag::ModelThinPlaces => "model.thin_places",
+            Tag::ModelIntersections => "model.thin_places",
             Tag::Csg => "csg",
             Tag::SolidBoundary => "solid.boundary",
             Tag::SolidSurface => "solid.surface",

@@ -124,18 +124,18 @@ impl Trailer {
         };
         if end.magic != END_MAGIC {
             let found = format!("`{}` at the end", end.magic.escape_ascii());
-            return Err(corrupt(found, "the last bytes of a Goblin file (is the file cut short?)"));
+            return Err(corrupt(found, "the end mark of a Goblin file (is the file cut short?)"));
         }
         let length = end.length.get() as usize;
         let Some(body) = rest.len().checked_sub(length).map(|start| &rest[start..]) else {
-            return Err(corrupt(format!("a length of {length}"), "one that fits the file"));
+            return Err(corrupt(format!("a trailer length of {length}"), "a length within the file"));
         };
         let checksum = crc32c::crc32c(body);
         if checksum != end.checksum.get() {
             return Err(corrupt(format!("checksum {checksum:08x}"), &format!("{:08x}", end.checksum)));
         }
         let Ok((raw, sections)) = RawTrailer::ref_from_prefix(body) else {
-            return Err(corrupt(format!("a length of {length}"), "a whole trailer"));
+            return Err(corrupt(format!("a trailer length of {length}"), "the length of a complete trailer"));
         };
         if raw.file_length.get() != file_length {
             let expected = format!("{} bytes", raw.file_length);
@@ -145,7 +145,7 @@ impl Trailer {
         let mut trailer = Trailer { header, sections: Vec::new() };
         let count = raw.sections.get() as usize;
         let Ok(list) = <[RawSection]>::ref_from_bytes_with_elems(sections, count) else {
-            return Err(corrupt(format!("{count} sections"), "as many as fit the trailer"));
+            return Err(corrupt(format!("{count} sections"), "the number that the trailer's length allows"));
         };
         for raw in list {
             let section =
@@ -153,7 +153,7 @@ impl Trailer {
             let end = section.offset.checked_add(section.length);
             if end.is_none_or(|end| end > file_length) {
                 return Err(corrupt(
-                    format!("section {} at {}, {} bytes", raw.tag.escape_ascii(), raw.offset, raw.length),
+                    format!("section {} of {} bytes at {}", raw.tag.escape_ascii(), raw.length, raw.offset),
                     "sections inside the file",
                 ));
             }

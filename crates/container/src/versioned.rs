@@ -34,11 +34,11 @@ impl<const LIMIT: usize> VersionedSection<LIMIT> {
         let (found, used): (u32, usize) = bincode::serde::decode_from_slice(bytes, config)
             .map_err(|error| corrupt(error.to_string(), "a version number"))?;
         if found != *version {
-            let advice = "read it with a program as new as the file";
+            let advice = "install the version of Spinney that wrote the file, or a newer one";
             return Err(Error::unsupported(path, format!("{name} version {found}"), advice));
         }
         let (value, more): (T, usize) = bincode::serde::decode_from_slice(&bytes[used..], config)
-            .map_err(|error| corrupt(error.to_string(), "the section of formats.md"))?;
+            .map_err(|error| corrupt(error.to_string(), "the fields that formats.md defines"))?;
         Ok((value, used + more))
     }
 }

@@ -90,14 +90,16 @@ impl Frame {
     /// The reason why the area is not known.
     pub fn cell_square_metres(&self) -> Result<f64, &'static str> {
         let crs = self.crs.as_ref();
-        let epsg = crs.and_then(Crs::numbers).ok_or("no EPSG number tells how large a cell is")?;
+        let epsg = crs
+            .and_then(Crs::numbers)
+            .ok_or("the coordinate system has no EPSG number, so the size of a cell is unknown")?;
         match crs.and_then(Crs::unit) {
-            _ if epsg.horizontal == 3857 => return Err("Web Mercator does not keep areas"),
+            _ if epsg.horizontal == 3857 => return Err("Web Mercator does not preserve areas"),
             Some("degrees") => {
-                return Err("cells of degrees differ in area; build from a raster in a projected system");
+                return Err("cells in degrees differ in area; build from a raster in a projected system");
             }
             Some("m") => {}
-            _ => return Err("the coordinate system does not count in metres"),
+            _ => return Err("the unit of the coordinate system is not the metre"),
         }
         let [a, b, _, d, e, _] = self.affine();
         Ok((a * e - b * d).abs())
@@ -109,7 +111,7 @@ impl Frame {
     /// The reason why the volume is not known: the axes have no common unit.
     pub fn cell_volume(&self) -> Result<f64, &'static str> {
         match self.crs.as_ref().and_then(Crs::unit) {
-            Some("degrees") => Err("degrees and heights have no unit in common; build in a projected system"),
+            Some("degrees") => Err("degrees and heights have no common unit; build in a projected system"),
             _ => Ok(self.linear().determinant().abs()),
         }
     }

@@ -56,10 +56,10 @@ mod tests {
         }
         assert_eq!(web_mercator_depth(&web_mercator(8), [512, 512, 1]), None);
         assert_eq!(web_mercator_depth(&web_mercator(8), [256, 255, 1]), None);
-        let elsewhere = Frame { crs: Some(Crs::epsg(4326)), ..web_mercator(8) };
-        assert_eq!(web_mercator_depth(&elsewhere, [256, 256, 1]), None);
-        let nowhere = Frame { crs: None, ..web_mercator(8) };
-        assert_eq!(web_mercator_depth(&nowhere, [256, 256, 1]), None);
+        let other_crs = Frame { crs: Some(Crs::epsg(4326)), ..web_mercator(8) };
+        assert_eq!(web_mercator_depth(&other_crs, [256, 256, 1]), None);
+        let without_crs = Frame { crs: None, ..web_mercator(8) };
+        assert_eq!(web_mercator_depth(&without_crs, [256, 256, 1]), None);
     }
 
     #[test]

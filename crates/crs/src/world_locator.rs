@@ -60,13 +60,13 @@ impl WorldLocator {
         let crs = match coordinates {
             Coordinates::World => return Ok(locator),
             Coordinates::Cells => {
-                let expected = "world, lonlat or a coordinate system: there are no cells";
+                let expected = "world, lonlat or a coordinate system; there are no cells";
                 return Err(Error::invalid("coordinates", "cells", expected));
             }
             Coordinates::System(crs) => crs,
         };
         let Some(own) = own else {
-            let expected = "one, to which coordinates can be brought; `spinney build` with --crs EPSG:NUMBER says which it is";
+            let expected = "a known one; set it with `spinney build --crs EPSG:NUMBER`";
             return Err(Error::invalid("coordinate system of the tree", "none", expected));
         };
         let systems = Transformation::new(crs, own, true)?;
@@ -111,7 +111,7 @@ impl WorldLocator {
     pub fn locate(&self, position: [f64; 2]) -> Result<[f64; 2]> {
         self.position(position).ok_or_else(|| {
             let found = format!("{},{}", position[0], position[1]);
-            Error::invalid("position", found, "one that the coordinate system of the tree has")
+            Error::invalid("position", found, "one that the coordinate system of the tree can represent")
         })
     }
 
@@ -232,12 +232,12 @@ mod tests {
     #[test]
     fn what_has_no_way_is_refused() {
         let bounds = [[0.0; 2], [1.0; 2]];
-        let told = |coordinates: &Coordinates| match WorldLocator::new(coordinates, None, bounds, 0.1) {
+        let message = |coordinates: &Coordinates| match WorldLocator::new(coordinates, None, bounds, 0.1) {
             Ok(_) => panic!("{coordinates}"),
             Err(error) => error.to_string(),
         };
-        assert!(told(&Coordinates::Cells).contains("no cells"));
-        assert!(told(&Coordinates::LONLAT).contains("--crs"));
+        assert!(message(&Coordinates::Cells).contains("no cells"));
+        assert!(message(&Coordinates::LONLAT).contains("--crs"));
         assert!(WorldLocator::new(&Coordinates::World, None, bounds, 0.1).unwrap().is_identity());
     }
 }

@@ -8,7 +8,7 @@ pub(crate) struct Affine {
 
 /// Maximum magnitude of numbers in CSG text and in transforms. Squares of products of such numbers
 /// do not overflow.
-pub(crate) const MOST: f64 = 1e30;
+pub(crate) const MAX_NUMBER: f64 = 1e30;
 
 impl Affine {
     /// The identity transform.
@@ -119,7 +119,7 @@ impl Affine {
 
     /// Whether all numbers are finite and within the allowed magnitude.
     pub(crate) fn is_bounded(&self) -> bool {
-        self.rows.iter().flatten().all(|number| number.abs() <= MOST)
+        self.rows.iter().flatten().all(|number| number.abs() <= MAX_NUMBER)
     }
 
     /// Returns the maximum factor by which the transform stretches a length.

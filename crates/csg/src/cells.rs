@@ -1,8 +1,8 @@
 //! Octrees of CSG solids.
 
+use crate::bounded_solid::BoundedSolid;
 use crate::field::Field;
 use crate::model::Csg;
-use crate::placed::Placed;
 use crate::source::CsgTree;
 use spinney_base::io::Output;
 use spinney_base::space::{EdgeRule, Up};
@@ -14,7 +14,7 @@ use spinney_mesh::import::{Attribute, FittedCells, SolidOptions, fit_cells};
 /// A solid and its planned cells, ready to be built: see [`CsgImport::build`].
 pub struct CsgImport {
     csg: Csg,
-    placed: Placed,
+    bounded: BoundedSolid,
     cells: FittedCells,
     options: SolidOptions,
     description: Vec<(&'static str, String)>,
@@ -30,8 +30,8 @@ impl CsgImport {
     /// use spinney::import::mesh::{Resolution, SolidOptions};
     /// use spinney::Output;
     ///
-    /// # let folder = tempfile::tempdir().unwrap();
-    /// # let path = folder.path().join("dented.goblin");
+    /// # let directory = tempfile::tempdir().unwrap();
+    /// # let path = directory.path().join("dented.goblin");
     /// let csg = Csg::parse("dented".as_ref(), "difference(block(0,0,0, 2,2,2), ball(1,1,2, 0.5))")?;
     /// let mut options = SolidOptions::new();
     /// options.resolution = Resolution::Cells(64);
@@ -46,24 +46,23 @@ impl CsgImport {
     /// up axis and no touched cells; if the solid is infinite and nothing bounds it.
     pub fn plan(csg: Csg, options: &SolidOptions) -> Result<CsgImport> {
         if options.attribute != Attribute::Occupancy || options.shell || options.up != Up::Z {
-            let found = "a text of primitives with colours, parts, a shell or another axis that points up";
-            let advice =
-                "leave --attribute, --shell and --up away; rotate(1,0,0, 90, a) in the text turns y to z";
+            let found = "building CSG primitives with colours, parts, a shell or another up axis";
+            let advice = "omit --attribute, --shell and --up; rotate(1,0,0, 90, a) in the text turns y to z";
             return Err(Error::unsupported(&csg.path, found, advice));
         }
         if options.edge == EdgeRule::Touch {
             return Err(Error::invalid(
                 "edge",
                 "touch",
-                "centre or area: of primitives, no surface is known",
+                "centre or area: the surface of CSG primitives is not known",
             ));
         }
-        let placed = csg.placed()?;
-        let cells = fit_cells(placed.bounds, options)?;
+        let bounded = csg.bounded()?;
+        let cells = fit_cells(bounded.bounds, options)?;
         let mut options = options.clone();
         options.unit = options.unit.or_else(|| csg.unit().map(String::from));
-        let description = describe(&csg, &placed, &cells, &options);
-        Ok(CsgImport { csg, placed, cells, options, description })
+        let description = describe(&csg, &bounded, &cells, &options);
+        Ok(CsgImport { csg, bounded, cells, options, description })
     }
 
     /// Returns a description of the plan: pairs of a heading and its text.
@@ -75,8 +74,8 @@ impl CsgImport {
     fn tree<'a>(&self, progress: &'a dyn Progress) -> CsgTree<'a> {
         let depth = self.cells.depth;
         CsgTree {
-            field: Field::new(&self.placed, &self.cells.frame.matrix, f64::from(1u32 << depth)),
-            steps: self.placed.lowered.steps.clone(),
+            field: Field::new(&self.bounded, &self.cells.frame.matrix, f64::from(1u32 << depth)),
+            instructions: self.bounded.lowered.instructions.clone(),
             depth,
             by_area: self.options.edge == EdgeRule::Area,
             progress,
@@ -99,12 +98,12 @@ impl CsgImport {
 
 fn describe(
     csg: &Csg,
-    placed: &Placed,
+    bounded: &BoundedSolid,
     cells: &FittedCells,
     options: &SolidOptions,
 ) -> Vec<(&'static str, String)> {
     let mut lines = vec![("input", format!("{} ({})", csg.path.display(), csg.counted()))];
-    lines.extend(placed.ends.as_ref().map(|ends| ("ends", ends.clone())));
+    lines.extend(bounded.ends.as_ref().map(|ends| ("ends", ends.clone())));
     let [x, y, z] = cells.extent;
     let width = cells.frame.linear().col(0).length();
     let unit = options.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
@@ -113,7 +112,7 @@ fn describe(
         format!("{x} x {y} x {z} in a tree of depth {}, each {width}{unit} wide", cells.depth),
     ));
     let edge = match options.edge {
-        EdgeRule::Area => "cells as far as they are inside, by 8 x 8 x 8 samples",
+        EdgeRule::Area => "the share of each cell that is inside, by 8 x 8 x 8 samples",
         _ => "cells whose centre is inside",
     };
     lines.push(("fill", format!("the solid: {edge}")));

@@ -3,11 +3,11 @@
 
 use std::path::PathBuf;
 
-use crate::expression::Step;
+use crate::bounded_solid::BoundedSolid;
+use crate::expression::Instruction;
 use crate::lowered::{Bounds, Instance, hull, is_finite};
 use crate::model::{Csg, Primitive};
-use crate::placed::Placed;
-use spinney_base::io::{Output, folder};
+use spinney_base::io::{Output, directory_of};
 use spinney_base::{Error, Progress, Result, SetOperation, SilentProgress};
 use spinney_brep::{CombineReport, ExactModel, Grid, InsideRule, Origin, combine, combine_as};
 use spinney_container::{Codec, OpenOptions, Tag};
@@ -89,8 +89,8 @@ pub struct CsgExactReport {
 /// use spinney::brep::MassProperties;
 /// use spinney::raw::csg::{Csg, CsgExactOptions, import_exact_csg};
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("notched.goblin");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("notched.goblin");
 /// let csg = Csg::parse("notched".as_ref(), "difference(block(0,0,0, 2,2,2), block(1,1,1, 3,3,3))")?;
 /// import_exact_csg(&csg, &CsgExactOptions::new(), Output::create(&path)?, &())?;
 /// let model = ExactModel::open(&path, &Default::default())?;
@@ -107,50 +107,54 @@ pub fn import_exact_csg(
     output: Output,
     progress: &dyn Progress,
 ) -> Result<CsgExactReport> {
-    let placed = csg.placed()?;
-    let [min, max] = placed.bounds;
+    let bounded = csg.bounded()?;
+    let [min, max] = bounded.bounds;
     let longest = (0..3).map(|axis| max[axis] - min[axis]).fold(0.0, f64::max);
     let within = options.deviation.unwrap_or(longest / USUAL_SHARE);
     if !(within.is_finite() && within > 0.0) {
         return Err(Error::invalid("deviation", within.to_string(), "a distance above zero"));
     }
-    let place = folder(output.path()).to_path_buf();
-    let place = tempfile::tempdir_in(&place).map_err(Error::io(&place, "make a temporary folder"))?;
+    let parent = directory_of(output.path()).to_path_buf();
+    let directory =
+        tempfile::tempdir_in(&parent).map_err(Error::io(&parent, "make a temporary directory"))?;
     let unit = options.unit.clone().or_else(|| csg.unit().map(String::from));
-    let mut maker = Maker {
+    let mut body_builder = BodyBuilder {
         csg,
-        placed: &placed,
+        bounded: &bounded,
         options,
         unit,
         within,
         snap: 0.0,
-        place,
+        directory,
         open: output.access().into(),
         files: 0,
         facets: 0,
         displacement: 0.0,
         progress,
     };
-    maker.snap = Grid::over(maker.bounds(), options.snap)?.width();
-    let root = maker.evaluate()?;
-    let model = root.open(&maker.open)?;
+    body_builder.snap = Grid::over(body_builder.bounds(), options.snap)?.width();
+    let root = body_builder.evaluate()?;
+    let model = root.open(&body_builder.open)?;
     let formula = Some(csg.text()).filter(|text| text.len() <= MAX_FORMULA);
     let origin = Origin {
         formula: formula.map_or(String::new(), |text| format!("(csg {})", json_text(text))),
         provenance: vec![format!("primitives {}, facets within {within}", csg.path.display())],
-        tags: vec![(Tag::Csg, csg.text().into()), (Tag::ModelDisplacement, maker.displacement.to_string())],
+        tags: vec![
+            (Tag::Csg, csg.text().into()),
+            (Tag::ModelDisplacement, body_builder.displacement.to_string()),
+        ],
     };
     let operation = if root.is_negated { SetOperation::Complement } else { SetOperation::First };
     let report = combine_as(operation, &[&model], &origin, output, options.codec, options.memory, progress)?;
-    let shapes = placed.lowered.instances.iter().map(|instance| placed.shape_of(instance));
+    let shapes = bounded.lowered.instances.iter().map(|instance| bounded.shape_of(instance));
     Ok(CsgExactReport {
         primitives: csg.primitives(),
         curved: shapes.filter(|primitive| primitive.shape.is_curved()).count(),
         deviation: within,
-        facets: maker.facets,
-        displacement: maker.displacement,
+        facets: body_builder.facets,
+        displacement: body_builder.displacement,
         model: report,
-        ends: placed.ends.clone(),
+        ends: bounded.ends.clone(),
     })
 }
 
@@ -170,7 +174,7 @@ fn json_text(text: &str) -> String {
     json
 }
 
-impl Placed {
+impl BoundedSolid {
     /// Returns the primitive of an instance.
     pub(crate) fn shape_of(&self, instance: &Instance) -> &Primitive {
         &self.primitives[instance.primitive as usize]
@@ -200,15 +204,15 @@ impl Progress for Quiet<'_> {
 }
 
 /// Creates bodies in files of a temporary directory.
-struct Maker<'a> {
+struct BodyBuilder<'a> {
     csg: &'a Csg,
-    placed: &'a Placed,
+    bounded: &'a BoundedSolid,
     options: &'a CsgExactOptions,
     unit: Option<String>,
     within: f64,
     /// Width of a unit of all grids.
     snap: f64,
-    place: TempDir,
+    directory: TempDir,
     /// Options for opening these files.
     open: OpenOptions,
     files: u64,
@@ -217,16 +221,16 @@ struct Maker<'a> {
     progress: &'a dyn Progress,
 }
 
-impl Maker<'_> {
+impl BodyBuilder<'_> {
     /// Returns a box around all polyhedra.
     fn bounds(&self) -> Bounds {
-        let Placed { primitives, lowered, around, .. } = self.placed;
+        let BoundedSolid { primitives, lowered, around, .. } = self.bounded;
         let boxes = lowered.boxes(primitives);
         lowered.instances.iter().zip(&boxes).fold(*around, |all, (instance, bounds)| {
             if is_finite(bounds) {
                 return hull(&all, bounds);
             }
-            let made = self.placed.shape_of(instance).shape.polyhedron(
+            let made = self.bounded.shape_of(instance).shape.polyhedron(
                 self.within,
                 &instance.to_world,
                 self.ball(instance),
@@ -237,7 +241,7 @@ impl Maker<'_> {
 
     /// Returns a ball, in a primitive's local coordinates, around everything finite.
     fn ball(&self, instance: &Instance) -> ([f64; 3], f64) {
-        let [min, max] = self.placed.around;
+        let [min, max] = self.bounded.around;
         let centre = [0, 1, 2].map(|axis| (min[axis] + max[axis]) / 2.0);
         let half = (0..3).map(|axis| (max[axis] - min[axis]).powi(2)).sum::<f64>().sqrt() / 2.0;
         // (Slightly larger, so that faces of the box do not coincide with faces around the ball.)
@@ -247,33 +251,33 @@ impl Maker<'_> {
     /// Returns the path of a new file.
     fn file(&mut self) -> PathBuf {
         self.files += 1;
-        self.place.path().join(format!("{}.goblin", self.files))
+        self.directory.path().join(format!("{}.goblin", self.files))
     }
 
     /// Returns the body of the whole expression.
     fn evaluate(&mut self) -> Result<Body> {
-        let placed = self.placed;
-        let total = placed.lowered.instances.len() as u64;
+        let bounded = self.bounded;
+        let total = bounded.lowered.instances.len() as u64;
         let mut stack: Vec<Body> = Vec::new();
-        for step in &placed.lowered.steps {
-            let body = match *step {
-                Step::Primitive(number, is_negated) => {
-                    let path = self.primitive(&placed.lowered.instances[number as usize])?;
+        for instruction in &bounded.lowered.instructions {
+            let body = match *instruction {
+                Instruction::Primitive(number, is_negated) => {
+                    let path = self.primitive(&bounded.lowered.instances[number as usize])?;
                     self.progress.advance(1, total);
                     Body { path, is_negated }
                 }
-                Step::Any(count) => {
+                Instruction::Any(count) => {
                     // A union is the complement of the intersection of complements.
                     let parts = stack.split_off(stack.len() - count as usize);
                     let parts = parts.into_iter().map(|part| Body { is_negated: !part.is_negated, ..part });
                     let all = self.all(parts.collect())?;
                     Body { is_negated: !all.is_negated, ..all }
                 }
-                Step::All(count) => {
+                Instruction::All(count) => {
                     let parts = stack.split_off(stack.len() - count as usize);
                     self.all(parts)?
                 }
-                Step::Odd(count, is_even) => {
+                Instruction::Odd(count, is_even) => {
                     let parts = stack.split_off(stack.len() - count as usize);
                     let is_negated = parts.iter().fold(is_even, |even, part| even != part.is_negated);
                     Body {
@@ -311,7 +315,7 @@ impl Maker<'_> {
     /// Applies an associative and commutative operation to any number of operands.
     fn joined(&mut self, operation: SetOperation, parts: Vec<PathBuf>) -> Result<PathBuf> {
         let mut left = self.fewer(operation, parts, 1)?;
-        left.pop().ok_or_else(|| Error::invalid("operands", "none", "one or more"))
+        left.pop().ok_or_else(|| Error::invalid("operands", "none", "at least one"))
     }
 
     /// Applies an operation in batches until at most `most` bodies with the same result are left.
@@ -346,7 +350,7 @@ impl Maker<'_> {
             self.options.memory,
             &SilentProgress(self.progress),
         )
-        .map_err(|error| self.told(error))?;
+        .map_err(|error| self.with_csg_path(error))?;
         for part in parts {
             std::fs::remove_file(part).map_err(Error::io(part, "remove"))?;
         }
@@ -355,13 +359,13 @@ impl Maker<'_> {
 
     /// Writes the file of a primitive.
     fn primitive(&mut self, instance: &Instance) -> Result<PathBuf> {
-        let Primitive { shape, word, at, .. } = self.placed.shape_of(instance);
+        let Primitive { shape, word, at, .. } = self.bounded.shape_of(instance);
         let within = self.within / instance.to_world.stretch();
         let facets = shape.facets(within);
         let name = if word == "bounds" { word.clone() } else { format!("{word} in line {}", at.line) };
         if facets > MAX_FACETS {
             let found = format!("{} for {facets} facets of the {name}", self.within);
-            return Err(Error::invalid("deviation", found, "a greater distance, for at most 1048576 facets"));
+            return Err(Error::invalid("deviation", found, "a larger distance, for at most 1048576 facets"));
         }
         let made = shape.polyhedron(within, &instance.to_world, self.ball(instance));
         self.facets += made.face_ends.len() as u64;
@@ -390,17 +394,17 @@ impl Maker<'_> {
             }
             other => other,
         };
-        let report = report.map_err(|error| self.told(error))?;
+        let report = report.map_err(|error| self.with_csg_path(error))?;
         self.displacement = self.displacement.max(report.displacement);
         Ok(path)
     }
 
     /// Rewrites an error about a temporary file to name the CSG file.
-    fn told(&self, error: Error) -> Error {
+    fn with_csg_path(&self, error: Error) -> Error {
         match error {
-            Error::NotASolid { what, places, count, .. } => {
+            Error::NotASolid { what, locations, count, .. } => {
                 let advice = "choose a finer grid with --snap, or build cells of it (without --brep)".into();
-                Error::NotASolid { path: self.csg.path.clone(), what, places, count, advice }
+                Error::NotASolid { path: self.csg.path.clone(), what, locations, count, advice }
             }
             other => other,
         }
@@ -412,7 +416,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn texts_are_json() {
+    fn strings_are_json() {
         assert_eq!(json_text("a \"b\"\\\n\u{1}é"), "\"a \\\"b\\\"\\\\\\n\\u0001é\"");
     }
 }

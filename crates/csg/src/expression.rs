@@ -1,11 +1,11 @@
 //! Set expressions of primitives in postfix order. They are flat, with complements only at
 //! primitives, and can be simplified for a region of space.
 
-use crate::place::Place;
+use crate::box_state::BoxState;
 
-/// A step of a postfix expression: operations follow their operands.
+/// An element of a postfix expression: operations follow their operands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Step {
+pub(crate) enum Instruction {
     /// A primitive by its number, or its complement if the flag is set.
     Primitive(u32, bool),
     /// Union of the last operands; the number gives their count.
@@ -18,99 +18,107 @@ pub(crate) enum Step {
 
 /// State of a subexpression in a region of space.
 #[derive(Clone, Copy)]
-struct Part {
-    place: Place,
-    /// Index in the simplified expression at which its steps begin. A subexpression that is not
-    /// mixed has no steps there.
+struct Operand {
+    state: BoxState,
+    /// Index in the simplified expression at which its instructions begin. A subexpression that is
+    /// not mixed has no instructions there.
     start: usize,
 }
 
 /// Reusable buffers for simplifying expressions.
 #[derive(Default)]
 pub(crate) struct Pruner {
-    parts: Vec<Part>,
-    /// The remaining steps, if the region is mixed.
-    pub(crate) steps: Vec<Step>,
+    operands: Vec<Operand>,
+    /// The remaining instructions, if the region is mixed.
+    pub(crate) instructions: Vec<Instruction>,
 }
 
 impl Pruner {
     /// Simplifies an expression for a region of space, given the primitives' classification there.
-    /// Operands that are uniform in the region are removed. The remaining steps are equivalent
-    /// within the region.
-    pub(crate) fn prune(&mut self, steps: &[Step], mut place_of: impl FnMut(u32) -> Place) -> Place {
-        self.parts.clear();
-        self.steps.clear();
-        for step in steps {
-            let start = self.steps.len();
-            let part = match *step {
-                Step::Primitive(number, is_negated) => {
-                    let place = place_of(number).negated_if(is_negated);
-                    if place == Place::Mixed {
-                        self.steps.push(*step);
+    /// Operands that are uniform in the region are removed. The remaining instructions are
+    /// equivalent within the region.
+    pub(crate) fn prune(
+        &mut self,
+        instructions: &[Instruction],
+        mut state_of: impl FnMut(u32) -> BoxState,
+    ) -> BoxState {
+        self.operands.clear();
+        self.instructions.clear();
+        for instruction in instructions {
+            let start = self.instructions.len();
+            let operand = match *instruction {
+                Instruction::Primitive(number, is_negated) => {
+                    let state = state_of(number).negated_if(is_negated);
+                    if state == BoxState::Mixed {
+                        self.instructions.push(*instruction);
                     }
-                    Part { place, start }
+                    Operand { state, start }
                 }
-                Step::Any(count) => self.joined(count, Place::Full, Place::Void),
-                Step::All(count) => self.joined(count, Place::Void, Place::Full),
-                Step::Odd(count, is_even) => self.odd(count, is_even),
+                Instruction::Any(count) => self.joined(count, BoxState::Full, BoxState::Void),
+                Instruction::All(count) => self.joined(count, BoxState::Void, BoxState::Full),
+                Instruction::Odd(count, is_even) => self.odd(count, is_even),
             };
-            self.parts.push(part);
+            self.operands.push(operand);
         }
-        self.parts.pop().map_or(Place::Void, |part| part.place)
+        self.operands.pop().map_or(BoxState::Void, |operand| operand.state)
     }
 
     /// Simplifies a union or intersection of the last operands. A `decisive` operand decides the
     /// result; if all are `neutral`, so is the result.
-    fn joined(&mut self, count: u32, decisive: Place, neutral: Place) -> Part {
-        let parts = self.parts.drain(self.parts.len() - count as usize..);
+    fn joined(&mut self, count: u32, decisive: BoxState, neutral: BoxState) -> Operand {
+        let operands = self.operands.drain(self.operands.len() - count as usize..);
         let (mut start, mut mixed, mut is_decided) = (usize::MAX, 0, false);
-        for part in parts {
-            start = start.min(part.start);
-            mixed += u32::from(part.place == Place::Mixed);
-            is_decided |= part.place == decisive;
+        for operand in operands {
+            start = start.min(operand.start);
+            mixed += u32::from(operand.state == BoxState::Mixed);
+            is_decided |= operand.state == decisive;
         }
         if is_decided || mixed == 0 {
-            self.steps.truncate(start);
-            return Part { place: if is_decided { decisive } else { neutral }, start };
+            self.instructions.truncate(start);
+            return Operand { state: if is_decided { decisive } else { neutral }, start };
         }
         if mixed > 1 {
-            self.steps.push(if decisive == Place::Full { Step::Any(mixed) } else { Step::All(mixed) });
+            self.instructions.push(if decisive == BoxState::Full {
+                Instruction::Any(mixed)
+            } else {
+                Instruction::All(mixed)
+            });
         }
-        Part { place: Place::Mixed, start }
+        Operand { state: BoxState::Mixed, start }
     }
 
-    fn odd(&mut self, count: u32, is_even: bool) -> Part {
-        let parts = self.parts.drain(self.parts.len() - count as usize..);
+    fn odd(&mut self, count: u32, is_even: bool) -> Operand {
+        let operands = self.operands.drain(self.operands.len() - count as usize..);
         let (mut start, mut mixed, mut is_even) = (usize::MAX, 0, is_even);
-        for part in parts {
-            start = start.min(part.start);
-            mixed += u32::from(part.place == Place::Mixed);
-            is_even ^= part.place == Place::Full;
+        for operand in operands {
+            start = start.min(operand.start);
+            mixed += u32::from(operand.state == BoxState::Mixed);
+            is_even ^= operand.state == BoxState::Full;
         }
         if mixed == 0 {
-            return Part { place: Place::uniform(is_even), start };
+            return Operand { state: BoxState::uniform(is_even), start };
         }
         if mixed > 1 || is_even {
-            self.steps.push(Step::Odd(mixed, is_even));
+            self.instructions.push(Instruction::Odd(mixed, is_even));
         }
-        Part { place: Place::Mixed, start }
+        Operand { state: BoxState::Mixed, start }
     }
 }
 
 /// Evaluates an expression on any representation of sets, such as bit masks.
 pub(crate) fn fold<T>(
-    steps: &[Step],
+    instructions: &[Instruction],
     stack: &mut Vec<T>,
     mut primitive: impl FnMut(u32, bool) -> T,
-    mut operation: impl FnMut(Step, &[T]) -> T,
+    mut operation: impl FnMut(Instruction, &[T]) -> T,
 ) -> Option<T> {
     stack.clear();
-    for step in steps {
-        let value = match *step {
-            Step::Primitive(number, is_negated) => primitive(number, is_negated),
-            Step::Any(count) | Step::All(count) | Step::Odd(count, _) => {
+    for instruction in instructions {
+        let value = match *instruction {
+            Instruction::Primitive(number, is_negated) => primitive(number, is_negated),
+            Instruction::Any(count) | Instruction::All(count) | Instruction::Odd(count, _) => {
                 let first = stack.len() - count as usize;
-                let value = operation(*step, &stack[first..]);
+                let value = operation(*instruction, &stack[first..]);
                 stack.truncate(first);
                 value
             }
@@ -126,27 +134,27 @@ mod tests {
 
     #[test]
     fn what_is_settled_vanishes() {
-        use Place::{Full, Mixed, Void};
-        let steps = [
-            Step::Primitive(0, false),
-            Step::Primitive(1, true),
-            Step::All(2),
-            Step::Primitive(2, false),
-            Step::Primitive(3, false),
-            Step::Odd(2, false),
-            Step::Any(2),
+        use BoxState::{Full, Mixed, Void};
+        let instructions = [
+            Instruction::Primitive(0, false),
+            Instruction::Primitive(1, true),
+            Instruction::All(2),
+            Instruction::Primitive(2, false),
+            Instruction::Primitive(3, false),
+            Instruction::Odd(2, false),
+            Instruction::Any(2),
         ];
         let mut pruner = Pruner::default();
-        let mut of = |places: [Place; 4]| {
-            let place = pruner.prune(&steps, |number| places[number as usize]);
-            (place, pruner.steps.clone())
+        let mut of = |states: [BoxState; 4]| {
+            let state = pruner.prune(&instructions, |number| states[number as usize]);
+            (state, pruner.instructions.clone())
         };
         assert_eq!(of([Full, Void, Mixed, Mixed]), (Full, vec![]));
         assert_eq!(of([Void, Mixed, Full, Full]), (Void, vec![]));
-        assert_eq!(of([Mixed, Void, Void, Void]), (Mixed, vec![Step::Primitive(0, false)]));
-        assert_eq!(of([Full, Mixed, Void, Void]), (Mixed, vec![Step::Primitive(1, true)]));
-        let left = vec![Step::Primitive(3, false), Step::Odd(1, true)];
+        assert_eq!(of([Mixed, Void, Void, Void]), (Mixed, vec![Instruction::Primitive(0, false)]));
+        assert_eq!(of([Full, Mixed, Void, Void]), (Mixed, vec![Instruction::Primitive(1, true)]));
+        let left = vec![Instruction::Primitive(3, false), Instruction::Odd(1, true)];
         assert_eq!(of([Void, Mixed, Full, Mixed]), (Mixed, left));
-        assert_eq!(of([Mixed; 4]), (Mixed, steps.to_vec()));
+        assert_eq!(of([Mixed; 4]), (Mixed, instructions.to_vec()));
     }
 }

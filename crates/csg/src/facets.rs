@@ -21,20 +21,20 @@ pub(crate) struct Polyhedron {
 }
 
 /// Minimum number of facets around an axis.
-const LEAST: f64 = 8.0;
+const MIN_SIDES: f64 = 8.0;
 
 /// Number of facets around a circle for a maximum distance of `within`: a chord's sagitta is the
 /// radius times 1 - cos of half its angle.
 fn sides(radius: f64, within: f64) -> f64 {
     let half = (1.0 - within / radius).max(0.0).acos();
-    (PI / half).ceil().max(LEAST)
+    (PI / half).ceil().max(MIN_SIDES)
 }
 
 /// Number of facets around a ball for a maximum distance of `within`. Facets deviate along both
 /// directions, so cos² of half their angle bounds the distance.
 fn sides_of_ball(radius: f64, within: f64) -> f64 {
     let half = (within / radius).min(1.0).sqrt().asin();
-    ((PI / half / 2.0).ceil() * 2.0).max(LEAST)
+    ((PI / half / 2.0).ceil() * 2.0).max(MIN_SIDES)
 }
 
 impl Shape {
@@ -197,7 +197,7 @@ impl Polyhedron {
             (0..sides).map(|side| (2.0 * PI * f64::from(side) / f64::from(sides)).sin_cos()).collect();
         // For each point, its first vertex and whether it lies on the axis: one vertex there,
         // otherwise one per side.
-        let places: Vec<(u32, bool)> = ring
+        let ring_vertices: Vec<(u32, bool)> = ring
             .iter()
             .map(|[radius, z]| {
                 let first = self.vertices.len() as u32;
@@ -208,9 +208,9 @@ impl Polyhedron {
                 (first, false)
             })
             .collect();
-        for (number, (from, from_axis)) in places.iter().enumerate() {
+        for (number, (from, from_axis)) in ring_vertices.iter().enumerate() {
             let following = if number + 1 == ring.len() { 0 } else { number + 1 };
-            let (to, to_axis) = places[following];
+            let (to, to_axis) = ring_vertices[following];
             let is_level = ring[number][1] == ring[following][1];
             match (from_axis, to_axis) {
                 (true, true) => {}

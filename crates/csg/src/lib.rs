@@ -5,6 +5,8 @@
 //! models with facets.
 
 mod affine;
+mod bounded_solid;
+mod box_state;
 mod cells;
 mod exact;
 mod expression;
@@ -13,8 +15,6 @@ mod field;
 mod lowered;
 mod model;
 mod outline;
-mod place;
-mod placed;
 mod shape;
 mod source;
 mod syntax;

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use crate::affine::Affine;
-use crate::expression::{Step, fold};
+use crate::expression::{Instruction, fold};
 use crate::model::{Node, Primitive, Tree};
 use crate::syntax::wrong;
 use spinney_base::Result;
@@ -32,7 +32,7 @@ pub(crate) struct Instance {
 #[derive(Clone, Debug)]
 pub(crate) struct Lowered {
     pub(crate) instances: Vec<Instance>,
-    pub(crate) steps: Vec<Step>,
+    pub(crate) instructions: Vec<Instruction>,
 }
 
 /// Kind of an operation. Nested operations of the same kind are merged, and complements are pushed
@@ -55,7 +55,7 @@ enum Task {
 
 impl Lowered {
     pub(crate) fn of(path: &Path, tree: &Tree) -> Result<Lowered> {
-        let (mut instances, mut steps) = (Vec::new(), Vec::new());
+        let (mut instances, mut instructions) = (Vec::new(), Vec::new());
         let mut maps = vec![Affine::IDENTITY];
         // For each open operation, its operand count so far, and whether an even count of operands
         // is inside.
@@ -67,9 +67,9 @@ impl Lowered {
                 Task::End(kind) => {
                     let Some((count, is_even)) = open.pop() else { continue };
                     match kind {
-                        Kind::Any => steps.push(Step::Any(count)),
-                        Kind::All => steps.push(Step::All(count)),
-                        Kind::Odd => steps.push(Step::Odd(count, is_even)),
+                        Kind::Any => instructions.push(Instruction::Any(count)),
+                        Kind::All => instructions.push(Instruction::All(count)),
+                        Kind::Odd => instructions.push(Instruction::Odd(count, is_even)),
                     }
                     open.iter_mut().last().into_iter().for_each(|(count, _)| *count += 1);
                     continue;
@@ -80,10 +80,10 @@ impl Lowered {
                     let primitive = &tree.primitives[number as usize];
                     let to_world = maps[map].after(&primitive.map);
                     let Some(to_local) = to_world.inverse().filter(|_| to_world.is_bounded()) else {
-                        let found = "a primitive that is moved to where numbers are too large or too small";
-                        return Err(wrong(path, primitive.at, found, "other maps"));
+                        let found = "a primitive whose transformed coordinates are too large or too small";
+                        return Err(wrong(path, primitive.at, found, "another transform"));
                     };
-                    steps.push(Step::Primitive(instances.len() as u32, is_negated));
+                    instructions.push(Instruction::Primitive(instances.len() as u32, is_negated));
                     instances.push(Instance { primitive: number, to_world, to_local });
                     open.iter_mut().last().into_iter().for_each(|(count, _)| *count += 1);
                     continue;
@@ -113,7 +113,7 @@ impl Lowered {
             let is_negated = is_negated && kind != Kind::Odd;
             tasks.extend(links.map(|node| Task::Enter { node, map, is_negated, within: Some(kind) }));
         }
-        Ok(Lowered { instances, steps })
+        Ok(Lowered { instances, instructions })
     }
 
     /// Returns the bounding box of each primitive.
@@ -132,12 +132,12 @@ impl Lowered {
         let mut stack = Vec::new();
         let primitive =
             |number: u32, is_negated| if is_negated { EVERYWHERE } else { boxes[number as usize] };
-        let operation = |step: Step, all: &[Bounds]| match step {
-            Step::All(_) => all.iter().fold(EVERYWHERE, |one, other| meet(&one, other)),
-            Step::Odd(_, true) => EVERYWHERE,
+        let operation = |step: Instruction, all: &[Bounds]| match step {
+            Instruction::All(_) => all.iter().fold(EVERYWHERE, |one, other| meet(&one, other)),
+            Instruction::Odd(_, true) => EVERYWHERE,
             _ => all.iter().fold(NOWHERE, |one, other| hull(&one, other)),
         };
-        fold(&self.steps, &mut stack, primitive, operation).unwrap_or(NOWHERE)
+        fold(&self.instructions, &mut stack, primitive, operation).unwrap_or(NOWHERE)
     }
 }
 
@@ -151,11 +151,11 @@ pub(crate) fn hull(one: &Bounds, other: &Bounds) -> Bounds {
 fn meet(one: &Bounds, other: &Bounds) -> Bounds {
     let min = [0, 1, 2].map(|axis| one[0][axis].max(other[0][axis]));
     let both = [min, [0, 1, 2].map(|axis| one[1][axis].min(other[1][axis]))];
-    if has_room(&both) { both } else { NOWHERE }
+    if has_volume(&both) { both } else { NOWHERE }
 }
 
 /// Whether a box has a volume.
-pub(crate) fn has_room([min, max]: &Bounds) -> bool {
+pub(crate) fn has_volume([min, max]: &Bounds) -> bool {
     (0..3).all(|axis| min[axis] < max[axis])
 }
 

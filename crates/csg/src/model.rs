@@ -69,7 +69,7 @@ impl<'a> Builder<'a> {
         let size = of.iter().fold(1, |sum: u32, solid| sum.saturating_add(self.sizes[solid.0 as usize]));
         if size > MAX_NODES {
             let found = format!(
-                "a solid of more than {MAX_NODES} primitives, operations and maps, those of names counted as often as they are used"
+                "a solid of more than {MAX_NODES} primitives, operations and transforms, counting each use of a name"
             );
             return Err(wrong(self.path, at, found, "fewer: divide it into several files"));
         }
@@ -184,7 +184,7 @@ impl Csg {
         file.take((8 << 20) + 1).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
         let text = String::from_utf8(bytes).map_err(|error| {
             let place = format!("byte {}", error.utf8_error().valid_up_to());
-            Error::corrupt(path, place, "bytes that are no UTF-8", "a text that tells a solid")
+            Error::corrupt(path, place, "bytes that are not UTF-8", "a CSG text in UTF-8")
         })?;
         Csg::parse(path, &text)
     }

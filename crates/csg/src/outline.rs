@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 
-use crate::place::Place;
+use crate::box_state::BoxState;
 use spinney_base::space::{Dimension, morton_encode};
 
 /// Fan-out of the bounding volume hierarchy, and number of items in a node of the lowest level.
@@ -38,23 +38,23 @@ pub(crate) struct DirectedRing {
 
 /// Bounding box of consecutive edges, and the y coordinates at which they begin and end.
 #[derive(Clone, Copy, Debug)]
-struct Run {
+struct EdgeSpan {
     min: Point,
     max: Point,
     ends: [f64; 2],
 }
 
-impl Run {
-    fn edge([a, b]: [Point; 2]) -> Run {
-        Run {
+impl EdgeSpan {
+    fn edge([a, b]: [Point; 2]) -> EdgeSpan {
+        EdgeSpan {
             min: [a[0].min(b[0]), a[1].min(b[1])],
             max: [a[0].max(b[0]), a[1].max(b[1])],
             ends: [a[1], b[1]],
         }
     }
 
-    fn joined(self, next: Run) -> Run {
-        Run {
+    fn joined(self, next: EdgeSpan) -> EdgeSpan {
+        EdgeSpan {
             min: [0, 1].map(|axis| self.min[axis].min(next.min[axis])),
             max: [0, 1].map(|axis| self.max[axis].max(next.max[axis])),
             ends: [self.ends[0], next.ends[1]],
@@ -73,16 +73,16 @@ impl Run {
 /// the level below, up to a single root.
 #[derive(Clone, Debug)]
 struct Boxes {
-    levels: Vec<Vec<Run>>,
+    levels: Vec<Vec<EdgeSpan>>,
     count: usize,
 }
 
 impl Boxes {
     /// Builds the hierarchy over one or more items.
-    fn over(things: &[Run]) -> Boxes {
-        let join = |runs: &[Run]| -> Vec<Run> {
-            let of = |runs: &[Run]| runs[1..].iter().fold(runs[0], |all, run| all.joined(*run));
-            runs.chunks(FAN_OUT).map(of).collect()
+    fn over(things: &[EdgeSpan]) -> Boxes {
+        let join = |spans: &[EdgeSpan]| -> Vec<EdgeSpan> {
+            let of = |spans: &[EdgeSpan]| spans[1..].iter().fold(spans[0], |all, span| all.joined(*span));
+            spans.chunks(FAN_OUT).map(of).collect()
         };
         let mut levels = vec![join(things)];
         while let Some(last) = levels.last().filter(|last| last.len() > 1) {
@@ -92,13 +92,13 @@ impl Boxes {
     }
 
     /// Returns the root's bounding box.
-    fn all(&self) -> Run {
+    fn all(&self) -> EdgeSpan {
         self.levels[self.levels.len() - 1][0]
     }
 
     /// Traverses the nodes for which `enter` returns `true`, and calls `take` with the indices of
     /// their items until it returns `false`.
-    fn visit(&self, enter: &mut dyn FnMut(&Run) -> bool, take: &mut dyn FnMut(usize) -> bool) {
+    fn visit(&self, enter: &mut dyn FnMut(&EdgeSpan) -> bool, take: &mut dyn FnMut(usize) -> bool) {
         // At most 7 nodes of each level are pending.
         let mut stack = vec![(self.levels.len() - 1, 0)];
         while let Some((level, index)) = stack.pop() {
@@ -119,7 +119,8 @@ impl Boxes {
 impl Ring {
     /// Creates a ring of at least three vertices.
     fn new(points: Vec<Point>) -> Ring {
-        let edges: Vec<Run> = (0..points.len()).map(|edge| Run::edge(edge_of(&points, edge))).collect();
+        let edges: Vec<EdgeSpan> =
+            (0..points.len()).map(|edge| EdgeSpan::edge(edge_of(&points, edge))).collect();
         let boxes = Boxes::over(&edges);
         Ring { points, boxes }
     }
@@ -137,13 +138,13 @@ impl Ring {
     fn is_around(&self, [x, y]: Point) -> bool {
         let is_odd = Cell::new(false);
         self.boxes.visit(
-            &mut |run| {
-                if y < run.min[1] || y >= run.max[1] || x > run.max[0] {
+            &mut |span| {
+                if y < span.min[1] || y >= span.max[1] || x > span.max[0] {
                     return false;
                 }
-                if x < run.min[0] {
+                if x < span.min[0] {
                     // All of it is to the right of the point: its ends decide the parity.
-                    is_odd.set(is_odd.get() != ((run.ends[0] > y) != (run.ends[1] > y)));
+                    is_odd.set(is_odd.get() != ((span.ends[0] > y) != (span.ends[1] > y)));
                     return false;
                 }
                 true
@@ -163,12 +164,12 @@ impl Ring {
     /// Whether an edge may pass through a box, given by its centre and half widths.
     fn passes(&self, centre: Point, half: Point) -> bool {
         let mut passes = false;
-        self.boxes.visit(&mut |run| run.meets(centre, half), &mut |edge| {
+        self.boxes.visit(&mut |span| span.meets(centre, half), &mut |edge| {
             let [a, b] = edge_of(&self.points, edge);
             let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
             let side = dx * (centre[1] - a[1]) - dy * (centre[0] - a[0]);
             // (The half widths include a margin for rounding.)
-            passes |= Run::edge([a, b]).meets(centre, half)
+            passes |= EdgeSpan::edge([a, b]).meets(centre, half)
                 && side.abs() <= dx.abs() * half[1] + dy.abs() * half[0];
             !passes
         });
@@ -189,9 +190,9 @@ impl Outline {
             |rings: &[Ring]| Boxes::over(&rings.iter().map(|ring| ring.boxes.all()).collect::<Vec<_>>());
         let all = around(&rings).all();
         rings.sort_by_cached_key(|ring| {
-            let run = ring.boxes.all();
+            let span = ring.boxes.all();
             let at = |axis: usize| {
-                let share = (run.min[axis] - all.min[axis]) / (all.max[axis] - all.min[axis]);
+                let share = (span.min[axis] - all.min[axis]) / (all.max[axis] - all.min[axis]);
                 morton_encode(Dimension::Quad, (share * 65535.0) as u32)
             };
             at(0) | at(1) << 1
@@ -208,7 +209,7 @@ impl Outline {
 
     /// Yields the indices of the rings that go around a point.
     fn around(&self, point: Point, take: &mut dyn FnMut(usize)) {
-        self.boxes.visit(&mut |run| run.meets(point, [0.0; 2]), &mut |ring| {
+        self.boxes.visit(&mut |span| span.meets(point, [0.0; 2]), &mut |ring| {
             if self.rings[ring].is_around(point) {
                 take(ring);
             }
@@ -224,13 +225,13 @@ impl Outline {
     }
 
     /// Classifies a box, given by its centre and half widths, as inside, outside or mixed.
-    pub(crate) fn place(&self, centre: Point, half: Point) -> Place {
+    pub(crate) fn classify(&self, centre: Point, half: Point) -> BoxState {
         let mut passes = false;
-        self.boxes.visit(&mut |run| run.meets(centre, half), &mut |ring| {
+        self.boxes.visit(&mut |span| span.meets(centre, half), &mut |ring| {
             passes = self.rings[ring].passes(centre, half);
             !passes
         });
-        if passes { Place::Mixed } else { Place::uniform(self.has(centre)) }
+        if passes { BoxState::Mixed } else { BoxState::uniform(self.has(centre)) }
     }
 
     /// Returns the rings oriented as rings of faces. (The result is not defined for rings that
@@ -286,10 +287,10 @@ mod tests {
             });
             assert_eq!(outline.has(point), crossed.count() % 2 == 1);
             let half = random();
-            let centre = outline.place(point, [half; 2]);
+            let centre = outline.classify(point, [half; 2]);
             for at in [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [0.3, 1.0]] {
                 let inside = outline.has([x + at[0] * half * 0.999, y + at[1] * half * 0.999]);
-                assert!(centre == Place::Mixed || centre == Place::uniform(inside));
+                assert!(centre == BoxState::Mixed || centre == BoxState::uniform(inside));
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Primitives in local coordinates: point tests, extents and classification of boxes.
 
+use crate::box_state::BoxState;
 use crate::outline::Outline;
-use crate::place::Place;
 
 /// A primitive in local coordinates.
 #[derive(Clone, Debug)]
@@ -57,8 +57,8 @@ impl Shape {
                 (z >= 0.0) & (z < *height) & (x * x + y * y < radius * radius)
             }
             Shape::Torus { ring, tube } => {
-                let beside = (x * x + y * y).sqrt() - ring;
-                beside * beside + z * z < tube * tube
+                let radial = (x * x + y * y).sqrt() - ring;
+                radial * radial + z * z < tube * tube
             }
             Shape::HalfSpace => z <= 0.0,
             Shape::Prism { outline, heights } => z >= heights[0] && z < heights[1] && outline.has([x, y]),
@@ -68,7 +68,7 @@ impl Shape {
 
     /// Classifies a box, given by its centre and half widths, which include a margin for rounding.
     /// Uniform results are certain; mixed ones may not be.
-    pub(crate) fn place(&self, centre: [f64; 3], half: [f64; 3]) -> Place {
+    pub(crate) fn classify(&self, centre: [f64; 3], half: [f64; 3]) -> BoxState {
         let along: [Interval; 3] =
             [0, 1, 2].map(|axis| [centre[axis] - half[axis], centre[axis] + half[axis]]);
         match self {
@@ -87,18 +87,18 @@ impl Shape {
                 all(&[between(along[2], [0.0, *height]), inside])
             }
             Shape::Torus { ring, tube } => {
-                let beside = distance(&along[..2]).map(|far| far - ring);
-                let [low, high] = distance(&[beside, along[2]]);
+                let radial = distance(&along[..2]).map(|far| far - ring);
+                let [low, high] = distance(&[radial, along[2]]);
                 below([low - tube, high - tube])
             }
             Shape::HalfSpace => below(along[2]),
             Shape::Prism { outline, heights } => match between(along[2], *heights) {
-                Place::Void => Place::Void,
-                z => all(&[z, outline.place([centre[0], centre[1]], [half[0], half[1]])]),
+                BoxState::Void => BoxState::Void,
+                z => all(&[z, outline.classify([centre[0], centre[1]], [half[0], half[1]])]),
             },
             Shape::Revolved { outline } => {
                 let [near, far] = distance(&along[..2]);
-                outline.place([(near + far) / 2.0, centre[2]], [(far - near) / 2.0, half[2]])
+                outline.classify([(near + far) / 2.0, centre[2]], [(far - near) / 2.0, half[2]])
             }
         }
     }
@@ -151,35 +151,35 @@ impl Shape {
 }
 
 /// Classifies an interval of a function that is negative inside.
-fn below([low, high]: Interval) -> Place {
+fn below([low, high]: Interval) -> BoxState {
     if low > 0.0 {
-        Place::Void
+        BoxState::Void
     } else if high < 0.0 {
-        Place::Full
+        BoxState::Full
     } else {
-        Place::Mixed
+        BoxState::Mixed
     }
 }
 
 /// Classifies an interval relative to the inside range from `min` to `max`.
-fn between([low, high]: Interval, [min, max]: Interval) -> Place {
+fn between([low, high]: Interval, [min, max]: Interval) -> BoxState {
     if high < min || low > max {
-        Place::Void
+        BoxState::Void
     } else if low > min && high < max {
-        Place::Full
+        BoxState::Full
     } else {
-        Place::Mixed
+        BoxState::Mixed
     }
 }
 
 /// Returns the classification for an intersection.
-fn all(places: &[Place]) -> Place {
-    if places.contains(&Place::Void) {
-        Place::Void
-    } else if places.contains(&Place::Mixed) {
-        Place::Mixed
+fn all(states: &[BoxState]) -> BoxState {
+    if states.contains(&BoxState::Void) {
+        BoxState::Void
+    } else if states.contains(&BoxState::Mixed) {
+        BoxState::Mixed
     } else {
-        Place::Full
+        BoxState::Full
     }
 }
 

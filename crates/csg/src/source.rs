@@ -3,9 +3,9 @@
 
 use std::sync::Arc;
 
-use crate::expression::{Pruner, Step};
+use crate::box_state::BoxState;
+use crate::expression::{Instruction, Pruner};
 use crate::field::{Bits, Field, SAMPLES};
-use crate::place::Place;
 use spinney_base::space::Dimension;
 use spinney_base::value::{SampleType, Value, ValueType};
 use spinney_base::{Progress, Result, TreeType};
@@ -18,7 +18,7 @@ const FULL: u8 = 255;
 /// A solid over a grid of cells.
 pub(crate) struct CsgTree<'a> {
     pub(crate) field: Field,
-    pub(crate) steps: Vec<Step>,
+    pub(crate) instructions: Vec<Instruction>,
     pub(crate) depth: u8,
     /// Whether a cell at the surface stores the share of its samples that are inside, rather than
     /// being full or VOID.
@@ -40,7 +40,7 @@ pub(crate) struct Block {
     level: u8,
     /// Position among the blocks of its level.
     position: [u32; 3],
-    steps: Vec<Step>,
+    instructions: Vec<Instruction>,
 }
 
 impl CsgTree<'_> {
@@ -57,30 +57,36 @@ impl CsgTree<'_> {
     }
 
     /// Returns a block as a child: VOID, LEAF or INNER.
-    fn child(&self, level: u8, position: [u32; 3], steps: &[Step], pruner: &mut Pruner) -> Child<CsgNode> {
-        let mut block = Block { level, position, steps: Vec::new() };
+    fn child(
+        &self,
+        level: u8,
+        position: [u32; 3],
+        instructions: &[Instruction],
+        pruner: &mut Pruner,
+    ) -> Child<CsgNode> {
+        let mut block = Block { level, position, instructions: Vec::new() };
         let (first, width) = self.cells(&block);
         let half = width / 2.0;
         // (Only the box of the samples is classified. A surface in the margin around it separates
         // no samples.)
         let reach = half - self.spacing() / 2.0;
-        match self.field.prune(pruner, steps, first.map(|first| first + half), reach) {
-            Place::Void => Child::Void,
-            Place::Full => Child::Leaf(Value::from([FULL])),
-            Place::Mixed if level == self.depth && self.by_area => {
-                let bits = self.samples(&Block { steps: pruner.steps.clone(), ..block });
+        match self.field.prune(pruner, instructions, first.map(|first| first + half), reach) {
+            BoxState::Void => Child::Void,
+            BoxState::Full => Child::Leaf(Value::from([FULL])),
+            BoxState::Mixed if level == self.depth && self.by_area => {
+                let bits = self.samples(&Block { instructions: pruner.instructions.clone(), ..block });
                 let inside: u32 = bits.iter().map(|word| word.count_ones()).sum();
                 let all = SAMPLES.pow(3);
                 let value = (inside * u32::from(FULL) + all / 2) / all;
                 Child::uniform((value > 0).then(|| Value::from([value as u8])))
             }
             // (A single cell is decided by its centre.)
-            Place::Mixed if level == self.depth => {
+            BoxState::Mixed if level == self.depth => {
                 let centre = first.map(|first| first + 0.5);
-                uniform(self.field.has(&pruner.steps, centre))
+                uniform(self.field.has(&pruner.instructions, centre))
             }
-            Place::Mixed => {
-                block.steps.clone_from(&pruner.steps);
+            BoxState::Mixed => {
+                block.instructions.clone_from(&pruner.instructions);
                 inner(CsgNode::Block(Arc::new(block)))
             }
         }
@@ -90,7 +96,7 @@ impl CsgTree<'_> {
     fn samples(&self, block: &Block) -> Bits {
         let spacing = self.spacing();
         let first = self.cells(block).0.map(|first| first + spacing / 2.0);
-        self.field.samples(&block.steps, first, spacing)
+        self.field.samples(&block.instructions, first, spacing)
     }
 }
 
@@ -126,7 +132,7 @@ impl Source for CsgTree<'_> {
     }
 
     fn root(&self) -> Result<Child<CsgNode>> {
-        Ok(self.child(0, [0; 3], &self.steps, &mut Pruner::default()))
+        Ok(self.child(0, [0; 3], &self.instructions, &mut Pruner::default()))
     }
 
     fn children(&self, node: &CsgNode, children: &mut Children<CsgNode>) -> Result<()> {
@@ -157,7 +163,7 @@ impl Source for CsgTree<'_> {
         let mut pruner = Pruner::default();
         for (number, child) in (0..).zip(children) {
             let position = [0, 1, 2].map(|axis| 2 * block.position[axis] + (number >> axis & 1));
-            *child = self.child(block.level + 1, position, &block.steps, &mut pruner);
+            *child = self.child(block.level + 1, position, &block.instructions, &mut pruner);
         }
         Ok(())
     }

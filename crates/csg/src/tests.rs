@@ -105,7 +105,7 @@ fn cells<S: Source>(tree: &S) -> Vec<u8> {
                 }
             }
             Child::Inner { node, .. } => {
-                assert!(width > 1, "a cell that is no leaf");
+                assert!(width > 1, "a cell that is not a leaf");
                 let mut children = no_children();
                 tree.children(&node, &mut children).unwrap();
                 for (number, child) in children.into_iter().enumerate() {
@@ -120,8 +120,8 @@ fn cells<S: Source>(tree: &S) -> Vec<u8> {
 
 /// Returns a tree over a solid's box.
 fn tree(csg: &Csg, depth: u8, by_area: bool) -> CsgTree<'static> {
-    let placed = csg.placed().unwrap();
-    let [min, max] = placed.bounds;
+    let bounded = csg.bounded().unwrap();
+    let [min, max] = bounded.bounds;
     let longest = (0..3).map(|axis| max[axis] - min[axis]).fold(0.0, f64::max);
     let cell = longest / f64::from(1u32 << depth);
     let frame: [[f64; 4]; 3] = std::array::from_fn(|row| {
@@ -131,8 +131,8 @@ fn tree(csg: &Csg, depth: u8, by_area: bool) -> CsgTree<'static> {
             _ => 0.0,
         })
     });
-    let field = Field::new(&placed, &frame, f64::from(1u32 << depth));
-    CsgTree { field, steps: placed.lowered.steps, depth, by_area, progress: &() }
+    let field = Field::new(&bounded, &frame, f64::from(1u32 << depth));
+    CsgTree { field, instructions: bounded.lowered.instructions, depth, by_area, progress: &() }
 }
 
 #[test]
@@ -147,7 +147,7 @@ fn trees_have_the_cells_that_all_primitives_say() {
         let side = 1usize << depth;
         for (number, value) in cells(&tree).into_iter().enumerate() {
             let at = [number % side, number / side % side, number / side / side];
-            let inside = tree.field.has(&tree.steps, at.map(|at| at as f64 + 0.5));
+            let inside = tree.field.has(&tree.instructions, at.map(|at| at as f64 + 0.5));
             assert_eq!(value, if inside { 255 } else { 0 }, "{at:?} of {side}: {text}");
             kinds[usize::from(inside)] += 1;
         }
@@ -209,7 +209,7 @@ fn expressions_mean_what_they_say() {
 
 #[test]
 fn boxes_hold_solids() {
-    let bounds = |text: &str| parse(text).map(|csg| csg.placed().map(|placed| placed.bounds));
+    let bounds = |text: &str| parse(text).map(|csg| csg.bounded().map(|bounded| bounded.bounds));
     let sure = |text: &str| bounds(text).unwrap().unwrap();
     assert_eq!(sure("ball(1,2,3, 4)"), [[-3.0, -2.0, -1.0], [5.0, 6.0, 7.0]]);
     assert_eq!(sure("difference(block(0,0,0,1,2,3), ball(9,9,9,1))"), [[0.0; 3], [1.0, 2.0, 3.0]]);
@@ -228,7 +228,7 @@ fn error_of(text: &str) -> String {
 }
 
 #[test]
-fn errors_tell_where_and_what() {
+fn errors_report_position_and_expectation() {
     let cases = [
         ("", "line 1, column 1: got the end of the text, expected a solid"),
         ("ball(0,0,0)", "line 1, column 11: got `)`, expected a number: ball(x,y,z, radius)"),
@@ -243,19 +243,22 @@ fn errors_tell_where_and_what() {
         ("let a = a; a", "line 1, column 9: got `a`, expected block"),
         ("let a = union(b, a); a", "line 1, column 15: got `b`"),
         ("let a = ball(0,0,0,1); let a = a; a", "line 1, column 28: got `a`, expected another name"),
-        ("let ball = ball(0,0,0,1);", "line 1, column 5: got `ball`, expected a name that is no word"),
-        ("let a = ball(0,0,0,1)", "got the end of the text, expected `;` behind what `a` is"),
+        ("let ball = ball(0,0,0,1);", "line 1, column 5: got `ball`, expected a name that is not a keyword"),
+        ("let a = ball(0,0,0,1)", "got the end of the text, expected `;` after the definition of `a`"),
         ("union()", "line 1, column 7: got `)`, expected a solid"),
         ("union(1)", "line 1, column 7: got the number 1, expected a solid"),
-        ("union", "line 1, column 6: got the end of the text, expected `(` behind union"),
+        ("union", "line 1, column 6: got the end of the text, expected `(` after union"),
         ("complement(ball(0,0,0,1), ball(1,0,0,1))", "got 2 solids, expected one"),
-        ("scale(0, ball(0,0,0,1))", "got a map that cannot be inverted"),
+        ("scale(0, ball(0,0,0,1))", "got a transform that cannot be inverted"),
         (
             "scale(1e-20, scale(1e-20, ball(0,0,0,1)))",
-            "line 1, column 27: got a primitive that is moved to where",
+            "line 1, column 27: got a primitive whose transformed coordinates",
         ),
-        ("rotate(0,0,0, 45, ball(0,0,0,1))", "got the axis [0.0, 0.0, 0.0], expected a direction"),
-        ("torus(0,0,0, 0,0,1, 1, 2)", "expected a ring that is larger than the tube"),
+        (
+            "rotate(0,0,0, 45, ball(0,0,0,1))",
+            "got the axis [0.0, 0.0, 0.0], expected a vector that is not zero",
+        ),
+        ("torus(0,0,0, 0,0,1, 1, 2)", "expected a ring radius above the tube radius"),
         ("revolve([[-1,0],[1,0],[1,1]])", "got the point [-1, 0], expected distances from the axis"),
         ("prism([[0,0],[1,1]], 0, 1)", "got an outline without an area"),
         (
@@ -265,15 +268,15 @@ fn errors_tell_where_and_what() {
         ("prism([[0,0],1], 0, 1)", "expected numbers, as in [1, 2, 3], or points"),
         ("prism(0, 1)", "got the number 0, expected an outline"),
         ("prism([], 0, 1)", "got nothing in brackets"),
-        ("sweep([[0,0],[1,0],[0,1]], 1,0,0)", "expected a vector that leads out of the outline's plane"),
+        ("sweep([[0,0],[1,0],[0,1]], 1,0,0)", "expected a vector out of the outline's plane"),
         ("block(0,0,0, 1,0,1)", "got a box without a volume"),
         ("unit(yard); ball(0,0,0,1)", "line 1, column 6: got `yard`, expected mm, cm, m, km, in or ft"),
-        ("bounds(0,0,0,1,1,1); bounds(0,0,0,1,1,1); ball(0,0,0,1)", "got bounds once more"),
+        ("bounds(0,0,0,1,1,1); bounds(0,0,0,1,1,1); ball(0,0,0,1)", "got a second `bounds`"),
         ("bounds(0,0,ball(0,0,0,1))", "line 1, column 12: got `ball`, expected a number"),
         ("ball(0,0,0,1) ball(0,0,0,1)", "line 1, column 15: got `ball`, expected `;`"),
         ("ball(0,0,0,1); $", "line 1, column 16: got the character '$'"),
-        ("cylinder(0,0,0, 0,0,0, 1)", "got an axis that leads along [0.0, 0.0, 0.0]"),
-        ("cone(0,0,0,-1, 0,0,1,2)", "got a radius below zero"),
+        ("cylinder(0,0,0, 0,0,0, 1)", "got an axis along [0.0, 0.0, 0.0]"),
+        ("cone(0,0,0,-1, 0,0,1,2)", "got a negative radius"),
     ];
     for (text, expected) in cases {
         let found = error_of(text);
@@ -282,7 +285,7 @@ fn errors_tell_where_and_what() {
 }
 
 #[test]
-fn hostile_texts_are_refused_soon() {
+fn malicious_input_is_rejected_quickly() {
     let many = 1_000_000;
     for text in [
         "[".repeat(many),
@@ -317,12 +320,12 @@ fn hostile_texts_are_refused_soon() {
     let deep = format!("{}ball(0,0,0,1){}", "union(".repeat(4095), ")".repeat(4095));
     assert_eq!(parse(&deep).unwrap().primitives(), 1);
     assert!(parse("\u{feff}ball(0,0,0,1)").is_ok());
-    assert!(error_of(&format!("union({deep})")).contains("4097 calls within each other"));
+    assert!(error_of(&format!("union({deep})")).contains("4097 nested calls"));
 }
 
 /// Invalid input is rejected, and parsing of valid input terminates.
 #[test]
-fn damaged_texts_do_no_harm() {
+fn corrupt_input_does_no_harm() {
     let mut random = Random(3);
     for _ in 0..3000 {
         let mut text = random.solid(3).into_bytes();
@@ -331,15 +334,18 @@ fn damaged_texts_do_no_harm() {
             text[at] = b"()[],;=#/let0.9e-xab "[random.below(21) as usize];
         }
         if let Ok(csg) = parse(std::str::from_utf8(&text).unwrap())
-            && csg.placed().is_ok_and(|placed| placed.bounds.iter().flatten().all(|at| at.abs() < 1e9))
+            && csg.bounded().is_ok_and(|bounded| bounded.bounds.iter().flatten().all(|at| at.abs() < 1e9))
         {
             let tree = tree(&csg, 3, false);
-            let steps = fold(&tree.steps, &mut Vec::new(), |_, _| 1, |_, of| of.iter().sum()).unwrap();
+            let count = fold(&tree.instructions, &mut Vec::new(), |_, _| 1, |_, of| of.iter().sum()).unwrap();
             assert_eq!(
-                steps,
-                tree.steps
+                count,
+                tree.instructions
                     .iter()
-                    .filter(|step| matches!(step, crate::expression::Step::Primitive(..)))
+                    .filter(|instruction| matches!(
+                        instruction,
+                        crate::expression::Instruction::Primitive(..)
+                    ))
                     .count()
             );
             cells(&tree);

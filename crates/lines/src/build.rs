@@ -7,15 +7,15 @@
 use std::path::PathBuf;
 
 use crate::codec::{
-    MAX_FEATURES, MAX_SEGMENTS, MAX_TEXT, MAX_VERTICES, Piece, encode_features, encode_segments, text_bytes,
-    weight,
+    LineSegment, MAX_FEATURES, MAX_SEGMENTS, MAX_TEXT, MAX_VERTICES, encode_features, encode_segments,
+    text_bytes, weight,
 };
 use crate::geometry::bounds_of;
 use crate::grid::LineGrid;
 use crate::source::{LineFeature, LineSource};
 use crate::statistics::Statistics;
 use crate::store::{LineWriter, Summary};
-use spinney_base::io::{Output, Sorter, folder};
+use spinney_base::io::{Output, Sorter, directory_of};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Progress, Result, parallel, sort};
 use spinney_container::Metadata;
@@ -57,60 +57,66 @@ const FEATURE_BYTES: usize = 1 << 20;
 const JOBS: usize = 8;
 const TOGETHER: usize = 1 << 18;
 
-fn to_row(piece: &Piece) -> Vec<u8> {
+fn to_row(segment: &LineSegment) -> Vec<u8> {
     let mut row = Vec::with_capacity(ROW);
-    piece.ends.iter().flatten().for_each(|number| row.extend_from_slice(&number.to_le_bytes()));
-    row.extend_from_slice(&piece.feature.to_le_bytes());
-    row.extend_from_slice(&piece.place.to_le_bytes());
-    row.push(piece.first);
+    segment.ends.iter().flatten().for_each(|number| row.extend_from_slice(&number.to_le_bytes()));
+    row.extend_from_slice(&segment.feature.to_le_bytes());
+    row.extend_from_slice(&segment.vertex.to_le_bytes());
+    row.push(segment.first);
     row
 }
 
-fn from_row(row: &[u8]) -> Piece {
+fn from_row(row: &[u8]) -> LineSegment {
     let four = |at: usize| std::array::from_fn(|byte| row[at + byte]);
     let end = |at: usize| [i32::from_le_bytes(four(at)), i32::from_le_bytes(four(at + 4))];
-    Piece {
+    LineSegment {
         ends: [end(0), end(8)],
         feature: u64::from_le_bytes(std::array::from_fn(|byte| row[16 + byte])),
-        place: u32::from_le_bytes(four(24)),
+        vertex: u32::from_le_bytes(four(24)),
         first: row[28],
     }
 }
 
 /// Segments of a feature's lines with the codes of their nodes, sorted by code; `None` if a vertex
 /// is outside of the grid.
-pub(crate) fn pieces_of(grid: &LineGrid, number: u64, feature: &LineFeature) -> Option<Vec<(Code, Piece)>> {
-    let mut pieces = Vec::new();
-    let mut place = 0;
+pub(crate) fn segments_of(
+    grid: &LineGrid,
+    number: u64,
+    feature: &LineFeature,
+) -> Option<Vec<(Code, LineSegment)>> {
+    let mut segments = Vec::new();
+    let mut vertex = 0;
     for line in &feature.lines {
         for pair in line.windows(2) {
             let ends = [pair[0], pair[1]];
-            pieces.push((grid.code(ends)?, Piece { ends, feature: number, place, first: 0 }));
-            place += 1;
+            segments.push((grid.code(ends)?, LineSegment { ends, feature: number, vertex, first: 0 }));
+            vertex += 1;
         }
-        place += 1;
+        vertex += 1;
     }
-    sort::by_wide_key(&mut pieces, |(code, piece)| u128::from(code.bits()) << 32 | u128::from(piece.place));
+    sort::by_wide_key(&mut segments, |(code, segment)| {
+        u128::from(code.bits()) << 32 | u128::from(segment.vertex)
+    });
     let mut before: Option<Code> = None;
-    for (code, piece) in &mut pieces {
+    for (code, segment) in &mut segments {
         // In this order, the previous segment shares the deepest common ancestor of all earlier
         // ones.
-        piece.first = before.map_or(0, |before| before.common_ancestor(*code).level() + 1);
+        segment.first = before.map_or(0, |before| before.common_ancestor(*code).level() + 1);
         before = Some(*code);
     }
-    Some(pieces)
+    Some(segments)
 }
 
 /// Statistics of the segments of a block, added in their order.
-pub(crate) fn statistics_of(grid: &LineGrid, pieces: &[Piece]) -> Statistics {
+pub(crate) fn statistics_of(grid: &LineGrid, segments: &[LineSegment]) -> Statistics {
     let mut all = Statistics::NONE;
-    for piece in pieces {
+    for segment in segments {
         all.segments += 1;
-        all.length += grid.length(piece.ends);
-        if let Some(firsts) = all.firsts.get_mut(usize::from(piece.first)) {
+        all.length += grid.length(segment.ends);
+        if let Some(firsts) = all.firsts.get_mut(usize::from(segment.first)) {
             *firsts += 1;
         }
-        all.reach(bounds_of(piece.ends));
+        all.reach(bounds_of(segment.ends));
     }
     all
 }
@@ -131,12 +137,12 @@ pub fn build(
     progress: &dyn Progress,
 ) -> Result<LineBuildSummary> {
     if !(1..=MAX_SEGMENTS).contains(&options.leaf_size) {
-        let expected = format!("1 to {MAX_SEGMENTS} pieces of lines");
+        let expected = format!("1 to {MAX_SEGMENTS} segments");
         return Err(Error::invalid("leaf size", options.leaf_size.to_string(), expected));
     }
     let schema = source.schema().clone();
     let grid = LineGrid::around(schema.scale, schema.offset, schema.bounds);
-    let temporary: PathBuf = folder(output.path()).to_path_buf();
+    let temporary: PathBuf = directory_of(output.path()).to_path_buf();
     let mut writer = LineWriter::new(output, &grid, options.memory / 16)?;
     let mut rows = Sorter::new(&temporary, ROW, options.memory / 2);
     let features = read(source, &grid, (&mut writer, &mut rows), progress)?;
@@ -145,9 +151,9 @@ pub fn build(
         Assembler { leaf_size: options.leaf_size, open: Vec::new(), made: Vec::new(), rows: 0 };
     let mut totals = Totals { grid: &grid, writer, open: Vec::new(), closed: Vec::new() };
     rows.finish(&mut |row| {
-        let piece = from_row(row);
-        let code = grid.code(piece.ends).unwrap_or(Code::root(Dimension::Quad));
-        assembler.add(code, piece);
+        let segment = from_row(row);
+        let code = grid.code(segment.ends).unwrap_or(Code::root(Dimension::Quad));
+        assembler.add(code, segment);
         if assembler.rows > TOGETHER {
             progress.check()?;
             progress.advance(assembler.rows as u64, segments);
@@ -193,22 +199,27 @@ fn read(
                     what: format!("feature {}, with {found} {what},", number + 1),
                     needed: bytes * found as u64,
                     limit: bytes * most as u64,
-                    advice: "divide it, or leave it out with --where".into(),
+                    advice: "divide it, or exclude it with --where".into(),
                 });
             }
         }
         if let Some(line) = feature.lines.iter().find(|line| line.len() < 2) {
             let found = format!("a line of {} vertices", line.len());
-            return Err(Error::corrupt(source.path(), format!("feature {}", number + 1), found, "2 or more"));
+            return Err(Error::corrupt(
+                source.path(),
+                format!("feature {}", number + 1),
+                found,
+                "at least 2",
+            ));
         }
-        let Some(pieces) = pieces_of(grid, number, &feature) else {
+        let Some(segments) = segments_of(grid, number, &feature) else {
             let [least, most] = source.schema().bounds;
             let expected = format!("vertices from {least:?} to {most:?} on the grid");
-            let found = "a vertex beyond these bounds";
+            let found = "a vertex outside these bounds";
             return Err(Error::corrupt(source.path(), format!("feature {}", number + 1), found, expected));
         };
-        for (code, piece) in pieces {
-            rows.push(code.bits(), to_row(&piece))?;
+        for (code, segment) in segments {
+            rows.push(code.bits(), to_row(&segment))?;
         }
         let heavy = weight(&feature);
         let last = &blocks[blocks.len() - 1].1;
@@ -231,8 +242,8 @@ fn read(
 }
 
 /// Output of an assembler: blocks of nodes in order, and each node after all blocks of its subtree.
-enum Made {
-    Block(Code, Vec<Piece>),
+enum BuiltItem {
+    Block(Code, Vec<LineSegment>),
     Node(Code),
 }
 
@@ -240,9 +251,9 @@ enum Made {
 struct Open {
     code: Code,
     /// Its own segments that are not in a block yet.
-    own: Vec<Piece>,
+    own: Vec<LineSegment>,
     /// Descendants that may still be merged into it, and their total number of segments.
-    pending: Vec<(Code, Vec<Piece>)>,
+    pending: Vec<(Code, Vec<LineSegment>)>,
     waiting: usize,
     /// Whether it has too many segments for a leaf.
     is_divided: bool,
@@ -259,7 +270,7 @@ struct Open {
 struct Assembler {
     leaf_size: usize,
     open: Vec<Open>,
-    made: Vec<Made>,
+    made: Vec<BuiltItem>,
     /// Segments since the output was last taken.
     rows: usize,
 }
@@ -270,7 +281,7 @@ impl Assembler {
     }
 
     /// Adds a segment of a node. Codes must not decrease.
-    fn add(&mut self, code: Code, piece: Piece) {
+    fn add(&mut self, code: Code, segment: LineSegment) {
         self.rows += 1;
         while self.open.last().is_some_and(|open| !open.code.contains(code)) {
             self.close();
@@ -280,12 +291,12 @@ impl Assembler {
             self.push(code.ancestor(self.open.len() as u8));
         }
         let index = usize::from(code.level());
-        self.open[index].own.push(piece);
+        self.open[index].own.push(segment);
         if self.open[index].own.len() > self.leaf_size {
             self.divide(index);
             let rest = self.open[index].own.split_off(self.leaf_size);
             let block = std::mem::replace(&mut self.open[index].own, rest);
-            self.made.push(Made::Block(code, block));
+            self.made.push(BuiltItem::Block(code, block));
         }
     }
 
@@ -295,9 +306,9 @@ impl Assembler {
         for open in &mut self.open[..=index] {
             open.is_divided = true;
             open.waiting = 0;
-            for (code, pieces) in open.pending.drain(..) {
-                self.made.push(Made::Block(code, pieces));
-                self.made.push(Made::Node(code));
+            for (code, segments) in open.pending.drain(..) {
+                self.made.push(BuiltItem::Block(code, segments));
+                self.made.push(BuiltItem::Node(code));
             }
         }
     }
@@ -311,13 +322,13 @@ impl Assembler {
         let Some(mut open) = self.open.pop() else { return };
         if open.is_divided {
             if !open.own.is_empty() {
-                self.made.push(Made::Block(open.code, open.own));
+                self.made.push(BuiltItem::Block(open.code, open.own));
             }
-            self.made.push(Made::Node(open.code));
+            self.made.push(BuiltItem::Node(open.code));
             return;
         }
-        for (_, pieces) in open.pending {
-            open.own.extend(pieces);
+        for (_, segments) in open.pending {
+            open.own.extend(segments);
         }
         if open.own.is_empty() {
             return;
@@ -331,13 +342,13 @@ impl Assembler {
                 }
             }
             _ => {
-                self.made.push(Made::Block(open.code, open.own));
-                self.made.push(Made::Node(open.code));
+                self.made.push(BuiltItem::Block(open.code, open.own));
+                self.made.push(BuiltItem::Node(open.code));
             }
         }
     }
 
-    fn finish(mut self) -> Vec<Made> {
+    fn finish(mut self) -> Vec<BuiltItem> {
         while !self.open.is_empty() {
             self.close();
         }
@@ -356,25 +367,25 @@ struct Totals<'g> {
 }
 
 impl Totals<'_> {
-    fn take(&mut self, made: Vec<Made>) -> Result<()> {
+    fn take(&mut self, made: Vec<BuiltItem>) -> Result<()> {
         let encoded = parallel::map(&made, |made| match made {
-            Made::Node(_) => (Vec::new(), Statistics::NONE),
-            Made::Block(_, pieces) => {
-                let mut pieces = pieces.clone();
-                let bytes = encode_segments(&mut pieces);
-                (bytes, statistics_of(self.grid, &pieces))
+            BuiltItem::Node(_) => (Vec::new(), Statistics::NONE),
+            BuiltItem::Block(_, segments) => {
+                let mut segments = segments.clone();
+                let bytes = encode_segments(&mut segments);
+                (bytes, statistics_of(self.grid, &segments))
             }
         });
         for (made, (bytes, statistics)) in made.iter().zip(encoded) {
             match made {
-                Made::Block(code, _) => {
+                BuiltItem::Block(code, _) => {
                     self.writer.block(*code, &bytes, &statistics)?;
                     match self.open.iter_mut().find(|(open, _)| open == code) {
                         Some((_, own)) => own.add(&statistics),
                         None => self.open.push((*code, statistics)),
                     }
                 }
-                Made::Node(code) => {
+                BuiltItem::Node(code) => {
                     let own = self.open.iter().position(|(open, _)| open == code);
                     let mut all = own.map_or(Statistics::NONE, |own| self.open.swap_remove(own).1);
                     let first = self.closed.iter().rposition(|(closed, _)| !code.contains(*closed));

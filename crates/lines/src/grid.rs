@@ -1,6 +1,6 @@
 //! Integer grid of vertices, and the quadtree over it.
 
-use crate::geometry::{FRACTION, Place, Segment};
+use crate::geometry::{FRACTION, FixedPosition, Segment};
 use spinney_base::space::{Code, Dimension};
 
 /// Grid of a tree's vertices: world coordinates are integers times `scale`, plus `offset`.
@@ -55,8 +55,8 @@ impl LineGrid {
     }
 
     /// Returns the world coordinates of a grid point.
-    pub fn to_world(&self, place: [i32; 2]) -> [f64; 2] {
-        self.world(place.map(f64::from))
+    pub fn to_world(&self, position: [i32; 2]) -> [f64; 2] {
+        self.world(position.map(f64::from))
     }
 
     /// World coordinates of a position in grid units.
@@ -82,7 +82,7 @@ impl LineGrid {
 
     /// Converts world coordinates to fixed point, rounded to 2^-16 of a grid unit and clamped to
     /// the supported range.
-    pub(crate) fn fixed(&self, world: [f64; 2]) -> Place {
+    pub(crate) fn fixed(&self, world: [f64; 2]) -> FixedPosition {
         std::array::from_fn(|axis| {
             let steps = (world[axis] - self.offset[axis]) / self.scale;
             (steps * FRACTION as f64).round().clamp(-FAR, FAR) as i64

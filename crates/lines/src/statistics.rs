@@ -8,7 +8,7 @@ pub(crate) const LEVELS: usize = 30;
 pub(crate) struct Statistics {
     /// Number of segments.
     pub segments: u64,
-    /// Number of segments by their `first` level, see `Piece::first`.
+    /// Number of segments by their `first` level, see `LineSegment::first`.
     pub firsts: [u64; LEVELS],
     /// Total length.
     pub length: f64,

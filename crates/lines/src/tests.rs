@@ -74,8 +74,8 @@ fn features(count: usize, seed: u64) -> Vec<LineFeature> {
 }
 
 fn bytes_of(features: &[LineFeature], options: &LineBuildOptions) -> Result<(Vec<u8>, LineBuildSummary)> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("l.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("l.goblin");
     let mut source = LinesInMemory::new(attributes(), features.to_vec());
     let built = build(&mut source, options, &Metadata::default(), Output::create(&path)?, &())?;
     Ok((std::fs::read(&path).unwrap(), built))
@@ -92,7 +92,7 @@ fn segments(feature: &LineFeature) -> impl Iterator<Item = [[i32; 2]; 2]> {
 }
 
 #[test]
-fn features_come_back_whole() {
+fn features_are_read_as_written() {
     for (count, leaf_size) in [(0, 10), (1, 1), (7, 1), (500, 1), (500, 40), (9000, 1000), (500, 65_536)] {
         let features = features(count, 3);
         let tree = tree_of(&features, leaf_size);
@@ -123,16 +123,15 @@ fn features_come_back_whole() {
 }
 
 #[test]
-fn windows_have_the_features_that_pass_through() {
+fn windows_contain_the_features_that_intersect_them() {
     let features = features(800, 9);
     let tree = tree_of(&features, 16);
     let mut random = random(4);
-    for question in 0..300 {
-        let mut at = || {
-            random(70_000) as f64 - 22_000.0 + if question % 3 == 0 { 0.0 } else { random(8) as f64 / 8.0 }
-        };
+    for query in 0..300 {
+        let mut at =
+            || random(70_000) as f64 - 22_000.0 + if query % 3 == 0 { 0.0 } else { random(8) as f64 / 8.0 };
         let corner = [at(), at()];
-        let side = [3.0, 100.0, 20_000.0, 0.0, 0.25][question % 5];
+        let side = [3.0, 100.0, 20_000.0, 0.0, 0.25][query % 5];
         let window = [corner, [corner[0] + side, corner[1] + side]];
         let fixed = window.map(|corner| corner.map(|number| (number * FRACTION as f64) as i64));
         let expected = (0..)
@@ -149,13 +148,13 @@ fn windows_have_the_features_that_pass_through() {
 }
 
 #[test]
-fn boxes_are_met_where_a_place_of_the_line_is_inside() {
+fn boxes_intersect_lines_that_have_a_point_inside() {
     // Compared with Liang-Barsky clipping in floating point. For small coordinates, the tolerance
     // is below the gap between touching and missing.
     let mut random = random(8);
     for _ in 0..20_000 {
-        let mut place = || [random(7) as i64, random(7) as i64];
-        let (line, low, high) = ([place(), place()], place(), place());
+        let mut position = || [random(7) as i64, random(7) as i64];
+        let (line, low, high) = ([position(), position()], position(), position());
         let [low, high] = crate::geometry::box_of([low, high]);
         let mut shares = [0f64, 1.0];
         // Range of the line's parameter within the box, by clipping.
@@ -176,42 +175,43 @@ fn boxes_are_met_where_a_place_of_the_line_is_inside() {
 }
 
 #[test]
-fn crossings_are_those_of_all_pieces() {
+fn crossings_equal_those_of_a_full_scan() {
     let features = features(600, 5);
     let tree = tree_of(&features, 8);
     let mut random = random(6);
-    for question in 0..100 {
+    for query in 0..100 {
         let mut at = || random(66_000) as f64 - 20_000.0;
-        let line: Vec<[f64; 2]> = match question {
+        let line: Vec<[f64; 2]> = match query {
             0 => vec![[5.0, -100.0], [5.0, 2000.0]],
             1 => vec![[12_768.0, 0.0], [12_768.0, 0.0]],
             2 => vec![],
-            _ => (0..2 + question % 3).map(|_| [at(), at()]).collect(),
+            _ => (0..2 + query % 3).map(|_| [at(), at()]).collect(),
         };
         let fixed: Vec<[i64; 2]> =
-            line.iter().map(|place| place.map(|number| number as i64 * FRACTION)).collect();
+            line.iter().map(|position| position.map(|number| number as i64 * FRACTION)).collect();
         let mut expected = Vec::new();
-        for (number, piece) in fixed.windows(2).enumerate() {
+        for (number, segment) in fixed.windows(2).enumerate() {
             for (feature, own) in (0u64..).zip(&features) {
-                let mut place = 0u32;
+                let mut vertex = 0u32;
                 for line in &own.lines {
                     for pair in line.windows(2) {
-                        if meet(ends([pair[0], pair[1]]), [piece[0], piece[1]]) {
-                            expected.push((number, feature, place));
+                        if meet(ends([pair[0], pair[1]]), [segment[0], segment[1]]) {
+                            expected.push((number, feature, vertex));
                         }
-                        place += 1;
+                        vertex += 1;
                     }
-                    place += 1;
+                    vertex += 1;
                 }
             }
         }
         let found = tree.crossings(std::slice::from_ref(&line), &()).unwrap();
-        let told: Vec<_> = found.iter().map(|found| (found.piece, found.feature, found.vertex)).collect();
-        assert_eq!(told, expected, "{line:?}");
+        let found_keys: Vec<_> =
+            found.iter().map(|found| (found.segment, found.feature, found.vertex)).collect();
+        assert_eq!(found_keys, expected, "{line:?}");
         // Intersection points are on both lines.
         for crossing in &found {
-            let at = crossing.place.map(|number| (number * FRACTION as f64).round() as i64);
-            let [a, b] = [fixed[crossing.piece], fixed[crossing.piece + 1]];
+            let at = crossing.position.map(|number| (number * FRACTION as f64).round() as i64);
+            let [a, b] = [fixed[crossing.segment], fixed[crossing.segment + 1]];
             assert!(square_distance([a, b], at).sqrt() < 4.0, "{crossing:?}");
             let own = vertices(&features[crossing.feature as usize]);
             let vertex = crossing.vertex as usize;
@@ -225,12 +225,12 @@ fn vertices(feature: &LineFeature) -> Vec<[i32; 2]> {
 }
 
 #[test]
-fn the_nearest_lines_are_those_of_all() {
+fn nearest_lines_equal_those_of_a_full_scan() {
     let features = features(500, 11);
     for leaf_size in [4, 100] {
         let tree = tree_of(&features, leaf_size);
         let mut random = random(12);
-        let places: Vec<[f64; 2]> = (0..400)
+        let positions: Vec<[f64; 2]> = (0..400)
             .map(|number| {
                 let mut at = || random(80_000) as f64 - 30_000.0 + if number % 2 == 0 { 0.5 } else { 0.0 };
                 match number % 4 {
@@ -244,9 +244,9 @@ fn the_nearest_lines_are_those_of_all() {
         for (most, within) in
             [(1, f64::INFINITY), (3, f64::INFINITY), (7, 400.0), (600, f64::INFINITY), (0, 5.0)]
         {
-            let found = tree.nearest(&places, most, within, &()).unwrap();
-            for (place, found) in places.iter().zip(found) {
-                let from = place.map(|number| (number * FRACTION as f64) as i64);
+            let found = tree.nearest(&positions, most, within, &()).unwrap();
+            for (position, found) in positions.iter().zip(found) {
+                let from = position.map(|number| (number * FRACTION as f64) as i64);
                 let mut all: Vec<(f64, u64)> = (0..)
                     .zip(&features)
                     .filter_map(|(number, feature)| {
@@ -257,14 +257,15 @@ fn the_nearest_lines_are_those_of_all() {
                     .collect();
                 all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
                 all.truncate(most);
-                let told: Vec<(f64, u64)> = found.iter().map(|near| (near.distance, near.feature)).collect();
+                let distances: Vec<(f64, u64)> =
+                    found.iter().map(|near| (near.distance, near.feature)).collect();
                 let expected: Vec<(f64, u64)> = all
                     .into_iter()
                     .map(|(square, number)| (square.sqrt() / FRACTION as f64, number))
                     .collect();
-                assert_eq!(told, expected);
+                assert_eq!(distances, expected);
                 for near in found {
-                    let away = (near.place[0] - place[0]).hypot(near.place[1] - place[1]);
+                    let away = (near.position[0] - position[0]).hypot(near.position[1] - position[1]);
                     assert!((away - near.distance).abs() <= 1e-9 * away.max(1.0), "{near:?}");
                 }
             }
@@ -298,14 +299,16 @@ fn equal_lines_are_found_by_their_features() {
         let lines = [vec![], vec![[1.0, 3.0]], vec![[3.0, -1.0], [1.0, 1.0]], vec![[-1.0, 5.0], [1.0, 5.0]]];
         let found = tree.crossings(&lines, &()).unwrap();
         assert_eq!(found.len(), 2001 + 1);
-        assert!(found[..2001].iter().all(|found| (found.line, found.piece, found.place) == (2, 0, [1.0; 2])));
+        assert!(
+            found[..2001].iter().all(|found| (found.line, found.segment, found.position) == (2, 0, [1.0; 2]))
+        );
         assert_eq!((found[2001].line, found[2001].feature, found[2001].vertex), (3, 1000, 1));
         assert!(tree.crossings(&[vec![[f64::NAN; 2]; 2]], &()).is_err());
     }
 }
 
 #[test]
-fn nodes_say_how_much_is_in_them() {
+fn nodes_store_counts_and_lengths() {
     let features = features(700, 21);
     let (bytes, built) =
         bytes_of(&features, &LineBuildOptions { leaf_size: 20, ..LineBuildOptions::default() }).unwrap();
@@ -344,7 +347,7 @@ fn nodes_say_how_much_is_in_them() {
 }
 
 #[test]
-fn the_same_bytes_come_of_little_memory_and_any_threads() {
+fn bytes_do_not_depend_on_memory_and_threads() {
     let features = features(4000, 2);
     let options = LineBuildOptions { leaf_size: 50, ..LineBuildOptions::default() };
     let (expected, _) = bytes_of(&features, &options).unwrap();
@@ -358,32 +361,32 @@ fn the_same_bytes_come_of_little_memory_and_any_threads() {
 }
 
 #[test]
-fn damage_is_told() {
+fn corruption_is_detected() {
     let features = features(300, 2);
     let (bytes, _) =
         bytes_of(&features, &LineBuildOptions { leaf_size: 20, ..LineBuildOptions::default() }).unwrap();
-    let mut told = 0;
-    for place in (0..bytes.len()).step_by(31) {
-        let mut damaged = bytes.clone();
-        damaged[place] ^= 1 << (place % 8);
-        let Ok(tree) = LineTree::from_bytes(damaged) else {
-            told += 1;
+    let mut detected = 0;
+    for offset in (0..bytes.len()).step_by(31) {
+        let mut corrupted = bytes.clone();
+        corrupted[offset] ^= 1 << (offset % 8);
+        let Ok(tree) = LineTree::from_bytes(corrupted) else {
+            detected += 1;
             continue;
         };
         let findings = tree.verify(1 << 20, &()).unwrap();
-        assert!(!findings.is_empty(), "byte {place}");
+        assert!(!findings.is_empty(), "byte {offset}");
         let _ = tree.window([[0.0; 2], [500.0; 2]], &());
         let _ = tree.nearest(&[[0.0; 2]], 1, f64::INFINITY, &());
-        told += 1;
+        detected += 1;
     }
-    assert_eq!(told, bytes.len().div_ceil(31));
+    assert_eq!(detected, bytes.len().div_ceil(31));
     for length in [0, 10, 24, 100, bytes.len() / 2, bytes.len() - 1] {
         assert!(LineTree::from_bytes(bytes[..length].to_vec()).is_err());
     }
 }
 
 #[test]
-fn lines_of_one_vertex_and_beyond_the_bounds_are_refused() {
+fn lines_of_one_vertex_are_refused_and_extreme_lines_are_read() {
     let one = LineFeature { lines: vec![vec![[0, 0]]], values: Vec::new() };
     assert!(
         bytes_of(&[one], &LineBuildOptions::default())
@@ -399,7 +402,7 @@ fn lines_of_one_vertex_and_beyond_the_bounds_are_refused() {
 }
 
 #[test]
-fn values_of_other_kinds_are_told() {
+fn values_of_wrong_types_are_reported() {
     let mut features = features(40, 4);
     features[7].values[1] = LineValue::Text("four".into());
     let findings = tree_of(&features, 10).verify(1 << 20, &()).unwrap();

@@ -110,15 +110,16 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Manifest> {
     struct Mark {
         spinney_manifest: u32,
     }
-    let damaged = |error: serde_json::Error| corrupt(error.to_string(), "the JSON of docs/manifest.md");
-    let version = serde_json::from_slice::<Mark>(bytes).map_err(damaged)?.spinney_manifest;
+    let invalid_json =
+        |error: serde_json::Error| corrupt(error.to_string(), "the fields of docs/format/manifest.md");
+    let version = serde_json::from_slice::<Mark>(bytes).map_err(invalid_json)?.spinney_manifest;
     if version != VERSION {
         let found = format!("{MARK} version {version}");
-        return Err(Error::unsupported(path, found, "read it with a program as new as the manifest"));
+        return Err(Error::unsupported(path, found, "update the program"));
     }
-    let document: Document = serde_json::from_slice(bytes).map_err(damaged)?;
+    let document: Document = serde_json::from_slice(bytes).map_err(invalid_json)?;
     let number = |text: &str| {
-        text.parse::<Number>().map_err(|_| corrupt(format!("the value `{text}`"), "a number, as text"))
+        text.parse::<Number>().map_err(|_| corrupt(format!("the string `{text}`"), "a number as a string"))
     };
     let dimension = Dimension::from_axes(document.axes);
     let dimension = dimension.ok_or_else(|| corrupt(format!("axes {}", document.axes), "2 or 3"))?;
@@ -128,11 +129,11 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Manifest> {
         stride: STRIDE,
         heavy_threshold: HEAVY_THRESHOLD,
     };
-    let told = |error: Error| corrupt(error.to_string(), "a name of docs/manifest.md");
+    let unknown_name = |error: Error| corrupt(error.to_string(), "a name that docs/format/manifest.md lists");
     let header = Header {
         form: TreeType::new(dimension, document.values),
-        rule: document.rule.parse().map_err(told)?,
-        kind: document.kind.parse().map_err(told)?,
+        rule: document.rule.parse().map_err(unknown_name)?,
+        kind: document.kind.parse().map_err(unknown_name)?,
         codec: Codec::Plain,
         shape,
         extent: document.extent,
@@ -140,7 +141,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Manifest> {
     // Validate like the header of a tree file.
     let header = match document.values.is_supported() {
         true => Header::from_bytes(path, "manifest", &header.to_bytes(), (dimension, dimension.max_depth()))?,
-        false => return Err(corrupt(format!("values {}", document.values), "those of a tree")),
+        false => return Err(corrupt(format!("value type {}", document.values), "a value type of trees")),
     };
     let class_names = document.class_names.into_iter().map(|(at, name)| Ok((number(&at)?, name)));
     let metadata = Metadata {
@@ -167,7 +168,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Manifest> {
     let entries = entries.collect::<Result<Vec<ListedFile>>>()?;
     let mut names = HashSet::with_capacity(entries.len());
     if let Some(twice) = entries.iter().find(|entry| !names.insert((&entry.path, &entry.layer))) {
-        return Err(corrupt(format!("{} twice", twice.path), "each file once"));
+        return Err(corrupt(format!("{} twice", twice.path), "each file and layer once"));
     }
     Ok(Manifest { header, metadata, entries })
 }
@@ -181,12 +182,15 @@ fn entry(path: &Path, header: &Header, file: FileDocument) -> Result<ListedFile>
     for (axis, last) in max.iter_mut().enumerate() {
         let (at, size, extent) = (file.at[axis], file.size[axis], header.extent[axis]);
         *last = at.checked_add(size).filter(|end| size > 0 && *end <= extent).ok_or_else(|| {
-            corrupt(format!("{size} cells from {at}"), format!("cells of the {extent} along axis {axis}"))
+            corrupt(
+                format!("{size} cells from {at} along axis {axis}"),
+                format!("at least 1, within {extent}"),
+            )
         })?;
         let fits = axis >= header.form.axes() || file.depth < 32 && size <= 1 << file.depth;
         if !fits || file.depth > header.form.dimension.max_depth() {
             let found = format!("{size} cells in a tree of depth {}", file.depth);
-            return Err(corrupt(found, "a tree that has them".into()));
+            return Err(corrupt(found, "a deeper tree".into()));
         }
     }
     let checksum = u32::from_str_radix(&file.tag, 16)

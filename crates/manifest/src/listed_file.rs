@@ -60,11 +60,11 @@ impl ListedFile {
         };
         // A remote manifest is untrusted and must not select local files.
         if own.is_absolute() || self.path.starts_with("file:") {
-            let found = format!("the file {}, which is none of its server,", self.path);
-            return Err(Error::unsupported(manifest, found, "name files beside it, or URLs"));
+            let found = format!("the local file {} in a remote manifest", self.path);
+            return Err(Error::unsupported(manifest, found, "list paths relative to the manifest, or URLs"));
         }
-        let (place, query) = spinney_base::io::split_query(url);
-        let folder = place.rsplit_once('/').map_or(place, |(folder, _)| folder);
-        Ok(format!("{folder}/{}{query}", self.path).into())
+        let (url_path, query) = spinney_base::io::split_query(url);
+        let directory = url_path.rsplit_once('/').map_or(url_path, |(directory, _)| directory);
+        Ok(format!("{directory}/{}{query}", self.path).into())
     }
 }

@@ -111,8 +111,8 @@ impl Manifest {
         change: &mut dyn FnMut(Option<Manifest>) -> Result<Manifest>,
     ) -> Result<Manifest> {
         if url_of(path).is_some() {
-            let advice = "change a copy on this machine, and put that there";
-            return Err(Error::unsupported(path, "changing a manifest elsewhere", advice));
+            let advice = "change a local copy, and upload it";
+            return Err(Error::unsupported(path, "changing a remote manifest", advice));
         }
         let mut name = path.file_name().unwrap_or_default().to_os_string();
         name.push(".lock");
@@ -130,7 +130,7 @@ impl Manifest {
     fn fitted(mut self, path: &Path) -> Result<Manifest> {
         let boxes = self.entries.iter().map(|entry| entry.bounds);
         let Some(hull) = boxes.reduce(|all, bounds| all.hull(&bounds)) else {
-            let advice = "a manifest has one file at least";
+            let advice = "a manifest needs at least one file";
             return Err(Error::unsupported(path, "a manifest without files", advice));
         };
         let moved = |at: [u64; 3]| std::array::from_fn(|axis| at[axis] - hull.min[axis]);
@@ -140,11 +140,11 @@ impl Manifest {
         self.metadata.frame = moved_frame(&self.metadata.frame, hull.min.map(|cell| cell as f64));
         self.header.extent = hull.size();
         let longest = self.header.extent.into_iter().max().unwrap_or(1);
-        let (depth, most) =
+        let (depth, max_depth) =
             (longest.next_power_of_two().ilog2() as u8, self.header.form.dimension.max_depth());
-        if depth > most {
-            let expected = format!("at most {} along each axis", 1u64 << most);
-            return Err(Error::invalid("space of all files", format!("{longest} cells"), expected));
+        if depth > max_depth {
+            let expected = format!("at most {} cells along each axis", 1u64 << max_depth);
+            return Err(Error::invalid("bounding box of all files", format!("{longest} cells"), expected));
         }
         self.header.shape.depth = depth;
         Ok(self)

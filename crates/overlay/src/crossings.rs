@@ -3,7 +3,7 @@
 use crate::chords::alternating_pairs;
 use crate::edges::Edge;
 use crate::exact::{Cell, Point, crossing_cell, do_cross};
-use crate::room::{Room, SQUARES_BETWEEN_LOOKS};
+use crate::memory_limit::{MemoryLimit, SQUARES_PER_CHECK};
 use spinney_base::Result;
 
 /// Up to this number of edges, all pairs are tested.
@@ -97,32 +97,37 @@ impl Square {
 ///
 /// # Errors
 /// If they exceed the memory limit; on cancellation.
-pub(crate) fn crossings(edges: &[Edge<Point>], square: Square, room: &Room<'_>) -> Result<Vec<Cell>> {
+pub(crate) fn crossings(
+    edges: &[Edge<Point>],
+    square: Square,
+    memory_limit: &MemoryLimit<'_>,
+) -> Result<Vec<Cell>> {
     let mut stack: Vec<u32> = (0..edges.len() as u32).collect();
-    let mut walk = Walk { edges, found: Vec::new(), most: 1 << 16, squares: 0, room };
-    walk.square(square, &mut stack, 0)?;
-    walk.unite();
-    room.check(walk.found.len())?;
-    Ok(walk.found)
+    let mut search =
+        CrossingSearch { edges, found: Vec::new(), max_found: 1 << 16, squares: 0, memory_limit };
+    search.square(square, &mut stack, 0)?;
+    search.unite();
+    memory_limit.check(search.found.len())?;
+    Ok(search.found)
 }
 
-struct Walk<'a> {
+struct CrossingSearch<'a> {
     edges: &'a [Edge<Point>],
     /// Cells, possibly with duplicates.
     found: Vec<Cell>,
     /// Cell count above which duplicates are removed.
-    most: usize,
+    max_found: usize,
     squares: u64,
-    room: &'a Room<'a>,
+    memory_limit: &'a MemoryLimit<'a>,
 }
 
-impl Walk<'_> {
+impl CrossingSearch<'_> {
     /// Searches a square for crossings of the edges in `stack[from..]`, which it removes from the
     /// stack.
     fn square(&mut self, square: Square, stack: &mut Vec<u32>, from: usize) -> Result<()> {
         self.squares += 1;
-        if self.squares.is_multiple_of(SQUARES_BETWEEN_LOOKS) {
-            self.room.check(0)?;
+        if self.squares.is_multiple_of(SQUARES_PER_CHECK) {
+            self.memory_limit.check(0)?;
         }
         let count = stack.len() - from;
         if count <= FEW {
@@ -131,17 +136,17 @@ impl Walk<'_> {
             // With many edges in one cell, the cell snaps them all, wherever in it they cross.
             self.found.push(square.first);
         } else {
-            let ends = |place: usize| self.edges[stack[place] as usize].ends;
-            if !(from..stack.len()).any(|place| square.has_end(ends(place))) {
+            let ends = |position: usize| self.edges[stack[position] as usize].ends;
+            if !(from..stack.len()).any(|position| square.has_end(ends(position))) {
                 self.chords(&square, &stack[from..])?;
             } else {
                 let quarters: Vec<u8> =
-                    (from..stack.len()).map(|place| square.quarters_of(ends(place))).collect();
+                    (from..stack.len()).map(|position| square.quarters_of(ends(position))).collect();
                 for index in 0..4 {
                     let until = stack.len();
-                    for (place, own) in (from..).zip(&quarters) {
+                    for (position, own) in (from..).zip(&quarters) {
                         if own >> index & 1 == 1 {
-                            stack.push(stack[place]);
+                            stack.push(stack[position]);
                         }
                     }
                     self.square(square.quarter(index), stack, until)?;
@@ -182,11 +187,11 @@ impl Walk<'_> {
             || other[0][1].max(other[1][1]) < one[0][1].min(one[1][1]);
         if !is_apart && do_cross(one, other) {
             self.found.push(crossing_cell(one, other));
-            if self.found.len() > self.most {
+            if self.found.len() > self.max_found {
                 self.unite();
-                self.room.check(self.found.len())?;
+                self.memory_limit.check(self.found.len())?;
                 // (The limit doubles, so that duplicates are removed rarely.)
-                self.most = self.most.max(2 * self.found.len());
+                self.max_found = self.max_found.max(2 * self.found.len());
             }
         }
         Ok(())

@@ -20,17 +20,17 @@ pub struct OverlayGrid {
 }
 
 impl OverlayGrid {
-    /// Returns the grid for coordinates of a magnitude up to `greatest`. The cell width is the
-    /// power of two above `greatest`, divided by 2^42: below a micrometre at the scale of a country
-    /// in metres.
-    pub fn for_coordinates(greatest: f64) -> OverlayGrid {
-        OverlayGrid::with_bits(greatest, BITS)
+    /// Returns the grid for coordinates of a magnitude up to `max_coordinate`. The cell width is
+    /// the power of two above `max_coordinate`, divided by 2^42: below a micrometre at the scale of
+    /// a country in metres.
+    pub fn for_coordinates(max_coordinate: f64) -> OverlayGrid {
+        OverlayGrid::with_bits(max_coordinate, BITS)
     }
 
-    /// Returns the grid for coordinates of a magnitude up to `greatest`. The cell width is the
-    /// power of two above `greatest`, divided by `2^bits`.
-    pub(crate) fn with_bits(greatest: f64, bits: i32) -> OverlayGrid {
-        let exponent = exponent_of(greatest.abs().max(f64::MIN_POSITIVE)) + 1 - bits;
+    /// Returns the grid for coordinates of a magnitude up to `max_coordinate`. The cell width is
+    /// the power of two above `max_coordinate`, divided by `2^bits`.
+    pub(crate) fn with_bits(max_coordinate: f64, bits: i32) -> OverlayGrid {
+        let exponent = exponent_of(max_coordinate.abs().max(f64::MIN_POSITIVE)) + 1 - bits;
         OverlayGrid { exponent: exponent.max(-900) }
     }
 
@@ -40,7 +40,11 @@ impl OverlayGrid {
     /// If `width` is not between 1e-120 and 1e120.
     pub fn of_cells(width: f64) -> Result<OverlayGrid> {
         if !WIDTHS.contains(&width) {
-            return Err(Error::invalid("width of cells to snap to", width.to_string(), "a positive number"));
+            return Err(Error::invalid(
+                "cell width of the overlay grid",
+                width.to_string(),
+                "1e-120 to 1e120",
+            ));
         }
         Ok(OverlayGrid { exponent: exponent_of(width) })
     }

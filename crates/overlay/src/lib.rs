@@ -24,16 +24,16 @@ mod crossings;
 mod edges;
 mod exact;
 mod grid;
+mod memory_limit;
 mod overlay;
 mod passages;
 mod polygon;
 mod rings;
-mod room;
 mod sets;
 mod sweep;
 #[cfg(test)]
 mod tests;
 
 pub use grid::OverlayGrid;
-pub use overlay::{OverlayPart, OverlaySummary, PolygonOverlay};
+pub use overlay::{OverlayRegion, OverlaySummary, PolygonOverlay};
 pub use polygon::{Crossings, FULL_SHARE, OrientedRings, Polygon, oriented_rings};

@@ -7,11 +7,12 @@ use crate::crossings::{Square, crossings};
 use crate::edges::{Edge, PartLists, unite, unite_cells};
 use crate::exact::{Cell, Point};
 use crate::grid::{OverlayGrid, cell_of};
+use crate::memory_limit::MemoryLimit;
 use crate::passages::passages;
 use crate::rings::polygons;
-use crate::room::Room;
 use crate::sets::PartSets;
 use crate::sweep::sweep;
+use spinney_base::io::shown;
 use spinney_base::{Error, Progress, Result};
 
 /// An overlay of polygons. Each polygon belongs to a source, a number chosen by the caller.
@@ -34,7 +35,7 @@ pub struct PolygonOverlay {
 
 /// The region of all points whose sources map to the same key.
 #[derive(Clone, Debug, PartialEq)]
-pub struct OverlayPart {
+pub struct OverlayRegion {
     /// The key that the caller assigned to the sources.
     pub key: Vec<u32>,
     /// Polygons of the region: an outer ring, counterclockwise, followed by holes, clockwise. Rings
@@ -91,8 +92,8 @@ impl PolygonOverlay {
         let in_cells = |point: [f64; 2]| match point.map(|at| grid.in_cells(at)) {
             [Some(x), Some(y)] => Ok([x, y]),
             _ => {
-                let advice = "coordinates of fewer cells of the grid: choose wider ones";
-                Err(Error::corrupt(path, "a corner", format!("{point:?}"), advice))
+                let expected = "coordinates within the overlay grid; choose a larger --snap";
+                Err(Error::invalid(format!("{}: a vertex", shown(path)), format!("{point:?}"), expected))
             }
         };
         for ring in rings {
@@ -111,7 +112,7 @@ impl PolygonOverlay {
             }
         }
         let edges = self.edges.len() as u64;
-        Room { path, memory: self.memory, edges, progress: &() }.check(0)
+        MemoryLimit { path, memory: self.memory, edges, progress: &() }.check(0)
     }
 
     /// Yields the requested regions. `key_of` receives the sources that cover a point, in ascending
@@ -120,15 +121,15 @@ impl PolygonOverlay {
     ///
     /// # Errors
     /// Those of `take`; if crossings exceed the memory limit; on cancellation.
-    pub fn parts(
+    pub fn regions(
         self,
         key_of: &mut dyn FnMut(&[u32]) -> Option<Vec<u32>>,
         progress: &dyn Progress,
-        take: &mut dyn FnMut(OverlayPart) -> Result<()>,
+        take: &mut dyn FnMut(OverlayRegion) -> Result<()>,
     ) -> Result<OverlaySummary> {
         let PolygonOverlay { grid, memory, path, edges, mut lists, sources, repeated } = self;
         let edges = unite(edges, &mut lists);
-        let room = Room { path: &path, memory, edges: edges.len() as u64, progress };
+        let memory_limit = MemoryLimit { path: &path, memory, edges: edges.len() as u64, progress };
         let lengths = edges.iter().map(|edge| {
             let [[x, y], [next_x, next_y]] = edge.ends;
             (next_x - x).hypot(next_y - y)
@@ -142,7 +143,7 @@ impl PolygonOverlay {
             crossings: 0,
         };
         progress.check()?;
-        let edges = snapped(edges, &mut lists, &mut summary, &room)?;
+        let edges = snapped(edges, &mut lists, &mut summary, &memory_limit)?;
         // Key number of each set of polygons: 0 for sets that are not requested.
         let mut keys: Vec<Vec<u32>> = Vec::new();
         let mut numbers: HashMap<Vec<u32>, u32> = HashMap::new();
@@ -191,7 +192,7 @@ impl PolygonOverlay {
                 let point = |cell: &Cell| cell.map(|at| grid.coordinate(at));
                 polygon.iter().map(|ring| ring.iter().map(point).collect()).collect()
             });
-            take(OverlayPart {
+            take(OverlayRegion {
                 key: key.to_vec(),
                 polygons: polygons.collect(),
                 area: area as f64 / 2.0 * grid.width() * grid.width(),
@@ -207,7 +208,7 @@ fn snapped(
     edges: Vec<Edge<Point>>,
     lists: &mut PartLists,
     summary: &mut OverlaySummary,
-    room: &Room<'_>,
+    memory_limit: &MemoryLimit<'_>,
 ) -> Result<Vec<Edge<Cell>>> {
     let ends = |edge: &Edge<Point>| edge.ends.map(|end| end.map(cell_of));
     let mut cells: Vec<Cell> = edges.iter().flat_map(ends).collect();
@@ -217,7 +218,7 @@ fn snapped(
     };
     let high = cells.iter().fold(low, |one, other| [one[0].max(other[0]), one[1].max(other[1])]);
     let square = Square::around(low, high);
-    let mut crossed = crossings(&edges, square, room)?;
+    let mut crossed = crossings(&edges, square, memory_limit)?;
     summary.crossings = crossed.len() as u64;
     cells.append(&mut crossed);
     cells.sort_unstable();
@@ -226,7 +227,7 @@ fn snapped(
     // edge is routed through the centres of all of these cells that it passes, in its order. Moving
     // all points of such a cell to its centre at once moves no edge across a centre. So no two
     // chains cross, though they may come to overlap.
-    let passages = passages(&edges, &mut cells, square, room)?;
+    let passages = passages(&edges, &mut cells, square, memory_limit)?;
     let mut made = Vec::with_capacity(edges.len() + passages.len());
     let mut passages = passages.into_iter().peekable();
     for (number, edge) in edges.iter().enumerate() {

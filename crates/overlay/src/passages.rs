@@ -4,7 +4,7 @@ use crate::crossings::Square;
 use crate::edges::Edge;
 use crate::exact::{Cell, Point, passes};
 use crate::grid::cell_of;
-use crate::room::{Room, SQUARES_BETWEEN_LOOKS};
+use crate::memory_limit::{MemoryLimit, SQUARES_PER_CHECK};
 use spinney_base::Result;
 
 /// Up to this number of cells, all are tested against all edges of their square.
@@ -27,23 +27,23 @@ pub(crate) fn passages(
     edges: &[Edge<Point>],
     cells: &mut [Cell],
     square: Square,
-    room: &Room<'_>,
+    memory_limit: &MemoryLimit<'_>,
 ) -> Result<Vec<Passage>> {
     let mut stack: Vec<u32> = (0..edges.len() as u32).collect();
-    let mut walk = Walk { edges, found: Vec::new(), squares: 0, room };
-    walk.square(square, &mut stack, 0, cells)?;
-    walk.found.sort_unstable();
-    Ok(walk.found)
+    let mut search = PassageSearch { edges, found: Vec::new(), squares: 0, memory_limit };
+    search.square(square, &mut stack, 0, cells)?;
+    search.found.sort_unstable();
+    Ok(search.found)
 }
 
-struct Walk<'a> {
+struct PassageSearch<'a> {
     edges: &'a [Edge<Point>],
     found: Vec<Passage>,
     squares: u64,
-    room: &'a Room<'a>,
+    memory_limit: &'a MemoryLimit<'a>,
 }
 
-impl Walk<'_> {
+impl PassageSearch<'_> {
     /// Searches a square for passages through its cells by the edges in `stack[from..]`, which it
     /// removes from the stack. Each cell is in exactly one square.
     fn square(
@@ -54,8 +54,8 @@ impl Walk<'_> {
         cells: &mut [Cell],
     ) -> Result<()> {
         self.squares += 1;
-        if self.squares.is_multiple_of(SQUARES_BETWEEN_LOOKS) {
-            self.room.check(self.found.len())?;
+        if self.squares.is_multiple_of(SQUARES_PER_CHECK) {
+            self.memory_limit.check(self.found.len())?;
         }
         if stack.len() == from || cells.is_empty() {
             // There are no passages.

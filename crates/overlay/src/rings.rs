@@ -33,10 +33,10 @@ pub(crate) fn polygons(
     sides.sort_unstable_by_key(|side| (side.face, side.from, side.to));
     let mut is_used = vec![false; sides.len()];
     let mut polygons: BTreeMap<u32, Rings> = BTreeMap::new();
-    let mut walk = Walk { sides: &sides, ring: Vec::new(), places: BTreeMap::new() };
+    let mut tracer = RingTracer { sides: &sides, ring: Vec::new(), indices: BTreeMap::new() };
     for first in 0..sides.len() {
         if !is_used[first] {
-            walk.around(first, &mut is_used, polygons.entry(sides[first].face).or_default());
+            tracer.around(first, &mut is_used, polygons.entry(sides[first].face).or_default());
         }
     }
     for rings in polygons.values_mut() {
@@ -46,27 +46,27 @@ pub(crate) fn polygons(
     polygons
 }
 
-struct Walk<'a> {
+struct RingTracer<'a> {
     sides: &'a [Side],
     /// Vertices since the first one, and their indices, which detect where a ring touches itself.
     ring: Vec<Cell>,
-    places: BTreeMap<Cell, usize>,
+    indices: BTreeMap<Cell, usize>,
 }
 
-impl Walk<'_> {
+impl RingTracer<'_> {
     /// Follows a face's border from an edge on. Makes one ring of it, or several if it touches
     /// itself.
     fn around(&mut self, first: usize, is_used: &mut [bool], rings: &mut Rings) {
         self.ring.clear();
-        self.places.clear();
+        self.indices.clear();
         let mut side = first;
         loop {
             is_used[side] = true;
             let corner = self.sides[side].from;
-            if let Some(place) = self.places.get(&corner).copied() {
-                self.close(place, rings);
+            if let Some(index) = self.indices.get(&corner).copied() {
+                self.close(index, rings);
             } else {
-                self.places.insert(corner, self.ring.len());
+                self.indices.insert(corner, self.ring.len());
                 self.ring.push(corner);
             }
             side = self.next(side);
@@ -78,15 +78,15 @@ impl Walk<'_> {
     }
 
     /// Makes a ring of the vertices since an index. The first of them stays in the border.
-    fn close(&mut self, place: usize, rings: &mut Rings) {
-        let mut ring = self.ring.split_off(place);
+    fn close(&mut self, index: usize, rings: &mut Rings) {
+        let mut ring = self.ring.split_off(index);
         for corner in &ring {
-            self.places.remove(corner);
+            self.indices.remove(corner);
         }
-        self.places.insert(ring[0], place);
+        self.indices.insert(ring[0], index);
         self.ring.push(ring[0]);
         // The ring starts with its leftmost vertex, whichever edge came first.
-        let least = (0..ring.len()).min_by_key(|place| ring[*place]).unwrap_or(0);
+        let least = (0..ring.len()).min_by_key(|index| ring[*index]).unwrap_or(0);
         ring.rotate_left(least);
         ring.push(ring[0]);
         rings.push(ring);

@@ -61,7 +61,7 @@ impl Eq for Active {}
 pub(crate) type Sides = [u32; 2];
 
 /// Number of points between two checks for cancellation.
-const POINTS_BETWEEN_LOOKS: u64 = 1 << 16;
+const POINTS_PER_CHECK: u64 = 1 << 16;
 
 /// Sets and faces at the sides of all edges.
 pub(crate) struct Swept {
@@ -100,7 +100,7 @@ pub(crate) fn sweep(
     let mut points = 0u64;
     while next_end < ending.len() {
         points += 1;
-        if points.is_multiple_of(POINTS_BETWEEN_LOOKS) {
+        if points.is_multiple_of(POINTS_PER_CHECK) {
             progress.check()?;
         }
         let end_point = edges[ending[next_end] as usize].ends[1];
@@ -170,7 +170,7 @@ pub(crate) fn sweep(
                     active.range((std::ops::Bound::Excluded(*last), std::ops::Bound::Unbounded)).next();
                 set == upper.map_or(0, |upper| sides[upper.number as usize][0])
             }),
-            "what is above the edges that begin in a point is what is below the next edge"
+            "the set above the edges that begin at a point is the set below the next edge"
         );
     }
     let faces = (0..2 * edges.len() as u32).map(|side| faces.root(side)).collect();

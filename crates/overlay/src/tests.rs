@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::edges::{Edge, PartLists, unite};
 use crate::exact::{Cell, crossing_cell, do_cross, passes, turn};
-use crate::{OverlayGrid, OverlayPart, PolygonOverlay};
+use crate::{OverlayGrid, OverlayRegion, PolygonOverlay};
 
 /// Pseudorandom numbers from a seed (SplitMix64).
 struct Random(u64);
@@ -30,13 +30,13 @@ impl Random {
 
 type Polygon = Vec<Vec<[f64; 2]>>;
 
-fn parts(grid: OverlayGrid, polygons: &[(u32, Polygon)]) -> (Vec<OverlayPart>, f64) {
+fn parts(grid: OverlayGrid, polygons: &[(u32, Polygon)]) -> (Vec<OverlayRegion>, f64) {
     let mut overlay = PolygonOverlay::new(grid, 1 << 30);
     for (source, rings) in polygons {
         overlay.add(Path::new("test"), *source, rings).unwrap();
     }
     let mut found = Vec::new();
-    let summary = overlay.parts(&mut |own| Some(own.to_vec()), &(), &mut |part| {
+    let summary = overlay.regions(&mut |own| Some(own.to_vec()), &(), &mut |part| {
         found.push(part);
         Ok(())
     });
@@ -68,7 +68,7 @@ fn square(west: f64, south: f64, side: f64) -> Vec<[f64; 2]> {
 }
 
 #[test]
-fn two_squares_have_three_parts() {
+fn two_overlapping_squares_have_three_regions() {
     let polygons = [(0, vec![square(0.0, 0.0, 2.0)]), (1, vec![square(1.0, 1.0, 2.0)])];
     let (found, _) = parts(OverlayGrid::of_cells(0.001).unwrap(), &polygons);
     let areas: Vec<_> = found.iter().map(|part| (part.key.clone(), part.area)).collect();
@@ -78,7 +78,7 @@ fn two_squares_have_three_parts() {
 }
 
 #[test]
-fn holes_belong_to_the_polygon_around_them_also_where_they_touch_it() {
+fn holes_belong_to_the_enclosing_polygon_even_if_they_touch_it() {
     let hole = vec![[0.0, 1.0], [1.0, 0.5], [1.0, 1.5]];
     let polygons = [(7, vec![square(0.0, 0.0, 4.0), hole, square(2.0, 2.0, 1.0)])];
     let (found, _) = parts(OverlayGrid::of_cells(0.5).unwrap(), &polygons);
@@ -89,7 +89,7 @@ fn holes_belong_to_the_polygon_around_them_also_where_they_touch_it() {
 }
 
 #[test]
-fn what_touches_in_a_point_is_two_polygons_and_what_lies_in_a_hole_another() {
+fn regions_that_touch_in_a_point_and_islands_in_holes_are_separate_polygons() {
     let polygons = [
         (0, vec![square(0.0, 0.0, 1.0)]),
         (0, vec![square(1.0, 1.0, 1.0)]),
@@ -103,7 +103,7 @@ fn what_touches_in_a_point_is_two_polygons_and_what_lies_in_a_hole_another() {
 
 /// Polygons that cross themselves and each other, with coordinates of few and of many digits.
 #[test]
-fn places_are_in_the_sources_that_they_are_in() {
+fn regions_cover_the_points_of_their_sources() {
     let mut random = Random(1);
     for round in 0..300u64 {
         let span = [8.0, 100.0, 1e7][round as usize % 3];
@@ -165,7 +165,7 @@ fn places_are_in_the_sources_that_they_are_in() {
 
 /// Checks that edges neither cross nor overlap, that rings are oriented correctly, and that areas
 /// match.
-fn check_rings(found: &[OverlayPart], grid: OverlayGrid) {
+fn check_rings(found: &[OverlayRegion], grid: OverlayGrid) {
     let cell = |point: [f64; 2]| -> Cell { point.map(|at| (at / grid.width()).round() as i64) };
     let mut edges: Vec<[Cell; 2]> = Vec::new();
     for part in found {
@@ -274,7 +274,7 @@ fn passages_of_cells_are_those_of_clipped_edges() {
 }
 
 #[test]
-fn edges_that_a_part_has_twice_are_none() {
+fn edges_that_occur_twice_in_a_polygon_cancel_out() {
     let mut lists = PartLists::default();
     let (one, two) = (lists.number(&[1]), lists.number(&[2]));
     let ends = [[0.0, 0.0], [1.0, 1.0]];
@@ -287,7 +287,7 @@ fn edges_that_a_part_has_twice_are_none() {
 
 /// Polygons of which many edges meet in a point, nearly overlap, or cross all others.
 #[test]
-fn dense_edges_come_to_an_end() {
+fn dense_edges_are_overlaid_in_bounded_time() {
     let mut random = Random(4);
     // Thin triangles with a common vertex: a star.
     let star: Vec<(u32, Polygon)> = (0..2000u32)
@@ -358,7 +358,7 @@ fn coordinates_of_all_sizes_have_grids() {
 }
 
 #[test]
-fn more_crossings_than_memory_are_refused() {
+fn crossings_beyond_the_memory_limit_are_rejected() {
     let mut overlay = PolygonOverlay::new(OverlayGrid::for_coordinates(1e4), 4 << 20);
     for number in 0..1000 {
         let at = f64::from(number) * 10.0;
@@ -369,6 +369,6 @@ fn more_crossings_than_memory_are_refused() {
             .add(Path::new("across"), 1, &[vec![[0.0, at], [1e4, at], [1e4, at + 5.0], [0.0, at + 5.0]]])
             .unwrap();
     }
-    let error = overlay.parts(&mut |own| Some(own.to_vec()), &(), &mut |_| Ok(())).unwrap_err();
+    let error = overlay.regions(&mut |own| Some(own.to_vec()), &(), &mut |_| Ok(())).unwrap_err();
     assert!(matches!(error, spinney_base::Error::TooLarge { .. }), "{error}");
 }

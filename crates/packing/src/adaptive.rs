@@ -12,7 +12,7 @@ pub(crate) struct Adaptive {
 /// After this many bits, each further bit has the same weight.
 const MAX_SEEN: u16 = 127;
 /// Minimum distance of a probability from 0 and 1, in units of 2^-16.
-const LEAST: u16 = 32;
+const MIN_BIT: u16 = 32;
 
 /// Fraction by which a probability moves towards the bit seen, by the number of bits seen before: 2
 /// / (2n + 3), in units of 2^-16.
@@ -36,11 +36,11 @@ impl Adaptive {
     /// Moves the probability towards the bit seen.
     #[inline(always)]
     pub(crate) fn update(&mut self, bit: bool) {
-        // Invariant: `set` stays between LEAST and 2^16 - 1 - LEAST, as it never moves farther than
-        // the distance to either bound. So neither bit's range is ever empty, and both fit into 16
-        // bits.
+        // Invariant: `set` stays between MIN_BIT and 2^16 - 1 - MIN_BIT, as it never moves farther
+        // than the distance to either bound. So neither bit's range is ever empty, and both fit
+        // into 16 bits.
         let step = STEPS[usize::from(self.seen) & MAX_SEEN as usize];
-        let gap = if bit { u32::from(u16::MAX - LEAST - self.set) } else { u32::from(self.set - LEAST) };
+        let gap = if bit { u32::from(u16::MAX - MIN_BIT - self.set) } else { u32::from(self.set - MIN_BIT) };
         let change = ((gap * step) >> 16) as u16;
         self.set = if bit { self.set + change } else { self.set - change };
         self.seen += u16::from(self.seen < MAX_SEEN);

@@ -10,12 +10,12 @@ use crate::groups::Group;
 use crate::lanes::Lane;
 use crate::nodes::Dense;
 use crate::plain::write_dense_head;
-use crate::planes::{ChannelForm, GroupNumbers, GroupShape, Pending, Scratch, decode, encode};
+use crate::planes::{ChannelForm, GroupNumbers, GroupShape, PendingStates, Scratch, decode, encode};
 use crate::samples::{Numbering, is_narrow, read_float};
 use crate::symbols::{HeaderReader, HeaderWriter, SymbolReader, SymbolWriter};
 
 /// Returns the channels in coding order, and for each the channel that it is coded as the
-/// difference from.
+/// difference from. Only samples of at most 16 bits are coded as differences.
 pub(crate) fn channel_order(form: TreeType) -> &'static [(usize, Option<usize>)] {
     const PLAIN: [(usize, Option<usize>); 4] = [(0, None), (1, None), (2, None), (3, None)];
     // Red and blue are similar to green.
@@ -64,7 +64,9 @@ impl NumberBlock {
     }
 }
 
-/// Copies the values of dense blocks between records. VOID nodes get zeros.
+/// Copies the values of dense blocks between records. VOID nodes get zeros, and heads are written
+/// as a reader writes them. Nothing is coded or decoded: it lets a writer compare all else with
+/// what a reader will find.
 pub(crate) fn copy_values(
     form: TreeType,
     (blocks, groups): (&[NumberBlock], &[Group]),
@@ -120,7 +122,7 @@ pub(crate) fn pack_blocks(
 ) -> (Vec<u8>, Vec<u8>) {
     let common = BlockForm::new(form, rule);
     let (mut header, mut writer) = (HeaderWriter::default(), SymbolWriter::default());
-    let mut channels: Vec<Box<dyn Pending>> = Vec::new();
+    let mut channels: Vec<Box<dyn PendingStates>> = Vec::new();
     for &(channel, like) in channel_order(form) {
         let numbering = choose_numbering(&common, channel, (blocks, records), groups);
         numbering.write(&mut header);
@@ -141,7 +143,7 @@ fn pack_channel<T: Lane>(
     numbering: Numbering,
     (channel, like): (usize, Option<usize>),
     (blocks, groups, records): (&[NumberBlock], &[Group], &[u8]),
-) -> Box<dyn Pending> {
+) -> Box<dyn PendingStates> {
     T::with_scratch(|scratch| {
         let taken = groups.iter().map(|group| GroupNumbers {
             grids: take_group(scratch, common, numbering, (channel, like), (blocks, group, records)),
@@ -150,7 +152,7 @@ fn pack_channel<T: Lane>(
         let taken: Vec<GroupNumbers<'_, T>> = taken.collect();
         let pending = encode(scratch, header, writer, common.channel(numbering), &taken);
         taken.into_iter().for_each(|group| scratch.put_back(group.grids));
-        Box::new(pending) as Box<dyn Pending>
+        Box::new(pending) as Box<dyn PendingStates>
     })
 }
 
@@ -256,6 +258,7 @@ pub(crate) fn unpack_blocks(
                 let own = unpack_channel::<i16>(source, &common, (numbering, channel), parts, other, is_kept);
                 kept = if is_kept { own } else { kept };
             }
+            // (Channels of wider samples are not coded as differences: see `channel_order`.)
             32 => _ = unpack_channel::<i32>(source, &common, (numbering, channel), parts, None, false),
             _ => _ = unpack_channel::<i64>(source, &common, (numbering, channel), parts, None, false),
         }

@@ -7,7 +7,7 @@
 
 use crate::adaptive::{Adaptive, AdaptiveSymbols};
 use crate::bits::{BitCoder, BitReader, BitWriter, fold, unfold};
-use crate::errors::{SIZES, code_error, initial_symbols, size_context};
+use crate::residuals::{SIZES, code_residual, initial_symbols, size_context};
 
 /// Coder of columns of numbers that either writes or reads.
 pub struct Columns<'b> {
@@ -23,14 +23,14 @@ enum Way<'b> {
 
 /// Context of numbers near 0.
 struct Near {
-    /// Recent magnitude of the numbers, times about 32.
+    /// Expected size: about 32 times the recent magnitude of the numbers.
     size: u64,
     /// Probabilities by magnitude.
     symbols: Vec<AdaptiveSymbols>,
 }
 
 /// Limit of a number's contribution to the recent magnitude.
-const MOST: u64 = 1 << 40;
+const MAX_MAGNITUDE: u64 = 1 << 40;
 
 impl Columns<'_> {
     /// Creates a writer with numbers of contexts for bits and for numbers.
@@ -79,10 +79,10 @@ impl Columns<'_> {
         let Near { size, symbols } = &mut self.numbers[context];
         let of_size = size_context(*size);
         let number = match &mut self.way {
-            Way::Writes(writer) => code_error(writer, symbols, of_size, number),
-            Way::Reads(reader) => code_error(reader, symbols, of_size, number),
+            Way::Writes(writer) => code_residual(writer, symbols, of_size, number),
+            Way::Reads(reader) => code_residual(reader, symbols, of_size, number),
         };
-        *size = *size - *size / 8 + 4 * number.unsigned_abs().min(MOST);
+        *size = *size - *size / 8 + 4 * number.unsigned_abs().min(MAX_MAGNITUDE);
         number
     }
 

@@ -9,7 +9,7 @@ use crate::contexts::{Contexts, Kind};
 use crate::lanes::Lane;
 use crate::tables::{Entry, Frequencies, STATES, write_entries};
 
-/// Errors in the first plane, by the bits of the expected size. The last row is for all larger
+/// Residuals in the first plane, by the bits of the expected size. The last row is for all larger
 /// sizes.
 #[rustfmt::skip]
 const FIRST: [Frequencies; 12] = [
@@ -27,7 +27,7 @@ const FIRST: [Frequencies; 12] = [
     [18, 17, 17, 16, 29, 25, 38, 26, 29, 14, 13, 5, 4, 1, 1, 3],
 ];
 
-/// Errors in other planes, by the same.
+/// Residuals in other planes, by the same.
 #[rustfmt::skip]
 const OTHERS: [Frequencies; 12] = [
     [255, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
@@ -98,8 +98,8 @@ fn tables_of<T: Lane>() -> Vec<Frequencies> {
     let last = FIRST.len() - 1;
     (0..Contexts::<T>::COUNT)
         .map(|context| match Contexts::<T>::kind(context) {
-            Kind::Error { is_first: true, size } => FIRST[size.min(last)],
-            Kind::Error { is_first: false, size } => OTHERS[size.min(last)],
+            Kind::Residual { is_first: true, size } => FIRST[size.min(last)],
+            Kind::Residual { is_first: false, size } => OTHERS[size.min(last)],
             Kind::Sum { halves, size } => SUMS[4 * halves + size],
             Kind::Flat(number) => FLATS[number],
         })

@@ -20,20 +20,20 @@ const MAX_WEIGHT: f64 = 31.0;
 /// they do not depend on the order of rows.
 type Squares = [[i64; MAX_FEATURES + 1]; MAX_FEATURES + 1];
 
-/// Fits the predictor of a channel to the numbers of its dense blocks. `blocks` yields the levels
-/// of each block, from the root down.
+/// Fits the predictor of a channel to the numbers of its dense blocks. `groups` yields the levels
+/// of each group of blocks, from the roots down.
 pub(crate) fn fit<'b, T: Lane>(
     level: &mut Level<T>,
-    blocks: impl Iterator<Item = &'b [Grid<T>]> + Clone,
+    groups: impl Iterator<Item = &'b [Grid<T>]> + Clone,
     axes: usize,
 ) -> Predictor {
     let default = default_weights(axes);
-    let most =
-        blocks.clone().filter_map(|grids| grids.last()).map(|grid| grid.shape.side / 2).max().unwrap_or(0);
-    let least = MIN_SIDE.min(most);
+    let max_side =
+        groups.clone().filter_map(|grids| grids.last()).map(|grid| grid.shape.side / 2).max().unwrap_or(0);
+    let min_side = MIN_SIDE.min(max_side);
     let pairs = || {
-        let all = blocks.clone().flat_map(|grids| grids.windows(2));
-        all.filter(|pair| pair[0].shape.side >= least).map(|pair| (&pair[0], &pair[1]))
+        let all = groups.clone().flat_map(|grids| grids.windows(2));
+        all.filter(|pair| pair[0].shape.side >= min_side).map(|pair| (&pair[0], &pair[1]))
     };
     // Choose the number of fraction bits so that all differences but one in 1024 fit into a lane.
     let mut bits = [0u64; 65];
@@ -110,7 +110,7 @@ fn step_of(side: usize) -> usize {
 /// Fraction bits of scaled features in sums of products.
 const DIGITS: i32 = 14;
 /// Limit of the magnitude of scaled features.
-const MOST: f32 = 2047.0;
+const MAX_SCALED: f32 = 2047.0;
 
 /// Adds the products of a row. Each sample is scaled by the inverse of its expected size, as a
 /// power of two.
@@ -123,7 +123,7 @@ fn add_row<T: Lane>(
 ) {
     let shape = level.shape;
     let row_nodes = number * shape.width()..(number + 1) * shape.width();
-    let first = Contexts::<T>::error(plane == 0, 0);
+    let first = Contexts::<T>::residual(plane == 0, 0);
     let bits = shape.blocks(&level.contexts[row_nodes.clone()]).flatten().map(|context| context - first);
     let unit = |bits: u8| {
         // (At least 8, since small sizes are uncertain.)
@@ -138,7 +138,7 @@ fn add_row<T: Lane>(
         let to = features[feature * width..][..width].chunks_mut(shape.side);
         for (numbers, (to, units)) in shape.blocks(numbers).zip(to.zip(units.chunks(shape.side))) {
             for ((to, number), unit) in to.iter_mut().zip(numbers).zip(units) {
-                *to = round((number.left(shift).to_f32() * unit).clamp(-MOST, MOST));
+                *to = round((number.left(shift).to_f32() * unit).clamp(-MAX_SCALED, MAX_SCALED));
             }
         }
     };
@@ -163,9 +163,9 @@ fn round(number: f32) -> i16 {
 
 #[inline(never)]
 fn dot(a: &[i16], b: &[i16]) -> i64 {
-    // Invariant: no 32-bit sum overflows, since numbers are at most MOST (11 bits) and a chunk has
-    // 256 products. Sums are exact, so all processors find the same weights and write the same
-    // bytes, whatever their vector width.
+    // Invariant: no 32-bit sum overflows, since numbers are at most MAX_SCALED (11 bits) and a
+    // chunk has 256 products. Sums are exact, so all processors find the same weights and write the
+    // same bytes, whatever their vector width.
     let sums = a.chunks(256).zip(b.chunks(256)).map(|(a, b)| {
         a.iter().zip(b).map(|(a, b)| i32::from(*a) * i32::from(*b)).fold(0i32, i32::wrapping_add)
     });
@@ -210,7 +210,7 @@ fn solve(squares: &Squares, features: usize, default: &[i8; MAX_FEATURES]) -> [i
     weights
 }
 
-/// Estimates the size of the sampled rows with some weights: the sum of the bits of all errors.
+/// Estimates the size of the sampled rows with some weights: the sum of the bits of all residuals.
 fn cost_of<T: Lane>(level: &mut Level<T>, parents: &Grid<T>, weights: &Weights) -> u64 {
     let shape = parents.shape;
     let mut sum = 0;

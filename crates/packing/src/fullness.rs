@@ -1,4 +1,5 @@
-//! Fullness of the nodes of solids, predicted from the nodes below them.
+//! Fullness of the INNER nodes of solids, predicted from the nodes below them. (That of CUT nodes
+//! is coded with the nodes.)
 
 use crate::adaptive::AdaptiveSymbols;
 use crate::bits::BitCoder;
@@ -12,7 +13,7 @@ pub(crate) type FullnessContexts = [AdaptiveSymbols; 2];
 /// Codes the fullness of INNER nodes, from the bottom up. If everything below a node is known, its
 /// fullness follows exactly; otherwise the difference from the expected fullness is coded. `truth`
 /// has the nodes to be written, and `values` the values of LEAF nodes by symbol.
-pub(crate) fn code_fullness<K: BitCoder>(
+pub(crate) fn code_inner_fullness<K: BitCoder>(
     coder: &mut K,
     nodes: &mut Nodes,
     (axes, height): (usize, u8),
@@ -45,9 +46,9 @@ pub(crate) fn code_fullness<K: BitCoder>(
                     .iter()
                     .fold((0, true), |(sum, known), below| (sum + below.0, known && below.1));
                 let expected = ((2 * sum + cells) / (2 * cells)) as u8;
-                let error = if K::READS { 0 } else { truth.fullness(node).wrapping_sub(expected) };
-                let error = if is_known { 0 } else { code_error(coder, contexts, error) };
-                nodes.set_fullness(node, expected.wrapping_add(error));
+                let difference = if K::READS { 0 } else { truth.fullness(node).wrapping_sub(expected) };
+                let difference = if is_known { 0 } else { code_difference(coder, contexts, difference) };
+                nodes.set_fullness(node, expected.wrapping_add(difference));
                 (sum, is_known)
             }
             _ => (0, true),
@@ -57,12 +58,12 @@ pub(crate) fn code_fullness<K: BitCoder>(
 
 /// Codes a difference of two bytes, which is mostly small: differences from -7 to 7 have a symbol
 /// each.
-fn code_error<K: BitCoder>(coder: &mut K, contexts: &mut FullnessContexts, error: u8) -> u8 {
-    let near = error.wrapping_add(8);
+fn code_difference<K: BitCoder>(coder: &mut K, contexts: &mut FullnessContexts, difference: u8) -> u8 {
+    let near = difference.wrapping_add(8);
     match coder.symbol(&mut contexts[0], usize::from(if (1..16).contains(&near) { near } else { 0 })) {
         0 => {
-            let upper = coder.symbol(&mut contexts[1], usize::from(error >> 4));
-            (upper as u8) << 4 | coder.short(u32::from(error & 15), 4) as u8
+            let upper = coder.symbol(&mut contexts[1], usize::from(difference >> 4));
+            (upper as u8) << 4 | coder.short(u32::from(difference & 15), 4) as u8
         }
         near => (near as u8).wrapping_sub(8),
     }

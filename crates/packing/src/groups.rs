@@ -20,7 +20,7 @@ pub(crate) struct Group {
     pub(crate) blocks: Vec<usize>,
     /// VOID nodes of each block; empty if no node may be VOID.
     void: Vec<VoidNodes>,
-    /// VOID children per node, in the layout of a level's rows.
+    /// VOID children of all nodes; `None` if no node may be VOID.
     pub(crate) void_children: Option<VoidChildren>,
 }
 

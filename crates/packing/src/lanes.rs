@@ -31,9 +31,10 @@ pub(crate) trait Lane: Copy + Default + PartialEq + 'static {
     fn size_bits(self) -> u8;
     /// Clamps a number to -4 to 4.
     fn within_4(self) -> i8;
-    /// Converts a weight to the argument of [`Lane::times`].
-    fn weight(sixty_fourths: i8) -> Self;
-    /// Multiplies by a weight in 64ths, rounded down.
+    /// Converts a weight in 16ths to the argument of [`Lane::times`].
+    fn weight(sixteenths: i8) -> Self;
+    /// Multiplies a feature by a converted weight, rounded down, and drops
+    /// [`MIN_FRACTION`](crate::plane_form::MIN_FRACTION) fraction bits: a shift by 4 + 2 bits.
     fn times(self, weight: Self) -> Self;
     /// Moves the sign to the lowest bit: 2n, or -2n - 1.
     fn fold(self) -> Self;
@@ -63,8 +64,8 @@ macro_rules! wide_sizes {
             (<$unsigned>::BITS - (self as $unsigned).leading_zeros()) as u8
         }
         #[inline(always)]
-        fn weight(sixty_fourths: i8) -> $signed {
-            sixty_fourths.into()
+        fn weight(sixteenths: i8) -> $signed {
+            sixteenths.into()
         }
         #[inline(always)]
         fn times(self, weight: $signed) -> $signed {
@@ -93,9 +94,11 @@ macro_rules! narrow_sizes {
             // zeros have vectors of floats.)
             ((f32::from(self).to_bits() >> 23) as i32 - 126).max(0) as u8
         }
+        // (Shifts by 10 to the left and by 16 to the right: by 6 to the right. The upper half of a
+        // product of 16-bit numbers is one vector instruction.)
         #[inline(always)]
-        fn weight(sixty_fourths: i8) -> i16 {
-            i16::from(sixty_fourths) << 10
+        fn weight(sixteenths: i8) -> i16 {
+            i16::from(sixteenths) << 10
         }
         #[inline(always)]
         fn times(self, weight: i16) -> i16 {

@@ -9,7 +9,7 @@ use spinney_container::{INNER, RecordLayout, VOID};
 use crate::adaptive::Adaptive;
 use crate::bits::BitCoder;
 use crate::blocks::NumberBlock;
-use crate::fullness::{FullnessContexts, code_fullness};
+use crate::fullness::{FullnessContexts, code_inner_fullness};
 use crate::masks::{MaskContexts, code_mask};
 use crate::nodes::{
     BEYOND, FIRST_VALUE, MIXED, NOTHING, NewValues, NodeContexts, NodeForm, Nodes, ROOT, code_nodes,
@@ -23,8 +23,8 @@ use crate::values::{NumberValues, Numbers, TableValues, bytes, numbers, order};
 pub(crate) enum Model {
     /// Categories in a table. Dense blocks are coded like all other nodes.
     Names = 0,
-    /// Fullness of a solid: as categories, but the values of INNER nodes follow from the nodes
-    /// below.
+    /// Fullness of a solid: LEAF nodes as categories. INNER and CUT nodes have a fullness, which is
+    /// not in the table.
     Solid = 2,
     /// Numbers. Dense blocks are coded plane by plane, with stored tables. (1 and 3 belonged to
     /// versions that are no longer read.)
@@ -52,7 +52,7 @@ impl Model {
             1 | 3 => Err(Corruption::OLDER),
             2 if can_be_solid(value) => Ok(Model::Solid),
             4 => Ok(Model::Numbers),
-            _ => Err(Corruption("no such model")),
+            _ => Err(Corruption("an unknown model number")),
         }
     }
 
@@ -61,7 +61,7 @@ impl Model {
         self != Model::Numbers
     }
 
-    /// Returns whether a node's value is derived from the nodes below it.
+    /// Returns whether a node has a fullness and no value: see [`MIXED`].
     fn is_mixed(self, nodes: &Nodes, node: u32) -> bool {
         self == Model::Solid && nodes.state(node) >= INNER
     }
@@ -228,7 +228,7 @@ impl ModelCoder {
             true => Values::Table(TableValues::new(known.len())),
             false => Values::Numbers(NumberValues::new(form, known.to_vec())),
         };
-        let mut coder = ModelCoder {
+        ModelCoder {
             model,
             form,
             layout: RecordLayout::new(form),
@@ -236,15 +236,8 @@ impl ModelCoder {
             masks: [Adaptive::default(); 64],
             fullness: FullnessContexts::default(),
             values,
-            known: Vec::new(),
-        };
-        coder.know(known);
-        coder
-    }
-
-    fn know(&mut self, known: &[Numbers]) {
-        let new = known.iter().skip(self.known.len()).map(|value| bytes(self.form, *value));
-        self.known.extend(new);
+            known: known.iter().map(|value| bytes(form, *value)).collect(),
+        }
     }
 
     /// Codes the value of a run's own node, and returns its symbol. It is likely to be near that of
@@ -270,13 +263,12 @@ impl ModelCoder {
         self.known.get(at).copied().unwrap_or_default()
     }
 
-    /// Adds the bytes of new values to `known`.
+    /// Adds the bytes of values that a reader has found since the last call to `known`.
     fn learn(&mut self) {
-        let Values::Numbers(values) = &mut self.values else { return };
-        let known = std::mem::take(&mut values.known);
-        self.know(&known);
-        let Values::Numbers(values) = &mut self.values else { return };
-        values.known = known;
+        if let Values::Numbers(values) = &self.values {
+            let new = values.known.iter().skip(self.known.len()).map(|value| bytes(self.form, *value));
+            self.known.extend(new);
+        }
     }
 
     /// Codes records below a node with the symbol `root`, and the bits of the dense blocks that are
@@ -291,7 +283,7 @@ impl ModelCoder {
         let form = NodeForm {
             height: limits.height,
             reach: limits.reach,
-            is_mixed: self.model == Model::Solid,
+            is_solid: self.model == Model::Solid,
             dense_apart: self.model == Model::Numbers,
             // An INNER node has at least the values of its children, in a record or a dense block.
             most: limits.length / (self.layout.children() * self.layout.width),
@@ -304,7 +296,7 @@ impl ModelCoder {
         self.learn();
         if self.model == Model::Solid {
             let leaves: Vec<u8> = self.known.iter().map(|value| value[0]).collect();
-            code_fullness(coder, &mut nodes, (axes, limits.height), truth, &leaves, &mut self.fullness);
+            code_inner_fullness(coder, &mut nodes, (axes, limits.height), truth, &leaves, &mut self.fullness);
         }
         if self.model == Model::Numbers {
             self.code_masks(coder, limits.length, &nodes, blocks)?;

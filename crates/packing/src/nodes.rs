@@ -17,7 +17,9 @@ pub(crate) const ROOT: u32 = 1;
 pub(crate) const NOTHING: u32 = 0;
 /// Symbol of [`OUTSIDE`] and [`ROOT`], which is no value.
 pub(crate) const BEYOND: u32 = 1;
-/// Symbol of INNER and CUT nodes whose values are derived from the nodes below them.
+/// Symbol of INNER and CUT nodes of solids, which have a fullness and no value. That of a CUT node
+/// is coded with the node; that of INNER nodes after all nodes, predicted from the nodes below
+/// ([`crate::fullness`]).
 pub(crate) const MIXED: u32 = 2;
 /// Symbol of siblings that are not coded yet.
 const UNKNOWN: u32 = 3;
@@ -156,8 +158,8 @@ pub(crate) struct NodeForm {
     pub(crate) height: u8,
     /// Levels from the segment's node down to the level whose nodes may be CUT.
     pub(crate) reach: u8,
-    /// Whether the values of INNER and CUT nodes are coded later.
-    pub(crate) is_mixed: bool,
+    /// Whether INNER and CUT nodes have a fullness and no value: see [`MIXED`].
+    pub(crate) is_solid: bool,
     /// Whether the nodes below the roots of dense blocks are coded separately.
     pub(crate) dense_apart: bool,
     /// Maximum number of INNER nodes.
@@ -190,10 +192,10 @@ pub(crate) struct NodeContexts {
     cuts: Vec<Adaptive>,
     matches: Vec<Adaptive>,
     dense: Vec<Adaptive>,
-    /// Upper four bits of the fullness of CUT nodes, by the numbers of full and of empty face
+    /// Upper four bits of the fullness of CUT nodes, by the numbers of LEAF and of VOID face
     /// neighbours; and the lower four bits, by the upper ones.
-    sixteenths: Vec<AdaptiveSymbols>,
-    parts: Vec<AdaptiveSymbols>,
+    fullness_upper: Vec<AdaptiveSymbols>,
+    fullness_lower: Vec<AdaptiveSymbols>,
 }
 
 impl NodeContexts {
@@ -206,20 +208,23 @@ impl NodeContexts {
             cuts: some(children),
             matches: some(2 * 2 * CANDIDATES * by_neighbours),
             dense: some(HEIGHTS * 64),
-            sixteenths: vec![AdaptiveSymbols::default(); (FACES + 1) * (FACES + 1)],
-            parts: vec![AdaptiveSymbols::default(); SYMBOLS],
+            fullness_upper: vec![AdaptiveSymbols::default(); (FACES + 1) * (FACES + 1)],
+            fullness_lower: vec![AdaptiveSymbols::default(); SYMBOLS],
         }
     }
 }
 
 /// INNER node whose children are coded next.
 #[derive(Clone, Copy)]
-struct Pending {
+struct NextParent {
     node: u32,
     /// Index of the parent among the INNER nodes of its level, and index of the node among the
     /// parent's children.
     parent: u32,
     child: u8,
+    /// Whether a dense block begins above the node. All nodes below it inherit this: no node leaves
+    /// a block downwards, since bottom nodes are VOID, LEAF or CUT. (Only corrupt input has INNER
+    /// ones: `Writer::fill` in `plain.rs` refuses such a block.)
     is_in_block: bool,
 }
 
@@ -273,7 +278,7 @@ fn neighbours_of<const C: usize, const D: usize>(
     around: &Around<C, D>,
     nodes: &Nodes,
     above: &[[u32; D]],
-    pending: &Pending,
+    pending: &NextParent,
 ) -> [u32; D] {
     let Some(near_parent) = above.get(pending.parent as usize) else { return [OUTSIDE; D] };
     // The children of the parent's neighbours, and last the parent's own: see `Nodes::children`.
@@ -315,7 +320,7 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
     let mut true_dense = truth.dense.iter().peekable();
     // Neighbours of each INNER node of the level above.
     let mut above: Vec<[u32; D]> = Vec::new();
-    let mut level = vec![Pending { node: ROOT, parent: 0, child: 0, is_in_block: false }];
+    let mut level = vec![NextParent { node: ROOT, parent: 0, child: 0, is_in_block: false }];
     let (mut count, mut depth) = (0, 0);
     while !level.is_empty() {
         depth += 1;
@@ -331,7 +336,7 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
         let may_be_cut = depth == form.reach && !is_bottom;
         let (mut neighbours, mut next) = (Vec::new(), Vec::new());
         for pending in &level {
-            let Pending { node, mut is_in_block, .. } = *pending;
+            let NextParent { node, mut is_in_block, .. } = *pending;
             let near = neighbours_of(around, &nodes, &above, pending);
             if !is_in_block {
                 let dense = true_dense.next_if(|(begin, _)| *begin == node).map(|(_, dense)| *dense);
@@ -362,7 +367,7 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
                     }
                 }
                 let mut found = MIXED;
-                if state == LEAF || !form.is_mixed {
+                if state == LEAF || !form.is_solid {
                     let (is_inner, alike) = (state >= INNER, grid.alike >> begin);
                     let at = ChildContext { symbol, alike, child, begin, is_inner, is_bottom };
                     let around = (&grid.words, &around.offsets);
@@ -373,13 +378,13 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
                 } else if state == CUT {
                     let this = (first + child) as u32;
                     let faces = grid.around(begin, &around.offsets[..FACES]);
-                    nodes.set_fullness(this, code_fullness(coder, contexts, faces, truth.fullness(this)));
+                    nodes.set_fullness(this, code_cut_fullness(coder, contexts, faces, truth.fullness(this)));
                 }
                 children[child] = word(state, found);
                 grid.set(*center, children[child]);
                 if !is_bottom && state == INNER {
                     let (node, parent) = ((first + child) as u32, neighbours.len() as u32);
-                    next.push(Pending { node, parent, child: child as u8, is_in_block });
+                    next.push(NextParent { node, parent, child: child as u8, is_in_block });
                 }
             }
             nodes.words.extend_from_slice(&children);
@@ -482,7 +487,7 @@ fn code_dense<K: BitCoder>(
 }
 
 /// Codes the fullness of a CUT node.
-fn code_fullness<K: BitCoder>(
+fn code_cut_fullness<K: BitCoder>(
     coder: &mut K,
     contexts: &mut NodeContexts,
     faces: impl Iterator<Item = u32> + Clone,
@@ -491,8 +496,8 @@ fn code_fullness<K: BitCoder>(
     let is_value = |word: &u32| *word & IS_INNER == 0 && *word >> SYMBOL_AT >= FIRST_VALUE;
     let is_void = |found: &u32| *found == word(VOID, NOTHING);
     let (full, empty) = (faces.clone().filter(is_value).count(), faces.filter(is_void).count());
-    let context = &mut contexts.sixteenths[full * (FACES + 1) + empty];
+    let context = &mut contexts.fullness_upper[full * (FACES + 1) + empty];
     let upper = coder.symbol(context, usize::from(fullness >> 4));
-    let lower = coder.symbol(&mut contexts.parts[upper], usize::from(fullness & 15));
+    let lower = coder.symbol(&mut contexts.fullness_lower[upper], usize::from(fullness & 15));
     (upper << 4 | lower) as u8
 }

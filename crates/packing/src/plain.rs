@@ -17,10 +17,10 @@ pub(crate) struct Parsed {
     pub(crate) blocks: Vec<(u32, Dense, usize)>,
 }
 
-/// INNER node whose children come next: its index, the index of its record or of its dense block's
-/// record, and in a block its level and its index in that level.
+/// Position of an INNER node whose children come next: its index, the index of its record or of its
+/// dense block's record, and in a block its level and its index in that level.
 #[derive(Clone, Copy)]
-struct Pending {
+struct ParsePosition {
     node: u32,
     place: usize,
     level: u8,
@@ -30,7 +30,7 @@ struct Pending {
 /// Parses a segment's records. Returns `None` if they are inconsistent.
 pub(crate) fn parse(layout: &RecordLayout, records: &[u8], dense_apart: bool) -> Option<Parsed> {
     let mut parsed = Parsed { nodes: Nodes::new(), values: vec![0; 2], blocks: Vec::new() };
-    let mut level = vec![Pending { node: ROOT, place: 0, level: 0, index: 0 }];
+    let mut level = vec![ParsePosition { node: ROOT, place: 0, level: 0, index: 0 }];
     while !level.is_empty() {
         let mut next = Vec::new();
         for pending in level {
@@ -72,8 +72,8 @@ impl Parsed {
         layout: &RecordLayout,
         records: &[u8],
         head: RecordHead,
-        parent: Pending,
-        next: &mut Vec<Pending>,
+        parent: ParsePosition,
+        next: &mut Vec<ParsePosition>,
     ) -> Option<()> {
         self.nodes.set_first(parent.node, self.nodes.len());
         let mut place = parent.place + 1;
@@ -81,7 +81,7 @@ impl Parsed {
             let state = head.state(child);
             let node = self.push(state, parent.place * layout.size + child * layout.width);
             if state == INNER {
-                next.push(Pending { node, place, level: 0, index: 0 });
+                next.push(ParsePosition { node, place, level: 0, index: 0 });
                 place = place.checked_add(layout.head(records, place)?.skip.max(1) as usize)?;
             }
         }
@@ -92,8 +92,8 @@ impl Parsed {
         &mut self,
         layout: &RecordLayout,
         block: &DenseBlock<'_>,
-        parent: Pending,
-        next: &mut Vec<Pending>,
+        parent: ParsePosition,
+        next: &mut Vec<ParsePosition>,
     ) {
         self.nodes.set_first(parent.node, self.nodes.len());
         let level = parent.level + 1;
@@ -103,7 +103,7 @@ impl Parsed {
             let state = block.state(level, index);
             let node = self.push(state, values + index * layout.width);
             if state == INNER {
-                next.push(Pending { node, level, index, ..parent });
+                next.push(ParsePosition { node, level, index, ..parent });
             }
         }
     }

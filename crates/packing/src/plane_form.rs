@@ -1,4 +1,9 @@
 //! Planes of a level, in coding order, and the features that predict them.
+//!
+//! Opposite children are coded consecutively (0 and 7, 1 and 6, ...), so that later ones lie
+//! between finished ones. Order, features and weights are empirical, from elevation rasters and
+//! photographs. All of them are part of the format (tables of section 39 of formats.md), so they
+//! must not change.
 
 /// Child of a neighbour, and the offset to that neighbour.
 type NearChild = (usize, [isize; 3]);
@@ -6,16 +11,22 @@ type NearChild = (usize, [isize; 3]);
 /// Plane of children, and the features that predict it.
 pub(crate) struct Plane {
     pub(crate) child: usize,
-    /// Siblings whose residuals are features, and their default weights in 16ths.
+    /// Siblings whose deviations are features, and their default weights in 16ths.
     pub(crate) own: &'static [(usize, i8)],
-    /// Children of neighbours whose residuals are features: single ones, or pairs that share a
-    /// weight.
+    /// Children of neighbours whose deviations are features: single ones, or pairs that share a
+    /// default weight in 16ths.
     pub(crate) near: &'static [(&'static [NearChild], i8)],
-    /// Bits by which the residuals of siblings are shifted to the left for expected sizes.
+    /// Base-2 logarithm of the weight of each sibling's deviation in the expected size, in 64ths.
+    ///
+    /// The expected size is the expected magnitude of a residual, in 64ths of the unit of numbers.
+    /// It is a weighted sum of magnitudes: deviations of siblings (together a quarter to three
+    /// quarters of their mean), deviations of neighbours' children (a 16th each), and unevenness
+    /// of the parents (a 64th). Weights are powers of two, so that they are shifts.
     pub(crate) own_size: u32,
 }
 
-/// Bits by which the residuals of neighbours' children are shifted to the left for expected sizes.
+/// Base-2 logarithm of the weight of the deviation of each neighbour's child in the expected size,
+/// in 64ths.
 pub(crate) const NEAR_SIZE: u32 = 2;
 
 const QUAD_PLANES: [Plane; 4] = [
@@ -68,7 +79,7 @@ pub(crate) fn planes(axes: usize) -> &'static [Plane] {
 
 /// Maximum number of features of a plane.
 pub(crate) const MAX_FEATURES: usize = 16;
-/// Bits of a stored weight.
+/// Bits of a stored weight of a feature.
 pub(crate) const WEIGHT_BITS: u32 = 6;
 
 /// Weights of the features of all planes, in 16ths.
@@ -82,7 +93,7 @@ impl Plane {
     }
 }
 
-/// Returns the weights if none are stored: linear interpolation, corrected by the residuals of
+/// Returns the weights if none are stored: linear interpolation, corrected by the deviations of
 /// siblings and neighbours' children.
 pub(crate) fn default_weights(axes: usize) -> Weights {
     let mut all = [[0; MAX_FEATURES]; 8];
@@ -107,6 +118,7 @@ pub(crate) struct Predictor {
     pub(crate) weights: Weights,
 }
 
-/// Minimum number of fraction bits of features. Predictions have this many fewer than features.
+/// Minimum number of fraction bits of features. Predictions have this many fewer than features:
+/// [`crate::lanes::Lane::times`] drops them.
 pub(crate) const MIN_FRACTION: u32 = 2;
 pub(crate) const MAX_FRACTION: u32 = 6;

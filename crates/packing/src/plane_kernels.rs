@@ -41,7 +41,8 @@ pub(crate) struct Terms<'t, T> {
     pub(crate) all: usize,
 }
 
-/// Residuals and unevenness from which expected sizes are computed.
+/// Deviations and unevenness, from which expected sizes are computed: see
+/// [`crate::plane_form::Plane::own_size`].
 pub(crate) struct Sizes<'t, T> {
     pub(crate) uneven: &'t [T],
     pub(crate) own: [Rows<'t, T>; 8],
@@ -72,7 +73,8 @@ impl<T: Lane> Terms<'_, T> {
 }
 
 impl<T: Lane> Sizes<'_, T> {
-    /// Returns the expected magnitudes of the residuals of `N` samples of a row.
+    /// Returns the expected sizes of `N` samples of a row: the expected magnitudes of their
+    /// residuals, in 64ths.
     #[inline(always)]
     fn sizes<const N: usize>(&self, at: [usize; 2]) -> [T; N] {
         let sum = |all: &[Rows<'_, T>], (left, right): (u32, u32)| {
@@ -145,8 +147,8 @@ fn chunk_mut<N, const C: usize>(numbers: &mut [N], at: usize) -> Option<&mut [N;
 }
 
 vectorized! {
-    /// Predicts differences from parents, and the contexts of their errors.
-    pub(crate) fn errors | errors_baseline | errors_avx2 <T>(
+    /// Predicts differences from parents, and the contexts of their residuals.
+    pub(crate) fn predict_differences | predict_differences_baseline | predict_differences_avx2 <T>(
         terms: &Terms<'_, T>,
         sizes: &Sizes<'_, T>,
         rows: Sampled,
@@ -155,7 +157,7 @@ vectorized! {
         contexts: &mut [u8]
     ) {
         let (is_first, shift, round) = how;
-        let base = Contexts::<T>::error(is_first, 0);
+        let base = Contexts::<T>::residual(is_first, 0);
         macro_rules! some {
             ($count:expr, $at:ident) => {{
                 let (sums, sizes) = (terms.sums::<{ $count }>($at), sizes.sizes::<{ $count }>($at));
@@ -176,7 +178,7 @@ vectorized! {
 vectorized! {
     /// Predicts sums of differences from parents: the expected difference makes the sum 0, and the
     /// context depends on the expected sum.
-    pub(crate) fn sums | sums_baseline | sums_avx2 <T>(
+    pub(crate) fn predict_sums | predict_sums_baseline | predict_sums_avx2 <T>(
         terms: &Terms<'_, T>,
         sizes: &Sizes<'_, T>,
         rows: Sampled,
@@ -246,28 +248,28 @@ pub(crate) fn across_row<T: Lane>(fraction: u32, corners: [&[T]; 4], across: &mu
 }
 
 vectorized! {
-    /// Computes the residuals of a row: differences less the interpolated ones, in units of
-    /// 2^-fraction.
-    pub(crate) fn residual_row | residual_row_baseline | residual_row_avx2<T>(
+    /// Computes the deviations of a row: differences from parents less the interpolated ones, in
+    /// units of 2^-fraction.
+    pub(crate) fn deviation_row | deviation_row_baseline | deviation_row_avx2<T>(
         fraction: u32,
         slopes: &[(&[T], bool)],
         changes: &[T],
-        residuals: &mut [T],
+        deviations: &mut [T],
     ) {
         let width = changes.len();
-        let residuals = &mut residuals[..width];
+        let deviations = &mut deviations[..width];
         for x in 0..width {
-            residuals[x] = changes[x].left(fraction);
+            deviations[x] = changes[x].left(fraction);
         }
         for (row, is_less) in slopes {
             let row = &row[..width];
             if *is_less {
                 for x in 0..width {
-                    residuals[x] = residuals[x].plus(row[x]);
+                    deviations[x] = deviations[x].plus(row[x]);
                 }
             } else {
                 for x in 0..width {
-                    residuals[x] = residuals[x].minus(row[x]);
+                    deviations[x] = deviations[x].minus(row[x]);
                 }
             }
         }

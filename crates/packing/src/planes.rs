@@ -1,6 +1,6 @@
 //! Numbers of dense blocks, coded level by level and plane by plane into the streams of a segment.
 
-use crate::contexts::{Contexts, FlatContexts, MAX_CONTEXTS};
+use crate::contexts::{Contexts, FlatContexts, MAX_PLANE_CONTEXTS};
 use crate::defaults;
 use crate::fit::fit;
 use crate::grids::{Grid, Shape};
@@ -13,7 +13,8 @@ use crate::symbols::{HeaderReader, HeaderWriter, Planes, SymbolReader, SymbolWri
 use crate::tables::{Entry, STATES, Tables, choose, read, write_entries};
 use spinney_container::MAX_DENSE_LEVELS;
 
-/// VOID nodes of a dense block: for each level above the bottom and each node, a bit per child.
+/// VOID children of a group's nodes: for each level above the bottom and each node of its rows, a
+/// bit per child. All bits of the columns between blocks are set.
 pub(crate) type VoidChildren = Vec<Vec<u8>>;
 
 /// Properties of all levels of a channel.
@@ -40,7 +41,7 @@ pub(crate) struct Scratch<T> {
     entries: Vec<Entry>,
     /// Whether the entries of a context differ from the default ones.
     is_own: Vec<bool>,
-    tokens: Vec<u16>,
+    meanings: Vec<u16>,
     numbers: Vec<T>,
     /// Contexts of the nodes of a plane that are not VOID.
     contexts: Vec<u8>,
@@ -87,16 +88,16 @@ impl<T: Lane> Level<T> {
             for (index, row) in parents.shape.rows().enumerate() {
                 let row = parents.row(row, [0; 3]).iter().zip(index * width..);
                 for (own, at) in row {
-                    let error = Contexts::<T>::error(number == 0, 0);
+                    let first = Contexts::<T>::residual(number == 0, 0);
                     if is_sum && !not_summed.as_ref().is_some_and(|not_summed| not_summed[at]) {
                         // (In units of the step, making the sum 0 is nearly always exact: hence the
                         // context of the smallest size.)
                         self.expected[at] = nearest(own.minus(self.others[at]), step).minus(*own);
-                        self.contexts[at] = error;
+                        self.contexts[at] = first;
                     } else {
                         self.expected[at] = nearest(own.plus(self.expected[at]), step).minus(*own);
-                        let size = (self.contexts[at] - error).saturating_sub(step as u8);
-                        self.contexts[at] = error + size;
+                        let size = (self.contexts[at] - first).saturating_sub(step as u8);
+                        self.contexts[at] = first + size;
                     }
                 }
             }
@@ -187,13 +188,13 @@ pub(crate) struct PendingChannel<T> {
     tables: Tables,
 }
 
-/// Pending channel of lanes of any width.
-pub(crate) trait Pending {
+/// States of a [`PendingChannel`] of lanes of any width.
+pub(crate) trait PendingStates {
     /// Writes the states of the channel.
     fn states(self: Box<Self>, writer: &mut SymbolWriter);
 }
 
-impl<T: Lane> Pending for PendingChannel<T> {
+impl<T: Lane> PendingStates for PendingChannel<T> {
     fn states(mut self: Box<Self>, writer: &mut SymbolWriter) {
         writer.states(&self.planes, &self.tables);
         self.planes.clear();
@@ -230,9 +231,10 @@ pub(crate) fn encode<T: Lane>(
                 let (changes, expected) = (&level.changes[plane.child], &level.expected);
                 coded_ranges(parents.shape, void.map(|void| (void, plane.child)), ranges);
                 for &(at, count) in &*ranges {
-                    let errors = changes[at..at + count].iter().zip(&expected[at..at + count]);
-                    let errors = errors.map(|(change, expected)| change.minus(*expected).right(step).fold());
-                    all.push(&level.contexts[at..at + count], errors);
+                    let residuals = changes[at..at + count].iter().zip(&expected[at..at + count]);
+                    let residuals =
+                        residuals.map(|(change, expected)| change.minus(*expected).right(step).fold());
+                    all.push(&level.contexts[at..at + count], residuals);
                 }
                 all.end(flat);
                 level.finish(number);
@@ -348,7 +350,7 @@ impl<T: Lane> Scratch<T> {
     fn read_tables(&mut self, header: &mut HeaderReader<'_>) {
         let default = defaults::entries::<T>();
         if self.entries.is_empty() {
-            self.entries = vec![0; MAX_CONTEXTS * STATES];
+            self.entries = vec![0; MAX_PLANE_CONTEXTS * STATES];
             self.entries[..default.len()].copy_from_slice(default);
             self.is_own = vec![false; Contexts::<T>::COUNT];
         }
@@ -373,12 +375,12 @@ impl<T: Lane> Scratch<T> {
         (step, void): (u32, Option<&[u8]>),
         parents: &Grid<T>,
     ) {
-        let Scratch { level, entries, tokens, numbers, contexts, ranges, .. } = self;
-        let Ok(entries) = <&[Entry; MAX_CONTEXTS * STATES]>::try_from(&entries[..]) else { return };
+        let Scratch { level, entries, meanings, numbers, contexts, ranges, .. } = self;
+        let Ok(entries) = <&[Entry; MAX_PLANE_CONTEXTS * STATES]>::try_from(&entries[..]) else { return };
         level.begin(predictor.fraction, parents);
         let shape = parents.shape;
         let nodes = shape.nodes();
-        tokens.resize(nodes.max(tokens.len()), 0);
+        meanings.resize(nodes.max(meanings.len()), 0);
         numbers.resize(nodes.max(numbers.len()), T::default());
         for (number, plane) in planes(form.axes).iter().enumerate() {
             let flat = level.prepare((number, step), form, &predictor.weights, parents, void);
@@ -393,8 +395,8 @@ impl<T: Lane> Scratch<T> {
                 &contexts[..]
             };
             let count = coded.len();
-            reader.tokens(entries, flat, coded, &mut tokens[..count]);
-            reader.numbers(&tokens[..count], &mut numbers[..count]);
+            reader.meanings(entries, flat, coded, &mut meanings[..count]);
+            reader.numbers(&meanings[..count], &mut numbers[..count]);
             let (changes, expected) = (&mut level.changes[plane.child][..nodes], &level.expected[..nodes]);
             if void.is_some() {
                 changes.fill(T::default());
@@ -410,11 +412,11 @@ impl<T: Lane> Scratch<T> {
     }
 }
 
-/// Computes differences from parents by expected differences and folded residuals in units of
-/// `2^step`.
+/// Computes differences from parents: expected differences plus residuals, which are folded and in
+/// units of `2^step`.
 #[inline(never)]
-fn correct<T: Lane>((expected, errors, step): (&[T], &[T], u32), changes: &mut [T]) {
-    for ((change, error), expected) in changes.iter_mut().zip(errors).zip(expected) {
-        *change = expected.plus(error.unfold().left(step));
+fn correct<T: Lane>((expected, residuals, step): (&[T], &[T], u32), changes: &mut [T]) {
+    for ((change, residual), expected) in changes.iter_mut().zip(residuals).zip(expected) {
+        *change = expected.plus(residual.unfold().left(step));
     }
 }

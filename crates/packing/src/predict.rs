@@ -7,7 +7,9 @@
 use crate::grids::{Grid, Shape};
 use crate::lanes::Lane;
 use crate::plane_form::{MAX_FEATURES, MIN_FRACTION, NEAR_SIZE, Plane, Weights, planes};
-use crate::plane_kernels::{Rows, Sampled, Sizes, Terms, across_row, errors, residual_row, slope_row, sums};
+use crate::plane_kernels::{
+    Rows, Sampled, Sizes, Terms, across_row, deviation_row, predict_differences, predict_sums, slope_row,
+};
 
 /// Level that is coded, with the inputs of its predictions.
 ///
@@ -18,13 +20,17 @@ use crate::plane_kernels::{Rows, Sampled, Sizes, Terms, across_row, errors, resi
 pub(crate) struct Level<T> {
     pub(crate) shape: Shape,
     fraction: u32,
-    /// Per parent: slopes along the axes, the mixed second difference, curvatures, and unevenness.
+    /// Per parent: slopes along the axes, the mixed second difference, curvatures, and unevenness
+    /// (magnitudes of differences from neighbours, and twice those of second differences: only for
+    /// expected sizes).
     slopes: [Vec<T>; 3],
     across: Vec<T>,
     curved: [Vec<T>; 3],
     uneven: Vec<T>,
-    /// Residuals, by child.
-    residuals: [Grid<T>; 8],
+    /// Deviations, by child: the difference from the parent, less that by linear interpolation
+    /// (slopes and mixed second difference), in units of 2^-fraction. They only predict later
+    /// planes. What is coded is the residual: the difference from the parent less `expected`.
+    deviations: [Grid<T>; 8],
     /// Sums of the differences of finished planes from their parents.
     pub(crate) others: Vec<T>,
     /// Expected differences of the current plane from its parents, and contexts.
@@ -56,8 +62,8 @@ impl<T: Lane> Level<T> {
         grow(&mut self.contexts, nodes);
         self.uneven[..nodes].fill(T::default());
         self.others[..nodes].fill(T::default());
-        for residuals in &mut self.residuals[..1 << axes] {
-            residuals.reset(shape);
+        for deviations in &mut self.deviations[..1 << axes] {
+            deviations.reset(shape);
         }
         for (number, row) in shape.rows().enumerate() {
             let nodes = number * width..(number + 1) * width;
@@ -85,7 +91,7 @@ impl<T: Lane> Level<T> {
     }
 
     /// Returns the weighted features of a plane (pairs count twice), and the inputs of expected
-    /// sizes.
+    /// sizes (see [`Plane::own_size`]).
     fn terms<'t>(&'t self, plane: &Plane, weights: &[i8]) -> (Terms<'t, T>, Sizes<'t, T>) {
         let mut terms = Terms { terms: [(Rows::NONE, T::default()); MAX_FEATURES], count: 0, all: 0 };
         let mut weights = weights.iter().map(|weight| T::weight(*weight));
@@ -105,6 +111,7 @@ impl<T: Lane> Level<T> {
         for curved in &self.curved[..self.shape.axes] {
             push(plain(curved), weight());
         }
+        // (From the fraction bits of deviations to 64ths, and a weight in 64ths.)
         let shift = |bits: u32| (bits.saturating_sub(self.fraction), self.fraction.saturating_sub(bits));
         let mut sizes = Sizes {
             uneven: &self.uneven,
@@ -118,7 +125,7 @@ impl<T: Lane> Level<T> {
         let moved = |child: usize, step: [isize; 3]| {
             let (high, wide) = (self.shape.side as isize + 2, self.shape.width() as isize + 2);
             let by = (step[2] * high + step[1]) * wide + step[0];
-            Rows { numbers: self.residuals[child].numbers(), moved: Some(by) }
+            Rows { numbers: self.deviations[child].numbers(), moved: Some(by) }
         };
         for ((child, _), own) in plane.own.iter().zip(&mut sizes.own) {
             *own = moved(*child, [0; 3]);
@@ -151,20 +158,21 @@ impl<T: Lane> Level<T> {
         let rows = Sampled { shape: self.shape, step };
         let shift = self.fraction - MIN_FRACTION;
         // (Products are rounded down: adding half a unit for each of them, and for the sum,
-        // corrects the bias.)
+        // corrects the bias. Features of weight 0 are counted too, although their products are
+        // exact: the format defines the correction by the number of features alone.)
         let half = |bits: u32| T::from_i64((1 << bits >> 1) + terms.all as i64 / 2);
         if is_sum {
             let how = (shift, half(shift.saturating_sub(1)));
-            sums(&terms, &sizes, rows, how, &self.others, &mut expected, &mut contexts);
+            predict_sums(&terms, &sizes, rows, how, &self.others, &mut expected, &mut contexts);
         } else {
             let how = (number == 0, shift, half(shift));
-            errors(&terms, &sizes, rows, how, &mut expected, &mut contexts);
+            predict_differences(&terms, &sizes, rows, how, &mut expected, &mut contexts);
         }
         (self.expected, self.contexts) = (expected, contexts);
     }
 
     /// Finishes a plane whose differences are known: adds them to `others`, and computes its
-    /// residuals.
+    /// deviations.
     pub(crate) fn finish(&mut self, number: usize) {
         let axes = self.shape.axes;
         let planes = planes(axes);
@@ -174,7 +182,7 @@ impl<T: Lane> Level<T> {
         if number + 1 == planes.len() {
             return;
         }
-        let mut residuals = std::mem::take(&mut self.residuals[child]);
+        let mut deviations = std::mem::take(&mut self.deviations[child]);
         for (index, row) in self.shape.rows().enumerate() {
             let nodes = index * width..(index + 1) * width;
             let mut slopes = [(&[][..], false); 4];
@@ -188,15 +196,15 @@ impl<T: Lane> Level<T> {
             } else {
                 axes
             };
-            residual_row(
+            deviation_row(
                 self.fraction,
                 &slopes[..count],
                 &self.changes[child][nodes],
-                residuals.row_mut(row),
+                deviations.row_mut(row),
             );
         }
-        residuals.pad();
-        self.residuals[child] = residuals;
+        deviations.pad();
+        self.deviations[child] = deviations;
     }
 
     /// Interleaves all planes into the grid of the children.

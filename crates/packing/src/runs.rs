@@ -11,7 +11,7 @@ use crate::groups::Group;
 use crate::model::{Model, ModelCoder, NO_VALUE, ParsedRecords, RunLimits, distinct, symbol_of};
 use crate::nodes::{Nodes, ROOT};
 use crate::plain::slots;
-use crate::segment::{Corruption, Parts, write_parts};
+use crate::segment::{Corruption, PackedRanges, write_ranges};
 use crate::values::{Numbers, code_table, numbers};
 
 /// Common properties of runs.
@@ -29,7 +29,7 @@ pub struct RunForm {
 
 /// Records of a node and of the nodes below it, down to a given number of levels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Run<B> {
+pub struct RunRecords<B> {
     /// Levels from the node down to the cells.
     pub height: u8,
     /// Value of the node, with the width of a value.
@@ -38,9 +38,9 @@ pub struct Run<B> {
     pub records: B,
 }
 
-impl Run<Vec<u8>> {
-    fn as_slices(&self) -> Run<&[u8]> {
-        Run { height: self.height, representative: &self.representative, records: &self.records }
+impl RunRecords<Vec<u8>> {
+    fn as_slices(&self) -> RunRecords<&[u8]> {
+        RunRecords { height: self.height, representative: &self.representative, records: &self.records }
     }
 }
 
@@ -48,7 +48,7 @@ impl Run<Vec<u8>> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnpackedRuns {
     /// Runs, in packing order.
-    pub runs: Vec<Run<Vec<u8>>>,
+    pub runs: Vec<RunRecords<Vec<u8>>>,
     /// Additional bytes that were packed with the runs.
     pub side_bytes: Vec<u8>,
 }
@@ -57,7 +57,7 @@ pub struct UnpackedRuns {
 const START: usize = 5;
 
 /// Packs runs, and additional bytes. Returns `None` if the result is not smaller.
-pub fn pack_runs(form: &RunForm, runs: &[Run<&[u8]>], side_bytes: &[u8]) -> Option<Vec<u8>> {
+pub fn pack_runs(form: &RunForm, runs: &[RunRecords<&[u8]>], side_bytes: &[u8]) -> Option<Vec<u8>> {
     pack_runs_by(Model::of(form.form.value, form.rule, form.kind), form, runs, side_bytes)
 }
 
@@ -65,7 +65,7 @@ pub fn pack_runs(form: &RunForm, runs: &[Run<&[u8]>], side_bytes: &[u8]) -> Opti
 pub(crate) fn pack_runs_by(
     model: Model,
     form: &RunForm,
-    runs: &[Run<&[u8]>],
+    runs: &[RunRecords<&[u8]>],
     side_bytes: &[u8],
 ) -> Option<Vec<u8>> {
     let length = side_bytes.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
@@ -76,7 +76,7 @@ pub(crate) fn pack_runs_by(
 fn pack_as(
     model: Model,
     form: &RunForm,
-    runs: &[Run<&[u8]>],
+    runs: &[RunRecords<&[u8]>],
     (side_bytes, length): (&[u8], usize),
 ) -> Option<Vec<u8>> {
     let layout = RecordLayout::new(form.form);
@@ -90,10 +90,11 @@ fn pack_as(
     let (coded, mut blocks) = code_runs(&mut writer, model, form, (runs.len(), length, length), &contents)?;
     let mut packed = checksum(runs.iter().copied(), side_bytes).to_le_bytes().to_vec();
     packed.push(model as u8);
-    // (As with segments: only what unpacks to the same bytes is written.)
+    // (Only what unpacks to the same bytes is written. See `pack_as` in `segment.rs` for what this
+    // check covers.)
     let records = runs.iter().flat_map(|run| run.records).copied().collect::<Vec<u8>>();
     let (mut written, lengths) = coded.write(&layout, &mut blocks)?;
-    let is_same = |((run, coded), length): ((&Run<&[u8]>, &RunNodes), usize)| {
+    let is_same = |((run, coded), length): ((&RunRecords<&[u8]>, &RunNodes), usize)| {
         length == run.records.len() && coded.representative == run.representative
     };
     if written.len() != records.len() || !runs.iter().zip(&coded.runs).zip(lengths).all(is_same) {
@@ -105,7 +106,7 @@ fn pack_as(
         return None;
     }
     let numbers = (&blocks[..], &groups[..], &records[..]);
-    write_parts(writer, (model, form.form, form.rule), numbers, &mut packed);
+    write_ranges(writer, (model, form.form, form.rule), numbers, &mut packed);
     Some(packed)
 }
 
@@ -121,35 +122,34 @@ pub fn unpack_runs(
 ) -> Result<UnpackedRuns, Corruption> {
     let (start, rest) = packed.split_at_checked(START).ok_or(Corruption("too few bytes"))?;
     let model = Model::from_number(start[4], form.form.value)?;
-    let parts = Parts::of(model, rest).ok_or(Corruption("parts that cannot be"))?;
-    let mut reader = BitReader::new(parts.nodes).ok_or(Corruption("no states"))?;
+    let ranges = PackedRanges::of(model, rest).ok_or(Corruption("invalid lengths of packed ranges"))?;
+    let mut reader = BitReader::new(ranges.nodes).ok_or(Corruption("too few bytes of coder states"))?;
     let contents = Contents { runs: &[], taken: &[], known: &[], side_bytes: &[] };
     let coded = code_runs(&mut reader, model, form, (count, most, 0), &contents);
-    let (coded, mut blocks) = coded.ok_or(Corruption("records that cannot be"))?;
+    let (coded, mut blocks) = coded.ok_or(Corruption("invalid records"))?;
     if !reader.is_whole() {
-        return Err(Corruption("another length"));
+        return Err(Corruption("a different unpacked length"));
     }
-    let (mut records, lengths) = coded
-        .write(&RecordLayout::new(form.form), &mut blocks)
-        .ok_or(Corruption("records that cannot be"))?;
-    let numbers = parts.unpack_blocks(form.form, form.rule, (&blocks, &mut records));
-    numbers.ok_or(Corruption("numbers that cannot be"))?;
+    let (mut records, lengths) =
+        coded.write(&RecordLayout::new(form.form), &mut blocks).ok_or(Corruption("invalid records"))?;
+    let numbers = ranges.unpack_blocks(form.form, form.rule, (&blocks, &mut records));
+    numbers.ok_or(Corruption("invalid numbers"))?;
     let mut rest = &records[..];
     let runs = coded.runs.into_iter().zip(lengths).map(|(run, length)| {
         let (records, others) = rest.split_at(length);
         rest = others;
-        Run { height: run.height, representative: run.representative, records: records.to_vec() }
+        RunRecords { height: run.height, representative: run.representative, records: records.to_vec() }
     });
     let unpacked = UnpackedRuns { runs: runs.collect(), side_bytes: coded.side_bytes };
-    let found = checksum(unpacked.runs.iter().map(Run::as_slices), &unpacked.side_bytes);
+    let found = checksum(unpacked.runs.iter().map(RunRecords::as_slices), &unpacked.side_bytes);
     if found.to_le_bytes() != start[..4] {
-        return Err(Corruption("another checksum"));
+        return Err(Corruption("a different checksum"));
     }
     Ok(unpacked)
 }
 
 /// Computes the checksum of consecutive runs and of the additional bytes.
-fn checksum<'r>(runs: impl Iterator<Item = Run<&'r [u8]>>, side_bytes: &[u8]) -> u32 {
+fn checksum<'r>(runs: impl Iterator<Item = RunRecords<&'r [u8]>>, side_bytes: &[u8]) -> u32 {
     let of_runs = runs.fold(0, |sum, run| {
         let sum = crc32c::crc32c_append(sum, &[run.height]);
         crc32c::crc32c_append(crc32c::crc32c_append(sum, run.representative), run.records)
@@ -159,7 +159,7 @@ fn checksum<'r>(runs: impl Iterator<Item = Run<&'r [u8]>>, side_bytes: &[u8]) ->
 
 /// Contents to be written; empty for a reader.
 struct Contents<'c> {
-    runs: &'c [Run<&'c [u8]>],
+    runs: &'c [RunRecords<&'c [u8]>],
     taken: &'c [ParsedRecords<'c>],
     /// Values, by symbol less [`crate::nodes::FIRST_VALUE`].
     known: &'c [Numbers],

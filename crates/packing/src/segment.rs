@@ -33,7 +33,7 @@ pub struct Corruption(pub &'static str);
 
 impl Corruption {
     /// Not corruption, but numbers packed by an older version, which are no longer read.
-    pub const OLDER: Corruption = Corruption("the packing of numbers by an older version");
+    pub const OLDER: Corruption = Corruption("an obsolete encoding of packed numbers");
 }
 
 /// Maximum number of class counts of a segment.
@@ -78,7 +78,14 @@ fn pack_as(
     let (coder, nodes, coded_counts) =
         code_segment(&mut writer, model, segment, layout, records.len(), contents, &mut blocks)?;
     // Invariant: only what unpacks to the same bytes is written. Whatever the model cannot
-    // represent (corrupt records, or those of another writer) stays plain.
+    // represent (corrupt records, or those of another writer) stays plain. The check decodes
+    // nothing. It compares records and class counts with those that follow from what the coder
+    // returns, which is the same for a writer and a reader:
+    // - all states, values, heads and class counts;
+    // - of dense blocks of numbers, only heads, and zeros of VOID nodes and padding. Their values
+    //   and masks are copied.
+    // Entropy coders and predictions are reversible for all numbers. Tests verify that, and readers
+    // compare the checksum.
     let mut written = Vec::with_capacity(records.len());
     coder.write(&nodes, &mut blocks, records.len() / layout.size, &mut written)?;
     if written.len() != records.len() {
@@ -92,7 +99,7 @@ fn pack_as(
     let mut packed = crc32c::crc32c_append(crc32c::crc32c(records), counts).to_le_bytes().to_vec();
     packed.push(model as u8);
     let numbers = (&blocks[..], &groups[..], records);
-    write_parts(writer, (model, segment.form, segment.rule), numbers, &mut packed);
+    write_ranges(writer, (model, segment.form, segment.rule), numbers, &mut packed);
     Some(packed)
 }
 
@@ -105,31 +112,31 @@ pub fn unpack(segment: &SegmentForm, slots: u32, classes: u16, packed: &[u8]) ->
     let length = slots as usize * layout.size;
     let (start, rest) = packed.split_at_checked(START).ok_or(Corruption("too few bytes"))?;
     let model = Model::from_number(start[4], segment.form.value)?;
-    let parts = Parts::of(model, rest).ok_or(Corruption("parts that cannot be"))?;
-    let mut reader = BitReader::new(parts.nodes).ok_or(Corruption("no states"))?;
+    let ranges = PackedRanges::of(model, rest).ok_or(Corruption("invalid lengths of packed ranges"))?;
+    let mut reader = BitReader::new(ranges.nodes).ok_or(Corruption("too few bytes of coder states"))?;
     let mut blocks = Vec::new();
     let none = Nodes::default();
     let contents = Contents { nodes: &none, table: &[], known: &[], counts: &[] };
     let coded = code_segment(&mut reader, model, segment, &layout, length, contents, &mut blocks);
-    let (coder, nodes, counts) = coded.ok_or(Corruption("nodes that cannot be"))?;
+    let (coder, nodes, counts) = coded.ok_or(Corruption("invalid node states or values"))?;
     let mut plain = Vec::with_capacity(length + counts.len());
     let written = coder.write(&nodes, &mut blocks, slots as usize, &mut plain);
-    written.ok_or(Corruption("records that cannot be"))?;
-    let numbers = parts.unpack_blocks(segment.form, segment.rule, (&blocks, &mut plain));
-    numbers.ok_or(Corruption("numbers that cannot be"))?;
+    written.ok_or(Corruption("invalid records"))?;
+    let numbers = ranges.unpack_blocks(segment.form, segment.rule, (&blocks, &mut plain));
+    numbers.ok_or(Corruption("invalid numbers"))?;
     let is_whole = reader.is_whole() && plain.len() == length;
     plain.extend_from_slice(&counts);
     if !is_whole || counts.len() != usize::from(classes) * (layout.width + 8) {
-        return Err(Corruption("another length"));
+        return Err(Corruption("a different unpacked length"));
     }
     if crc32c::crc32c(&plain).to_le_bytes() != start[..4] {
-        return Err(Corruption("another checksum"));
+        return Err(Corruption("a different checksum"));
     }
     Ok(plain)
 }
 
 /// Byte ranges of the adaptive coder, and of the numbers of dense blocks, if any.
-pub(crate) struct Parts<'p> {
+pub(crate) struct PackedRanges<'p> {
     /// Bytes of a [`BitReader`].
     pub(crate) nodes: &'p [u8],
     /// Header and streams of the numbers of dense blocks.
@@ -137,7 +144,7 @@ pub(crate) struct Parts<'p> {
 }
 
 /// Writes all byte ranges. With numbers, the lengths of all but the last precede them.
-pub(crate) fn write_parts(
+pub(crate) fn write_ranges(
     writer: BitWriter,
     (model, form, rule): (Model, TreeType, Rule),
     (blocks, groups, records): (&[NumberBlock], &[Group], &[u8]),
@@ -181,14 +188,14 @@ fn read_length(bytes: &mut &[u8]) -> Option<usize> {
     None
 }
 
-impl<'p> Parts<'p> {
-    pub(crate) fn of(model: Model, mut bytes: &'p [u8]) -> Option<Parts<'p>> {
+impl<'p> PackedRanges<'p> {
+    pub(crate) fn of(model: Model, mut bytes: &'p [u8]) -> Option<PackedRanges<'p>> {
         if model != Model::Numbers {
-            return Some(Parts { nodes: bytes, numbers: Default::default() });
+            return Some(PackedRanges { nodes: bytes, numbers: Default::default() });
         }
         let (nodes, header) = (read_length(&mut bytes)?, read_length(&mut bytes)?);
         let (nodes, rest) = bytes.split_at_checked(nodes)?;
-        Some(Parts { nodes, numbers: rest.split_at_checked(header)? })
+        Some(PackedRanges { nodes, numbers: rest.split_at_checked(header)? })
     }
 
     /// Reads the numbers of dense blocks into records.

@@ -4,7 +4,7 @@
 //! the computation of others. A reader traverses both streams forwards. A writer emits states
 //! backwards, since each state is a stack.
 
-use crate::contexts::{Contexts, ESCAPE, FLAT, FlatContexts, MAX_CONTEXTS, SYMBOLS};
+use crate::contexts::{Contexts, ESCAPE, FLAT, FlatContexts, MAX_PLANE_CONTEXTS, SYMBOLS};
 use crate::lanes::Lane;
 use crate::tables::{EncodeTable, Entry, Frequencies, Histogram, STATE_BITS, STATES};
 use crate::vectorized::vectorized;
@@ -131,32 +131,33 @@ impl<'b> SymbolReader<'b> {
             && word(self.raw, self.raw_bit) == 0
     }
 
-    /// Reads a token for each context: the number of raw bits in the lower byte, and the upper bits
-    /// of the number in the upper byte. `entries` has the decoding tables of all contexts.
-    pub(crate) fn tokens(
+    /// Reads a symbol in each context, and returns its meaning: the number of raw bits in the lower
+    /// byte, and the upper bits of the number in the upper byte. `entries` has the decoding tables
+    /// of all contexts.
+    pub(crate) fn meanings(
         &mut self,
-        entries: &[Entry; MAX_CONTEXTS * STATES],
+        entries: &[Entry; MAX_PLANE_CONTEXTS * STATES],
         flat: FlatContexts,
         contexts: &[u8],
-        tokens: &mut [u16],
+        meanings: &mut [u16],
     ) {
-        read_tokens((self.bits, entries), flat, &mut self.bit, &mut self.states, contexts, tokens);
+        read_meanings((self.bits, entries), flat, &mut self.bit, &mut self.states, contexts, meanings);
     }
 
-    /// Reads the raw bits of tokens, and completes the numbers.
-    pub(crate) fn numbers<T: Lane>(&mut self, tokens: &[u16], numbers: &mut [T]) {
-        read_numbers(self.raw, &mut self.raw_bit, tokens, numbers);
+    /// Reads the raw bits of the symbols with these meanings, and completes the numbers.
+    pub(crate) fn numbers<T: Lane>(&mut self, meanings: &[u16], numbers: &mut [T]) {
+        read_numbers(self.raw, &mut self.raw_bit, meanings, numbers);
     }
 }
 
 vectorized! {
-    fn read_tokens | read_tokens_baseline | read_tokens_avx2(
-        source: (&[u8], &[Entry; MAX_CONTEXTS * STATES]),
+    fn read_meanings | read_meanings_baseline | read_meanings_avx2(
+        source: (&[u8], &[Entry; MAX_PLANE_CONTEXTS * STATES]),
         flat: FlatContexts,
         position: &mut usize,
         states: &mut [u32; STATE_COUNT],
         contexts: &[u8],
-        tokens: &mut [u16],
+        meanings: &mut [u16],
     ) {
         let (bytes, entries) = source;
         let mut bit = *position;
@@ -166,30 +167,30 @@ vectorized! {
         // nothing worse. A word has enough bits for four entries of at most 8 bits each. `sum`
         // accumulates their counts in its lowest byte.
         macro_rules! step {
-            ($word:ident, $sum:ident, $state:ident, $context:expr, $token:expr) => {
-                let entry = entries
-                    [(usize::from($context) << STATE_BITS | $state as usize) & (MAX_CONTEXTS * STATES - 1)];
+            ($word:ident, $sum:ident, $state:ident, $context:expr, $meaning:expr) => {
+                let at = usize::from($context) << STATE_BITS | $state as usize;
+                let entry = entries[at & (MAX_PLANE_CONTEXTS * STATES - 1)];
                 $state = (entry >> 24) + ($word & MASKS[entry as usize & 31]) as u32;
                 $word >>= entry & 63;
-                *$token = (entry >> 8) as u16;
+                *$meaning = (entry >> 8) as u16;
                 $sum += entry & 255;
             };
         }
         let whole = contexts.len() / FLAT * FLAT;
         let (contexts, last) = contexts.split_at(whole);
-        let (tokens, last_tokens) = tokens.split_at_mut(whole);
-        for (contexts, tokens) in contexts.chunks_exact(FLAT).zip(tokens.chunks_exact_mut(FLAT)) {
+        let (meanings, last_meanings) = meanings.split_at_mut(whole);
+        for (contexts, meanings) in contexts.chunks_exact(FLAT).zip(meanings.chunks_exact_mut(FLAT)) {
             if contexts == [flat.context; FLAT] {
-                let (mut word, mut sum, mut token) = (word(bytes, bit), 0, 0);
-                step!(word, sum, s0, flat.all, &mut token);
+                let (mut word, mut sum, mut meaning) = (word(bytes, bit), 0, 0);
+                step!(word, sum, s0, flat.all, &mut meaning);
                 let _ = word;
                 bit += sum as usize;
-                if token == 0 {
-                    tokens.fill(0);
+                if meaning == 0 {
+                    meanings.fill(0);
                     continue;
                 }
             }
-            let [t0, t1, t2, t3, t4, t5, t6, t7] = tokens else { continue };
+            let [t0, t1, t2, t3, t4, t5, t6, t7] = meanings else { continue };
             let (mut first, mut sum) = (word(bytes, bit), 0);
             step!(first, sum, s0, contexts[0], t0);
             step!(first, sum, s1, contexts[1], t1);
@@ -204,9 +205,9 @@ vectorized! {
             bit += sum as usize;
             let _ = (first, second);
         }
-        for (context, token) in last.iter().zip(last_tokens) {
+        for (context, meaning) in last.iter().zip(last_meanings) {
             let (mut word, mut sum) = (word(bytes, bit), 0);
-            step!(word, sum, s0, *context, token);
+            step!(word, sum, s0, *context, meaning);
             let _ = word;
             bit += sum as usize;
         }
@@ -219,19 +220,19 @@ vectorized! {
     fn read_numbers | read_numbers_baseline | read_numbers_avx2<T>(
         bytes: &[u8],
         position: &mut usize,
-        tokens: &[u16],
+        meanings: &[u16],
         numbers: &mut [T],
     ) {
         let mut bit = *position;
-        let numbers = &mut numbers[..tokens.len()];
-        // Tokens whose raw bits all fit into one word.
+        let numbers = &mut numbers[..meanings.len()];
+        // Numbers whose raw bits all fit into one word.
         macro_rules! some {
-            ($($at:literal)*, $tokens:ident, $numbers:ident) => {
+            ($($at:literal)*, $meanings:ident, $numbers:ident) => {
                 let (mut word, mut sum) = (word(bytes, bit), 0);
                 $({
-                    let token = $tokens[$at];
-                    let count = usize::from(token & 63);
-                    let upper = u64::from(token >> 8) << count;
+                    let meaning = $meanings[$at];
+                    let count = usize::from(meaning & 63);
+                    let upper = u64::from(meaning >> 8) << count;
                     $numbers[$at] = T::from_i64((upper | word & MASKS[count]) as i64);
                     word >>= count;
                     sum += count;
@@ -240,40 +241,42 @@ vectorized! {
                 bit += sum;
             };
         }
-        let one = |token: u16, bit: &mut usize| {
-            let count = usize::from(token & 255);
-            let above = u64::from(token >> 8).checked_shl(count as u32).unwrap_or(0);
+        let one = |meaning: u16, bit: &mut usize| {
+            let count = usize::from(meaning & 255);
+            let above = u64::from(meaning >> 8).checked_shl(count as u32).unwrap_or(0);
             // (Two halves, the lower one first.)
             let lower = word(bytes, *bit) & MASKS[count.min(32)];
             let upper = word(bytes, *bit + 32) & MASKS[count.saturating_sub(32) % 64];
             *bit += count;
             T::from_i64((above | upper << 32 | lower) as i64)
         };
-        let (eights, last) = tokens.as_chunks::<FLAT>();
+        let (eights, last) = meanings.as_chunks::<FLAT>();
         let (eight_numbers, last_numbers) = numbers.as_chunks_mut::<FLAT>();
-        for (tokens, numbers) in eights.iter().zip(eight_numbers) {
+        for (meanings, numbers) in eights.iter().zip(eight_numbers) {
             let four = |at: usize| {
-                let [a, b, c, d] = [0, 1, 2, 3].map(|next| u64::from(tokens[at + next]));
+                let [a, b, c, d] = [0, 1, 2, 3].map(|next| u64::from(meanings[at + next]));
                 a | b << 16 | c << 32 | d << 48
             };
-            // Union of the raw bit counts of all eight tokens, in four 16-bit lanes: an upper bound
-            // for the tests below.
+            // Union of the raw bit counts of all eight numbers, in four 16-bit lanes: an upper
+            // bound for the tests below.
             let counts = (four(0) | four(4)) & 0x00ff_00ff_00ff_00ff;
             if counts == 0 {
-                for (number, token) in numbers.iter_mut().zip(tokens) {
-                    *number = T::from_i64((token >> 8).into());
+                for (number, meaning) in numbers.iter_mut().zip(meanings) {
+                    *number = T::from_i64((meaning >> 8).into());
                 }
             } else if counts & 0x00f8_00f8_00f8_00f8 == 0 {
-                some!(0 1 2 3 4 5 6 7, tokens, numbers);
+                some!(0 1 2 3 4 5 6 7, meanings, numbers);
             } else if T::BITS == 16 || counts & 0x00f0_00f0_00f0_00f0 == 0 {
-                some!(0 1 2, tokens, numbers);
-                some!(3 4 5, tokens, numbers);
-                some!(6 7, tokens, numbers);
+                some!(0 1 2, meanings, numbers);
+                some!(3 4 5, meanings, numbers);
+                some!(6 7, meanings, numbers);
             } else {
-                numbers.iter_mut().zip(tokens).for_each(|(number, token)| *number = one(*token, &mut bit));
+                for (number, meaning) in numbers.iter_mut().zip(meanings) {
+                    *number = one(*meaning, &mut bit);
+                }
             }
         }
-        last_numbers.iter_mut().zip(last).for_each(|(number, token)| *number = one(*token, &mut bit));
+        last_numbers.iter_mut().zip(last).for_each(|(number, meaning)| *number = one(*meaning, &mut bit));
         *position = bit;
     }
 }
@@ -315,9 +318,9 @@ impl<T: Lane> Planes<T> {
     }
 
     /// Computes the symbols of all numbers, and counts them by context.
-    pub(crate) fn count(&mut self) -> Box<[Histogram; MAX_CONTEXTS]> {
-        let mut histograms = Box::new([[0; SYMBOLS]; MAX_CONTEXTS]);
-        let noises: [u32; MAX_CONTEXTS] =
+    pub(crate) fn count(&mut self) -> Box<[Histogram; MAX_PLANE_CONTEXTS]> {
+        let mut histograms = Box::new([[0; SYMBOLS]; MAX_PLANE_CONTEXTS]);
+        let noises: [u32; MAX_PLANE_CONTEXTS] =
             std::array::from_fn(|at| if at < Contexts::<T>::COUNT { Contexts::<T>::noise(at) } else { 0 });
         let first_sum = 2 * Contexts::<T>::SIZES;
         self.symbols.clear();
@@ -339,7 +342,7 @@ impl<T: Lane> Planes<T> {
                     *symbol = if context >= first_sum {
                         Contexts::<T>::sum_symbol(number.bits())
                     } else {
-                        Contexts::<T>::error_symbol(number.bits(), noises[context])
+                        Contexts::<T>::residual_symbol(number.bits(), noises[context])
                     };
                     histograms[context][usize::from(*symbol) % SYMBOLS] += 1;
                 }
@@ -356,7 +359,8 @@ fn is_zero<T: Lane>(numbers: &[T]) -> bool {
 /// Writer of both streams: raw bits in order, then states from the last channel to the first.
 ///
 /// Invariant: states are written in exactly the reverse of the reading order: channels, planes,
-/// groups of eight, then samples of a group, and the symbol of a group after its samples.
+/// eights of samples, then samples of an eight. The symbol that codes eight samples at once is
+/// written after them. (These eights are not the groups of blocks of [`crate::groups`].)
 #[derive(Default)]
 pub(crate) struct SymbolWriter {
     raw: Vec<u32>,
@@ -373,7 +377,7 @@ impl SymbolWriter {
     /// their table become escapes.
     pub(crate) fn raw<T: Lane>(&mut self, planes: &mut Planes<T>, tables: &[Frequencies]) {
         // Per context and symbol: the symbol that is coded, and the number of its raw bits.
-        let mut coded = Box::new([[(0u8, 0u8); SYMBOLS]; MAX_CONTEXTS]);
+        let mut coded = Box::new([[(0u8, 0u8); SYMBOLS]; MAX_PLANE_CONTEXTS]);
         for (context, (coded, table)) in coded.iter_mut().zip(tables).enumerate() {
             for (symbol, coded) in coded.iter_mut().enumerate() {
                 let symbol = if table[symbol] == 0 { ESCAPE } else { symbol };
@@ -418,14 +422,14 @@ impl SymbolWriter {
     /// Writes the states of a channel, the last one first.
     #[inline(never)]
     pub(crate) fn states<T: Lane>(&mut self, planes: &Planes<T>, tables: &[Frequencies]) {
-        let mut used = [false; MAX_CONTEXTS];
+        let mut used = [false; MAX_PLANE_CONTEXTS];
         planes.contexts.iter().for_each(|context| used[usize::from(*context)] = true);
         planes.ends.iter().for_each(|(_, flat)| used[usize::from(flat.all)] = true);
-        let mut all = vec![EncodeTable::EMPTY; MAX_CONTEXTS];
+        let mut all = vec![EncodeTable::EMPTY; MAX_PLANE_CONTEXTS];
         for ((table, frequencies), _) in all.iter_mut().zip(tables).zip(used).filter(|(_, used)| *used) {
             *table = EncodeTable::new(frequencies);
         }
-        let Ok(tables) = <&[EncodeTable; MAX_CONTEXTS]>::try_from(&all[..]) else { return };
+        let Ok(tables) = <&[EncodeTable; MAX_PLANE_CONTEXTS]>::try_from(&all[..]) else { return };
         let mut states = self.states.unwrap_or([STATES as u32; STATE_COUNT]);
         let (mut rest, mut count) = (self.rest, self.count);
         let words = &mut self.words;

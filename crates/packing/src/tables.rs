@@ -1,6 +1,6 @@
 //! Coding tables of contexts: tANS (Duda, arXiv:1311.2540) with 256 states.
 
-use crate::contexts::{Contexts, ESCAPE, Kind, MAX_CONTEXTS, SYMBOLS};
+use crate::contexts::{Contexts, ESCAPE, Kind, MAX_PLANE_CONTEXTS, SYMBOLS};
 use crate::defaults;
 use crate::lanes::Lane;
 use crate::symbols::{HeaderReader, HeaderWriter};
@@ -106,20 +106,20 @@ impl EncodeTable {
     }
 }
 
-/// Bits of a weight in a stored table.
-const WEIGHT_BITS: u32 = 5;
+/// Bits of the weight of a symbol in a stored table.
+const TABLE_WEIGHT_BITS: u32 = 5;
 /// Weights that symbols may have: four per doubling.
-const WEIGHTS: [u32; 1 << WEIGHT_BITS] = [
+const TABLE_WEIGHTS: [u32; 1 << TABLE_WEIGHT_BITS] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192,
     224, 256, 320, 384, 448,
 ];
 /// Weight of the most frequent symbol of a stored table.
-const MAX_WEIGHT: u64 = 256;
+const MAX_TABLE_WEIGHT: u64 = 256;
 
 /// Converts weights to frequencies that add up to [`STATES`]. A symbol with a weight other than 0
 /// has at least 1. The largest frequency absorbs the rounding error.
 pub(crate) fn of_weights(weights: &[u8; SYMBOLS]) -> Frequencies {
-    let weights = weights.map(|weight| WEIGHTS[usize::from(weight) % WEIGHTS.len()]);
+    let weights = weights.map(|weight| TABLE_WEIGHTS[usize::from(weight) % TABLE_WEIGHTS.len()]);
     let sum: u32 = weights.iter().sum();
     let mut frequencies = [0; SYMBOLS];
     if sum == 0 {
@@ -159,17 +159,17 @@ fn to_weights<T: Lane>(context: usize, histogram: &Histogram) -> [u8; SYMBOLS] {
             return 0;
         }
         // Nearest by ratio: up to the geometric mean of this weight and the next one.
-        let scaled = count * MAX_WEIGHT;
-        let nearest = (1..WEIGHTS.len() - 1).find(|at| {
-            let between = u128::from(WEIGHTS[*at]) * u128::from(WEIGHTS[at + 1]);
+        let scaled = count * MAX_TABLE_WEIGHT;
+        let nearest = (1..TABLE_WEIGHTS.len() - 1).find(|at| {
+            let between = u128::from(TABLE_WEIGHTS[*at]) * u128::from(TABLE_WEIGHTS[at + 1]);
             u128::from(scaled) * u128::from(scaled) < between * u128::from(most) * u128::from(most)
         });
-        nearest.unwrap_or(WEIGHTS.len() - 1) as u8
+        nearest.unwrap_or(TABLE_WEIGHTS.len() - 1) as u8
     })
 }
 
 /// Returns the size of the symbols of a histogram with some frequencies, in units of
-/// 2^-[`LOG_BITS`] bits. Returns `None` if a symbol has no code.
+/// 2^-[`COST_BITS`] bits. Returns `None` if a symbol has no code.
 fn cost<T: Lane>(context: usize, histogram: &Histogram, frequencies: &Frequencies) -> Option<u64> {
     let mut sum = 0;
     for (symbol, count) in histogram.iter().enumerate().filter(|(_, count)| **count > 0) {
@@ -181,14 +181,14 @@ fn cost<T: Lane>(context: usize, histogram: &Histogram, frequencies: &Frequencie
         if coded == 0 {
             return None;
         }
-        let bits = (u64::from(STATE_BITS + more) << LOG_BITS) - LOGS[usize::from(coded)];
+        let bits = (u64::from(STATE_BITS + more) << COST_BITS) - LOGS[usize::from(coded)];
         sum += u64::from(*count) * bits;
     }
     Some(sum)
 }
 
-/// Fraction bits of a logarithm.
-const LOG_BITS: u32 = 12;
+/// Fraction bits of costs and of [`LOGS`].
+const COST_BITS: u32 = 12;
 /// Logarithms of frequencies to base 2, computed bit by bit: for a number in [1, 2), the next bit
 /// is set if its square is 2 or more.
 const LOGS: [u64; STATES + 1] = {
@@ -200,7 +200,7 @@ const LOGS: [u64; STATES + 1] = {
         let mut rest = ((number as u64) << 30) >> whole;
         let mut log = whole as u64;
         let mut bit = 0;
-        while bit < LOG_BITS {
+        while bit < COST_BITS {
             rest = (rest * rest) >> 30;
             let is_set = rest >= 2 * ONE;
             log = log << 1 | is_set as u64;
@@ -217,7 +217,10 @@ const LOGS: [u64; STATES + 1] = {
 pub(crate) type Tables = Vec<Frequencies>;
 
 /// Chooses the tables of a channel, and writes those that are not the default.
-pub(crate) fn choose<T: Lane>(histograms: &[Histogram; MAX_CONTEXTS], header: &mut HeaderWriter) -> Tables {
+pub(crate) fn choose<T: Lane>(
+    histograms: &[Histogram; MAX_PLANE_CONTEXTS],
+    header: &mut HeaderWriter,
+) -> Tables {
     let defaults = defaults::tables::<T>();
     let chosen: Vec<Option<[u8; SYMBOLS]>> = (0..Contexts::<T>::COUNT)
         .map(|context| {
@@ -226,9 +229,9 @@ pub(crate) fn choose<T: Lane>(histograms: &[Histogram; MAX_CONTEXTS], header: &m
                 return None;
             }
             let weights = to_weights::<T>(context, histogram);
-            let bits = WEIGHT_BITS * (last(&weights) + 1) + 4;
+            let bits = TABLE_WEIGHT_BITS * (last(&weights) + 1) + 4;
             let own = cost::<T>(context, histogram, &of_weights(&weights))
-                .map(|cost| cost + (u64::from(bits) << LOG_BITS));
+                .map(|cost| cost + (u64::from(bits) << COST_BITS));
             let default = cost::<T>(context, histogram, &defaults[context]);
             // (At least one of them has codes for all symbols: `own`.)
             let is_better = match (own, default) {
@@ -246,7 +249,7 @@ pub(crate) fn choose<T: Lane>(histograms: &[Histogram; MAX_CONTEXTS], header: &m
             header.put(last(weights).into(), 4);
             weights[..=last(weights) as usize]
                 .iter()
-                .for_each(|weight| header.put((*weight).into(), WEIGHT_BITS));
+                .for_each(|weight| header.put((*weight).into(), TABLE_WEIGHT_BITS));
         }
     }
     chosen
@@ -269,7 +272,7 @@ pub(crate) fn read<T: Lane>(header: &mut HeaderReader<'_>) -> Vec<Option<Frequen
         if header.take(1) == 1 {
             let mut weights = [0; SYMBOLS];
             let last = header.take(4) as usize;
-            weights[..=last].iter_mut().for_each(|weight| *weight = header.take(WEIGHT_BITS) as u8);
+            weights[..=last].iter_mut().for_each(|weight| *weight = header.take(TABLE_WEIGHT_BITS) as u8);
             *table = Some(of_weights(&weights));
         }
     }

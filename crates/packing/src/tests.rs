@@ -12,7 +12,7 @@ use crate::model::Model;
 use crate::nodes::Dense;
 use crate::runs::pack_runs_by;
 use crate::segment::pack_by;
-use crate::{Corruption, Run, RunForm, SegmentForm, pack, pack_runs, unpack, unpack_runs};
+use crate::{Corruption, RunForm, RunRecords, SegmentForm, pack, pack_runs, unpack, unpack_runs};
 
 /// Small random number generator (xorshift), so that tests are reproducible.
 pub(crate) struct Random(pub(crate) u64);
@@ -201,7 +201,7 @@ fn class_counts_come_back() {
         }
         let packed = pack(&form, slots, &plain).unwrap();
         assert_eq!(unpack(&form, slots, 4, &packed), Ok(plain));
-        assert_eq!(unpack(&form, slots, 3, &packed), Err(Corruption("another length")));
+        assert_eq!(unpack(&form, slots, 3, &packed), Err(Corruption("a different unpacked length")));
     }
 }
 
@@ -322,20 +322,20 @@ fn records_that_claim_others_are_not_packed() {
 }
 
 /// Returns runs of random trees of several heights.
-fn random_runs(form: &RunForm, count: u64, seed: u64) -> Vec<Run<Vec<u8>>> {
+fn random_runs(form: &RunForm, count: u64, seed: u64) -> Vec<RunRecords<Vec<u8>>> {
     let run = |number| {
         let height = if number % 7 == 6 { form.reach + 2 } else { form.reach };
         let segment =
             SegmentForm { form: form.form, rule: form.rule, kind: form.kind, height, reach: form.reach };
         let (_, records) = random_segment(segment, 3, seed * 100 + number);
-        Run { height, representative: records[..form.form.width()].to_vec(), records }
+        RunRecords { height, representative: records[..form.form.width()].to_vec(), records }
     };
     (0..count).map(run).collect()
 }
 
-fn as_slices(runs: &[Run<Vec<u8>>]) -> Vec<Run<&[u8]>> {
+fn as_slices(runs: &[RunRecords<Vec<u8>>]) -> Vec<RunRecords<&[u8]>> {
     runs.iter()
-        .map(|run| Run {
+        .map(|run| RunRecords {
             height: run.height,
             representative: &run.representative[..],
             records: &run.records[..],
@@ -393,7 +393,7 @@ fn corrupt_runs_are_refused() {
             reach: 3,
         };
         let runs = random_runs(&form, 20, 5);
-        let side_bytes = b"what belongs to them".repeat(3);
+        let side_bytes = b"the side bytes, etc.".repeat(3);
         let length = side_bytes.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
         let slices = as_slices(&runs);
         let models =

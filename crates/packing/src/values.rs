@@ -8,8 +8,8 @@ use spinney_base::value::SampleType;
 use crate::adaptive::{Adaptive, AdaptiveSymbols};
 use crate::bits::BitCoder;
 use crate::blocks::channel_order;
-use crate::errors::{SIZES, code_error, initial_symbols, size_context};
 use crate::nodes::{FIRST_VALUE, NOTHING, NewValues};
+use crate::residuals::{SIZES, code_residual, initial_symbols, size_context};
 use crate::samples;
 
 /// Samples of a value as integers.
@@ -93,19 +93,24 @@ impl NewValues for TableValues {
 /// Values that are numbers. New ones are coded as the difference from the mean of their neighbours.
 pub(crate) struct NumberValues {
     form: TreeType,
-    /// Values so far, by symbol less [`FIRST_VALUE`].
+    /// Values, by symbol less [`FIRST_VALUE`]. A writer has all of them from the start, in
+    /// ascending order; a reader appends each new one when it is decoded.
+    ///
+    /// Invariant: so a value has one symbol for the writer and another one for the reader. Symbols
+    /// are not coded, and contexts depend only on whether two are equal, and on the values that
+    /// they represent: on both sides, equal symbols are equal values.
     pub(crate) known: Vec<Numbers>,
     symbols: HashMap<Numbers, u32>,
     is_void: Adaptive,
-    errors: Vec<AdaptiveSymbols>,
+    residuals: Vec<AdaptiveSymbols>,
 }
 
 impl NumberValues {
     /// Creates a coder with the values to be written, or with none.
     pub(crate) fn new(form: TreeType, known: Vec<Numbers>) -> NumberValues {
-        let errors = SIZES * usize::from(form.value.channels);
-        let errors = (0..errors).map(|at| initial_symbols(at % SIZES)).collect();
-        NumberValues { form, known, symbols: HashMap::new(), is_void: Adaptive::default(), errors }
+        let residuals = SIZES * usize::from(form.value.channels);
+        let residuals = (0..residuals).map(|at| initial_symbols(at % SIZES)).collect();
+        NumberValues { form, known, symbols: HashMap::new(), is_void: Adaptive::default(), residuals }
     }
 }
 
@@ -123,19 +128,20 @@ impl NewValues for NumberValues {
         let near = near.iter().filter_map(|symbol| self.known.get(symbol.checked_sub(FIRST_VALUE)? as usize));
         let value = if K::READS { [0; 4] } else { self.known[(symbol - FIRST_VALUE) as usize] };
         let mut coded = [0; 4];
-        let mut error_like = [0; 4];
+        let mut from_mean = [0; 4];
         for (channel, like) in channel_order(self.form) {
             let numbers = near.clone().map(|near| near[*channel]);
             let count = numbers.clone().count() as i128;
             let sum: i128 = numbers.clone().map(i128::from).sum();
             let mean = sum.checked_div_euclid(count).unwrap_or(0) as i64;
             let (least, most) = (numbers.clone().min().unwrap_or(0), numbers.max().unwrap_or(0));
+            // (The range itself is the expected size: see `code_residual`.)
             let size = size_context(most.wrapping_sub(least) as u64);
-            let expected = mean.wrapping_add(like.map_or(0, |like| error_like[like]));
-            let contexts = &mut self.errors[channel * SIZES..][..SIZES];
-            let error = code_error(coder, contexts, size, value[*channel].wrapping_sub(expected));
-            coded[*channel] = expected.wrapping_add(error);
-            error_like[*channel] = coded[*channel].wrapping_sub(mean);
+            let expected = mean.wrapping_add(like.map_or(0, |like| from_mean[like]));
+            let contexts = &mut self.residuals[channel * SIZES..][..SIZES];
+            let residual = code_residual(coder, contexts, size, value[*channel].wrapping_sub(expected));
+            coded[*channel] = expected.wrapping_add(residual);
+            from_mean[*channel] = coded[*channel].wrapping_sub(mean);
         }
         if !K::READS {
             return Some(symbol);

@@ -18,17 +18,17 @@ pub enum BinaryNode<D, L> {
 /// Builder of a tree in preorder: each dividing node is followed by its first side and then by its
 /// second one. A node with two equal leaves is replaced by a leaf at once, unless `is_needed` holds
 /// for it.
-pub(crate) struct Growing<D, L> {
+pub(crate) struct PreorderBuilder<D, L> {
     nodes: Vec<BinaryNode<D, L>>,
     /// Nodes with an incomplete side, from the root down.
     open: Vec<usize>,
     is_needed: fn(&D) -> bool,
 }
 
-impl<D, L: Copy + PartialEq> Growing<D, L> {
+impl<D, L: Copy + PartialEq> PreorderBuilder<D, L> {
     /// Builder without nodes. Nodes for which `is_needed` holds are kept even above equal leaves.
-    pub(crate) fn new(is_needed: fn(&D) -> bool) -> Growing<D, L> {
-        Growing { nodes: Vec::new(), open: Vec::new(), is_needed }
+    pub(crate) fn new(is_needed: fn(&D) -> bool) -> PreorderBuilder<D, L> {
+        PreorderBuilder { nodes: Vec::new(), open: Vec::new(), is_needed }
     }
 
     /// Reserves capacity for `count` more nodes.
@@ -83,8 +83,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn equal_leaves_become_one_all_the_way_up() {
-        let mut tree = Growing::new(|by: &char| *by == 'k');
+    fn equal_leaves_are_merged_up_to_the_root() {
+        let mut tree = PreorderBuilder::new(|by: &char| *by == 'k');
         for symbol in "xyz11y11k22".chars() {
             match symbol.to_digit(10) {
                 Some(leaf) => tree.leaf(leaf),

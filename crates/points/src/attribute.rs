@@ -127,7 +127,7 @@ impl RowLayout {
 
 /// Returns the coordinates of a row.
 #[inline]
-pub(crate) fn place_of(row: &[u8]) -> [i32; 3] {
+pub(crate) fn position_of(row: &[u8]) -> [i32; 3] {
     std::array::from_fn(|axis| {
         i32::from_le_bytes(row[4 * axis..4 * axis + 4].try_into().expect("four bytes"))
     })

@@ -53,11 +53,11 @@ impl PointGrid {
 
     /// Returns the code of a position; `None` outside the root.
     #[inline]
-    pub(crate) fn code(&self, place: [i32; 3]) -> Option<Code> {
+    pub(crate) fn code(&self, position: [i32; 3]) -> Option<Code> {
         let levels = self.code_levels();
         let mut cell = [0; 3];
         for axis in 0..self.dimension.axes() {
-            let steps = i64::from(place[axis]) - i64::from(self.corner[axis]);
+            let steps = i64::from(position[axis]) - i64::from(self.corner[axis]);
             if steps < 0 || steps >> self.bits != 0 {
                 return None;
             }
@@ -82,14 +82,14 @@ impl PointGrid {
 
     /// Converts a grid position to world coordinates.
     #[inline]
-    pub fn to_world(&self, place: [i32; 3]) -> [f64; 3] {
-        std::array::from_fn(|axis| f64::from(place[axis]) * self.scale[axis] + self.offset[axis])
+    pub fn to_world(&self, position: [i32; 3]) -> [f64; 3] {
+        std::array::from_fn(|axis| f64::from(position[axis]) * self.scale[axis] + self.offset[axis])
     }
 
     /// Returns the bounds of the grid positions in a world box, corners included; `None` if there
     /// are none.
-    pub(crate) fn places_in(&self, [least, most]: [[f64; 3]; 2]) -> Option<[[i32; 3]; 2]> {
-        let mut places = [[i32::MIN; 3], [i32::MAX; 3]];
+    pub(crate) fn grid_box(&self, [least, most]: [[f64; 3]; 2]) -> Option<[[i32; 3]; 2]> {
+        let mut positions = [[i32::MIN; 3], [i32::MAX; 3]];
         for axis in 0..3 {
             let world = |step: i64| step as f64 * self.scale[axis] + self.offset[axis];
             let guess = |to: f64| ((to - self.offset[axis]) / self.scale[axis]).clamp(-4e9, 4e9) as i64;
@@ -102,10 +102,10 @@ impl PointGrid {
             if first > last || first > i32::MAX.into() || last < i32::MIN.into() {
                 return None;
             }
-            places[0][axis] = first.max(i32::MIN.into()) as i32;
-            places[1][axis] = last.min(i32::MAX.into()) as i32;
+            positions[0][axis] = first.max(i32::MIN.into()) as i32;
+            positions[1][axis] = last.min(i32::MAX.into()) as i32;
         }
-        Some(places)
+        Some(positions)
     }
 }
 
@@ -114,18 +114,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nodes_have_the_places_of_their_codes() {
+    fn nodes_contain_the_positions_of_their_codes() {
         let bounds = [[-5, i32::MIN, 3], [100, i32::MAX, 9]];
         for dimension in [Dimension::Quad, Dimension::Oct] {
             let grid = PointGrid::around([1.0; 3], [0.0; 3], bounds, dimension);
             assert_eq!(grid.bits, 32);
-            for place in [[-5, i32::MIN, 3], [100, i32::MAX, 9], [7, 0, 4]] {
-                let code = grid.code(place).unwrap();
+            for position in [[-5, i32::MIN, 3], [100, i32::MAX, 9], [7, 0, 4]] {
+                let code = grid.code(position).unwrap();
                 for level in [0, 1, 5, code.level()] {
                     let [least, most] = grid.node_box(code.ancestor(level));
                     assert!(
-                        (0..3).all(|axis| (least[axis]..=most[axis]).contains(&place[axis])),
-                        "{place:?} {level}"
+                        (0..3).all(|axis| (least[axis]..=most[axis]).contains(&position[axis])),
+                        "{position:?} {level}"
                     );
                 }
             }
@@ -139,12 +139,12 @@ mod tests {
     }
 
     #[test]
-    fn boxes_of_the_world_have_the_places_within() {
+    fn world_boxes_contain_the_grid_positions_inside() {
         let grid = PointGrid::around([0.1, 0.01, 1.0], [0.3, 0.0, 5.0], [[0; 3], [100; 3]], Dimension::Oct);
-        let found = grid.places_in([[0.3, 0.29, 5.5], [0.61, 0.3, 8.0]]).unwrap();
+        let found = grid.grid_box([[0.3, 0.29, 5.5], [0.61, 0.3, 8.0]]).unwrap();
         assert_eq!(found, [[0, 29, 1], [3, 30, 3]]);
-        assert_eq!(grid.places_in([[0.31, 0.0, 0.0], [0.39, 1.0, 1.0]]), None);
-        let all = grid.places_in([[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]]).unwrap();
+        assert_eq!(grid.grid_box([[0.31, 0.0, 0.0], [0.39, 1.0, 1.0]]), None);
+        let all = grid.grid_box([[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]]).unwrap();
         assert_eq!(all, [[i32::MIN; 3], [i32::MAX; 3]]);
     }
 }

@@ -76,8 +76,8 @@ pub fn plan_files(
             if let Some(table) = paths.iter().find(|path| is_point_table(path)) {
                 return Err(Error::unsupported(
                     table,
-                    "a table of points among other files",
-                    "build a tree of each",
+                    "a PLY or NPY file among several inputs",
+                    "build one tree per file",
                 ));
             }
             let files = LasFiles::open(paths, options.crs.as_ref())?;
@@ -102,9 +102,10 @@ pub fn plan_points(
     options: &PointImportOptions,
 ) -> Result<PointImport> {
     let attributes = &source.schema().layout.attributes;
-    let places =
-        |names: &Vec<String>| names.iter().map(|name| position(attributes, name)).collect::<Result<Vec<_>>>();
-    let kept = options.attributes.as_ref().map(places).transpose()?;
+    let indices = |names: &Vec<String>| {
+        names.iter().map(|name| attribute_index(attributes, name)).collect::<Result<Vec<_>>>()
+    };
+    let kept = options.attributes.as_ref().map(indices).transpose()?;
     let source: Box<dyn PointSource> = match conditions.is_empty() && kept.is_none() {
         true => source,
         false => Box::new(ChosenPoints::new(source, conditions, kept)),
@@ -129,13 +130,13 @@ pub fn plan_points(
 ///
 /// # Errors
 /// If there is none with that name.
-pub fn position(attributes: &[PointAttribute], name: &str) -> Result<usize> {
+pub fn attribute_index(attributes: &[PointAttribute], name: &str) -> Result<usize> {
     attributes.iter().position(|attribute| attribute.name == name).ok_or_else(|| {
         let names: Vec<&str> = attributes.iter().map(|attribute| attribute.name.as_str()).collect();
         Error::invalid(
             "attribute",
             format!("`{name}`"),
-            format!("one that points have: {}", names.join(", ")),
+            format!("one of the points' attributes: {}", names.join(", ")),
         )
     })
 }
@@ -157,7 +158,7 @@ impl PointImport {
     }
 
     /// Warns of what was changed in or dropped from the files.
-    pub fn tell_remarks(&self, progress: &dyn Progress) {
+    pub fn warn_of_remarks(&self, progress: &dyn Progress) {
         self.remarks.iter().for_each(|(path, text)| progress.warn(path, text));
     }
 
@@ -166,7 +167,7 @@ impl PointImport {
     /// # Errors
     /// Those of [`build`].
     pub fn build(mut self, output: Output, progress: &dyn Progress) -> Result<BuildSummary> {
-        self.tell_remarks(progress);
+        self.warn_of_remarks(progress);
         build(&mut *self.source, &self.options, &self.metadata, output, progress)
     }
 }

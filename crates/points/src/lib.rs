@@ -26,10 +26,12 @@ pub use build::{BuildSummary, PointBuildOptions, build};
 pub use export::{PointFormat, export_points};
 pub use grid::PointGrid;
 pub use import::{
-    PointImport, PointImportOptions, has_points, is_las_file, plan_files, plan_points, position,
+    PointImport, PointImportOptions, attribute_index, has_points, is_las_file, plan_files, plan_points,
 };
 pub use query::{
     ColumnSummary, NearPoint, PointColumns, PointCondition, PointRegion, PointStatistics, Relation, Selection,
 };
-pub use source::{ChosenPoints, GriddedPoints, PointPart, PointRows, PointSchema, PointSource, WorldPoints};
+pub use source::{
+    ChosenPoints, GriddedPoints, PointRows, PointSchema, PointSource, PointSubset, WorldPoints,
+};
 pub use store::{PointTree, is_point_file};

@@ -52,8 +52,8 @@ impl ColumnStatistics {
 
 /// Returns the minimum and maximum of integers; inverted if there are none.
 fn extremes(numbers: &[i64], sample: SampleType) -> (i64, i64) {
-    let has_room = sample.size() < 4 || sample == SampleType::I32;
-    if numbers.is_empty() || !has_room {
+    let fits_i32 = sample.size() < 4 || sample == SampleType::I32;
+    if numbers.is_empty() || !fits_i32 {
         let least = numbers.iter().copied().min().unwrap_or(i64::MAX);
         return (least, numbers.iter().copied().max().unwrap_or(i64::MIN));
     }

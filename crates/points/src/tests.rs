@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::attribute::{PointAttribute, RowLayout, place_of};
+use crate::attribute::{PointAttribute, RowLayout, position_of};
 use crate::grid::spacing_levels;
 use crate::query::{PointCondition, PointRegion, Relation, Selection};
 use crate::source::{PointRows, PointSchema, PointSource};
@@ -35,15 +35,15 @@ pub(crate) fn layout() -> RowLayout {
 }
 
 /// Returns rows of points at the positions; attributes derive from the index.
-pub(crate) fn rows(places: impl IntoIterator<Item = [i32; 3]>, layout: &RowLayout) -> Vec<u8> {
+pub(crate) fn rows(positions: impl IntoIterator<Item = [i32; 3]>, layout: &RowLayout) -> Vec<u8> {
     let mut rows = Vec::new();
-    for (number, place) in places.into_iter().enumerate() {
-        place.iter().for_each(|step| rows.extend_from_slice(&step.to_le_bytes()));
+    for (number, position) in positions.into_iter().enumerate() {
+        position.iter().for_each(|step| rows.extend_from_slice(&step.to_le_bytes()));
         for attribute in &layout.attributes {
             match attribute.sample {
                 SampleType::U8 => rows.push((number % 5) as u8),
                 SampleType::F64 => rows.extend_from_slice(&(1e5 + (number / 3) as f64 * 0.25).to_le_bytes()),
-                _ => rows.extend_from_slice(&(place[2] as f32 * 0.5).to_le_bytes()),
+                _ => rows.extend_from_slice(&(position[2] as f32 * 0.5).to_le_bytes()),
             }
         }
     }
@@ -55,8 +55,8 @@ fn bytes_of(
     dimension: Dimension,
     options: &PointBuildOptions,
 ) -> Result<(Vec<u8>, BuildSummary)> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("p.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("p.goblin");
     let mut source = PointRows::new(PointSchema::new(layout(), dimension), rows.to_vec())?;
     let built = build(&mut source, options, &Metadata::default(), Output::create(&path)?, &())?;
     Ok((std::fs::read(&path).unwrap(), built))
@@ -75,7 +75,7 @@ fn selected(tree: &PointTree, selection: &Selection) -> Vec<Vec<u8>> {
     tree.select(selection, None, &(), &mut |points| {
         for point in 0..points.len() {
             let mut row = vec![0; layout.size];
-            for (axis, step) in points.place(point).iter().enumerate() {
+            for (axis, step) in points.position(point).iter().enumerate() {
                 row[4 * axis..4 * axis + 4].copy_from_slice(&step.to_le_bytes());
             }
             (0..layout.attributes.len()).for_each(|attribute| {
@@ -98,7 +98,7 @@ fn sorted(rows: &[u8], keep: impl Fn(&[u8]) -> bool) -> Vec<Vec<u8>> {
 }
 
 /// Positions of all kinds: scattered, on a plane, in clumps, equal ones, on split planes.
-pub(crate) fn all_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
+pub(crate) fn scattered_positions(count: usize, seed: u64) -> Vec<[i32; 3]> {
     let mut random = random(seed);
     let mut number = |below: u64| (random() % below) as i32;
     (0..count)
@@ -113,12 +113,12 @@ pub(crate) fn all_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
 }
 
 #[test]
-fn all_points_are_there_once() {
+fn all_points_are_stored_once() {
     for dimension in [Dimension::Oct, Dimension::Quad] {
         for (count, leaf_size) in
             [(0, 10), (1, 1), (7, 1), (3000, 1), (3000, 100), (20_000, 500), (3000, 5000)]
         {
-            let rows = rows(all_places(count, 5), &layout());
+            let rows = rows(scattered_positions(count, 5), &layout());
             let tree = tree_of(&rows, dimension, leaf_size);
             assert_eq!(tree.len(), count as u64);
             assert_eq!(
@@ -126,26 +126,26 @@ fn all_points_are_there_once() {
                 sorted(&rows, |_| true),
                 "{dimension:?} {count} {leaf_size}"
             );
-            let mut places: Vec<[i32; 3]> = rows.chunks_exact(layout().size).map(place_of).collect();
-            places.sort();
-            places.dedup();
-            assert_eq!(tree.duplicates(), (count - places.len()) as u64);
+            let mut positions: Vec<[i32; 3]> = rows.chunks_exact(layout().size).map(position_of).collect();
+            positions.sort();
+            positions.dedup();
+            assert_eq!(tree.duplicates(), (count - positions.len()) as u64);
             assert_eq!(tree.verify(&()).unwrap(), []);
         }
     }
 }
 
 #[test]
-fn levels_have_points_in_all_parts_of_their_spacing() {
+fn levels_have_points_in_all_sampling_cells() {
     for dimension in [Dimension::Oct, Dimension::Quad] {
-        let rows = rows(all_places(30_000, 8), &layout());
+        let rows = rows(scattered_positions(30_000, 8), &layout());
         // A leaf size of one: nodes are divided as far as possible.
         let tree = tree_of(&rows, dimension, 1);
         let grid = tree.grid();
         let deepest = grid.deepest();
         for level in 0..deepest {
             let part =
-                |row: &[u8]| grid.code(place_of(row)).unwrap().ancestor(level + spacing_levels(dimension));
+                |row: &[u8]| grid.code(position_of(row)).unwrap().ancestor(level + spacing_levels(dimension));
             let mut found: Vec<_> =
                 selected(&tree, &Selection { level: Some(level), ..Selection::default() })
                     .iter()
@@ -171,11 +171,11 @@ fn levels_have_points_in_all_parts_of_their_spacing() {
 }
 
 #[test]
-fn regions_and_conditions_choose_as_looking_at_all_points_does() {
-    let rows = rows(all_places(20_000, 3), &layout());
+fn selections_equal_those_of_a_full_scan() {
+    let rows = rows(scattered_positions(20_000, 3), &layout());
     let tree = tree_of(&rows, Dimension::Oct, 300);
-    let within = |place: [i32; 3], least: [i32; 3], most: [i32; 3]| {
-        (0..3).all(|axis| (least[axis]..=most[axis]).contains(&place[axis]))
+    let within = |position: [i32; 3], least: [i32; 3], most: [i32; 3]| {
+        (0..3).all(|axis| (least[axis]..=most[axis]).contains(&position[axis]))
     };
     let mut random = random(77);
     for _ in 0..60 {
@@ -206,13 +206,13 @@ fn regions_and_conditions_choose_as_looking_at_all_points_does() {
         };
         let conditions = vec![PointCondition { attribute: 0, relation, number: class }];
         let selection = Selection { region, level: None, conditions };
-        let expected = sorted(&rows, |row| within(place_of(row), least, most) && holds(row[12].into()));
+        let expected = sorted(&rows, |row| within(position_of(row), least, most) && holds(row[12].into()));
         assert_eq!(selected(&tree, &selection), expected);
         assert_eq!(tree.count(&selection, &()).unwrap(), expected.len() as u64);
 
         let (centre, radius) = (corners[0], f64::from(number(1 << 18)));
         let square = |row: &[u8]| {
-            (0..3).map(|axis| (f64::from(place_of(row)[axis]) - centre[axis]).powi(2)).sum::<f64>()
+            (0..3).map(|axis| (f64::from(position_of(row)[axis]) - centre[axis]).powi(2)).sum::<f64>()
         };
         let selection = Selection { region: PointRegion::Ball(centre, radius), ..Selection::default() };
         let expected = sorted(&rows, |row| square(row) <= radius * radius);
@@ -230,7 +230,7 @@ fn regions_and_conditions_choose_as_looking_at_all_points_does() {
             (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0.0
         };
         let inside = |row: &[u8]| {
-            let at = [f64::from(place_of(row)[0]), f64::from(place_of(row)[1])];
+            let at = [f64::from(position_of(row)[0]), f64::from(position_of(row)[1])];
             let sides = [0, 1, 2].map(|edge| side(triangle[edge], triangle[(edge + 1) % 3], at));
             sides == [true; 3] || sides == [false; 3]
         };
@@ -243,7 +243,7 @@ fn regions_and_conditions_choose_as_looking_at_all_points_does() {
         let expected = sorted(&rows, inside);
         assert_eq!(statistics.points, expected.len() as u64);
         if let Some(height) = &statistics.columns[2] {
-            let heights: Vec<f64> = expected.iter().map(|row| place_of(row)[2].into()).collect();
+            let heights: Vec<f64> = expected.iter().map(|row| position_of(row)[2].into()).collect();
             assert_eq!(height.max, heights.iter().copied().fold(f64::MIN, f64::max));
             let mean = heights.iter().sum::<f64>() / heights.len() as f64;
             assert!((height.mean - mean).abs() <= 1e-9 * mean.abs().max(1.0), "{} {mean}", height.mean);
@@ -253,7 +253,7 @@ fn regions_and_conditions_choose_as_looking_at_all_points_does() {
 
 #[test]
 fn bytes_are_the_same_with_little_memory_and_many_threads() {
-    let rows = rows(all_places(60_000, 21), &layout());
+    let rows = rows(scattered_positions(60_000, 21), &layout());
     for dimension in [Dimension::Oct, Dimension::Quad] {
         let options = |memory: u64| PointBuildOptions { leaf_size: 700, memory };
         let (expected, built) = bytes_of(&rows, dimension, &options(1 << 30)).unwrap();
@@ -268,7 +268,7 @@ fn bytes_are_the_same_with_little_memory_and_many_threads() {
 
 /// Clumps of points across space, at all scales. Most nodes have more points than fit into the
 /// memory limit.
-pub(crate) fn clumped_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
+pub(crate) fn clumped_positions(count: usize, seed: u64) -> Vec<[i32; 3]> {
     let mut random = random(seed);
     let clumps = [(16, 700_000), (12, 30_000), (9, 31_500), (20, 0)];
     (0..count)
@@ -283,7 +283,7 @@ pub(crate) fn clumped_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
 fn bytes_are_the_same_however_nodes_are_divided() {
     // Each clump has more than the 4096 points that are always assembled in memory, and all clumps
     // together exceed 2 MiB.
-    let rows = rows(clumped_places(35_000, 4), &layout());
+    let rows = rows(clumped_positions(35_000, 4), &layout());
     for dimension in [Dimension::Oct, Dimension::Quad] {
         for leaf_size in [20, 300, 3000] {
             let options = |memory: u64| PointBuildOptions { leaf_size, memory };
@@ -310,10 +310,10 @@ fn bytes_are_the_same_however_nodes_are_divided() {
 }
 
 #[test]
-fn many_points_may_be_equal() {
-    let mut places = vec![[7, 8, 9]; 1_000_000];
-    places.extend([[0; 3], [1 << 20; 3]]);
-    let rows = rows(places, &layout());
+fn many_points_may_have_one_position() {
+    let mut positions = vec![[7, 8, 9]; 1_000_000];
+    positions.extend([[0; 3], [1 << 20; 3]]);
+    let rows = rows(positions, &layout());
     let options = PointBuildOptions { leaf_size: 50_000, memory: 8 << 20 };
     let (bytes, built) = bytes_of(&rows, Dimension::Oct, &options).unwrap();
     assert_eq!(built, BuildSummary { points: 1_000_002, duplicates: 999_999 });
@@ -331,7 +331,7 @@ fn many_points_may_be_equal() {
 }
 
 #[test]
-fn all_points_may_be_in_one_place() {
+fn all_points_may_have_one_position() {
     for count in [1, 10, 11, 35] {
         let rows = rows(vec![[7, 8, 9]; count], &layout());
         let tree = tree_of(&rows, Dimension::Oct, 10);
@@ -342,9 +342,9 @@ fn all_points_may_be_in_one_place() {
 }
 
 #[test]
-fn points_beyond_the_bounds_that_are_told_are_an_error() {
-    struct Liar(PointRows, PointSchema);
-    impl PointSource for Liar {
+fn points_outside_the_declared_bounds_are_an_error() {
+    struct WrongBounds(PointRows, PointSchema);
+    impl PointSource for WrongBounds {
         fn schema(&self) -> &PointSchema {
             &self.1
         }
@@ -355,20 +355,25 @@ fn points_beyond_the_bounds_that_are_told_are_an_error() {
     let rows = PointRows::new(PointSchema::new(layout(), Dimension::Oct), rows([[0; 3], [9; 3]], &layout()))
         .unwrap();
     let schema = PointSchema { bounds: [[0; 3], [7; 3]], ..rows.schema().clone() };
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("p.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("p.goblin");
     let output = Output::create(&path).unwrap();
-    let error =
-        build(&mut Liar(rows, schema), &PointBuildOptions::default(), &Metadata::default(), output, &())
-            .unwrap_err();
+    let error = build(
+        &mut WrongBounds(rows, schema),
+        &PointBuildOptions::default(),
+        &Metadata::default(),
+        output,
+        &(),
+    )
+    .unwrap_err();
     assert!(error.to_string().contains("[7, 7, 7]"), "{error}");
     assert!(!path.exists());
 }
 
 #[test]
 fn clocks_have_numbers_of_any_type() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("p.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("p.goblin");
     let mut random = random(29);
     for sample in SampleType::ALL {
         let attributes = [("label", SampleType::U8), ("gps_time", sample), ("value", SampleType::I16)];
@@ -376,8 +381,8 @@ fn clocks_have_numbers_of_any_type() {
         let layout = RowLayout::packed(attributes);
         let mut rows = Vec::new();
         for number in 0..500u64 {
-            let place = [number as i32, (number * number % 97) as i32, 7];
-            rows.extend(place.into_iter().flat_map(i32::to_le_bytes));
+            let position = [number as i32, (number * number % 97) as i32, 7];
+            rows.extend(position.into_iter().flat_map(i32::to_le_bytes));
             // Floats without NaN.
             rows.push((random() % 3) as u8);
             rows.extend(match sample {
@@ -399,8 +404,8 @@ fn clocks_have_numbers_of_any_type() {
 }
 
 #[test]
-fn damage_is_told() {
-    let rows = rows(all_places(3000, 4), &layout());
+fn corrupt_files_are_refused() {
+    let rows = rows(scattered_positions(3000, 4), &layout());
     let (bytes, _) = bytes_of(
         &rows,
         Dimension::Oct,
@@ -409,12 +414,12 @@ fn damage_is_told() {
     .unwrap();
     let mut random = random(9);
     for round in 0..400 {
-        let mut damaged = bytes.clone();
+        let mut corrupted = bytes.clone();
         match round % 3 {
-            0 => damaged.truncate(random() as usize % bytes.len()),
-            _ => damaged[random() as usize % bytes.len()] ^= 1 << (random() % 8),
+            0 => corrupted.truncate(random() as usize % bytes.len()),
+            _ => corrupted[random() as usize % bytes.len()] ^= 1 << (random() % 8),
         }
-        let found = PointTree::from_bytes(damaged).and_then(|tree| {
+        let found = PointTree::from_bytes(corrupted).and_then(|tree| {
             let mut points = 0;
             tree.select(&Selection::default(), None, &(), &mut |found| {
                 points += found.len();
@@ -427,22 +432,22 @@ fn damage_is_told() {
 }
 
 #[test]
-fn nearest_points_are_those_of_looking_at_all() {
+fn nearest_points_equal_those_of_a_full_scan() {
     for dimension in [Dimension::Oct, Dimension::Quad] {
-        let rows = rows(all_places(4000, 15), &layout());
+        let rows = rows(scattered_positions(4000, 15), &layout());
         let tree = tree_of(&rows, dimension, 60);
         let mut random = random(6);
-        let mut place = || [0; 3].map(|_: i32| (random() % (1 << 21)) as f64 / 1.5 - 2e5);
-        let mut asked: Vec<[f64; 3]> = (0..100).map(|_| place()).collect();
-        asked.push([-3.0; 3]);
+        let mut position = || [0; 3].map(|_: i32| (random() % (1 << 21)) as f64 / 1.5 - 2e5);
+        let mut queries: Vec<[f64; 3]> = (0..100).map(|_| position()).collect();
+        queries.push([-3.0; 3]);
         for (most, within) in [(1, f64::INFINITY), (5, 1e5), (900, f64::INFINITY), (3, 0.0), (0, 1.0)] {
-            let found = tree.nearest(&asked, most, within, 1 << 16, &()).unwrap();
-            for (from, found) in asked.iter().zip(found) {
+            let found = tree.nearest(&queries, most, within, 1 << 16, &()).unwrap();
+            for (from, found) in queries.iter().zip(found) {
                 let mut expected: Vec<f64> = rows
                     .chunks_exact(layout().size)
                     .map(|row| {
                         let axes = 0..dimension.axes();
-                        axes.map(|axis| (f64::from(place_of(row)[axis]) - from[axis]).powi(2))
+                        axes.map(|axis| (f64::from(position_of(row)[axis]) - from[axis]).powi(2))
                             .sum::<f64>()
                             .sqrt()
                     })

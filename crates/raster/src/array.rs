@@ -51,7 +51,7 @@ pub fn export_array(
     let ArrayRequest { bounds, level, nodata, memory } = *request;
     let header = tree.header();
     if header.form.axes() != 3 {
-        return Err(Error::invalid("tree", "a quadtree", "an octree: there are no boxes in a plane"));
+        return Err(Error::invalid("tree", "a quadtree", "an octree (boxes have three dimensions)"));
     }
     if level > tree.depth() {
         return Err(Error::invalid("level", level.to_string(), format!("0 to {}", tree.depth())));
@@ -63,7 +63,7 @@ pub fn export_array(
         return Err(Error::invalid(
             "box",
             found,
-            format!("some of the {a} x {b} x {c} cells of level {level}"),
+            format!("a box within the {a} x {b} x {c} cells of level {level}"),
         ));
     }
     let [width, height, depth] = bounds.size();
@@ -75,7 +75,7 @@ pub fn export_array(
             what: format!("a row of {width} cells"),
             needed: row,
             limit: memory,
-            advice: "ask for a smaller box or a coarser level".into(),
+            advice: "request a smaller box or a coarser level".into(),
         });
     }
     let shift = tree.depth() - level;
@@ -100,7 +100,7 @@ pub fn export_array(
         _ => {
             return Err(Error::unsupported(
                 output.path(),
-                "a box in a picture file",
+                "a box of cells in an image file",
                 "write .npy, .nrrd or .raw",
             ));
         }

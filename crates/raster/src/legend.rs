@@ -42,17 +42,17 @@ pub fn export_legend(legend: &Legend, mut output: Output, format: LegendFormat) 
         LegendFormat::Svg => legend.svg(),
         LegendFormat::Json => legend.json() + "\n",
         LegendFormat::Png(dot) => {
-            let picture = legend.draw(dot);
+            let image = legend.draw(dot);
             let spec = ImageSpec {
-                width: picture.width as u64,
-                height: picture.height as u64,
+                width: image.width as u64,
+                height: image.height as u64,
                 value: ValueType::new(SampleType::U8, 4),
                 alpha: true,
                 void: false,
                 metadata: Metadata::default(),
             };
             let mut writer = create(output, Format::Png, &spec)?;
-            writer.write_rows(&picture.rgba, None)?;
+            writer.write_rows(&image.rgba, None)?;
             return writer.finish();
         }
     };

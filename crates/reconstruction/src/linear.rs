@@ -1,6 +1,6 @@
 //! Linear functions of cell coordinates, and boxes of these.
 
-use crate::source::{Block, Place};
+use crate::source::{Block, BlockState};
 
 /// A linear function of cell coordinates: a world or image coordinate.
 #[derive(Clone, Copy, Debug)]
@@ -68,22 +68,22 @@ impl Limits {
     }
 
     /// Classifies a block of cells.
-    pub(crate) fn place(&self, block: Block) -> Place {
-        let mut place = Place::Full;
+    pub(crate) fn classify(&self, block: Block) -> BlockState {
+        let mut state = BlockState::Full;
         for (coordinate, [min, max]) in &self.axes {
             let [least, most] = coordinate.range(block);
             if most < *min || least > *max {
-                return Place::Void;
+                return BlockState::Void;
             }
             if least < *min || most > *max {
-                place = Place::Mixed;
+                state = BlockState::Mixed;
             }
         }
-        place
+        state
     }
 
     /// Whether a position in cell coordinates is inside.
-    pub(crate) fn has(&self, place: [f64; 3]) -> bool {
-        self.axes.iter().all(|(coordinate, [min, max])| (*min..=*max).contains(&coordinate.at(place)))
+    pub(crate) fn has(&self, position: [f64; 3]) -> bool {
+        self.axes.iter().all(|(coordinate, [min, max])| (*min..=*max).contains(&coordinate.at(position)))
     }
 }

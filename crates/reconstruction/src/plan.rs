@@ -22,28 +22,27 @@ pub struct ReconstructionImport {
 /// Rejects options for surfaces, about which images and outlines contain no data.
 pub(crate) fn check(path: &Path, options: &SolidOptions) -> Result<()> {
     if options.attribute != Attribute::Occupancy || options.shell || options.up != Up::Z {
-        let found =
-            "a solid of pictures or outlines with colours, parts, a shell or another axis that points up";
-        return Err(Error::unsupported(path, found, "leave --attribute, --shell and --up away"));
+        let found = "building from images or outlines with colours, parts, a shell or another up axis";
+        return Err(Error::unsupported(path, found, "omit --attribute, --shell and --up"));
     }
     if options.edge != EdgeRule::Centre {
-        let expected = "centre: of pictures and outlines, it is cells' centres that are inside or not";
+        let expected = "centre: images and outlines only decide for centres of cells";
         return Err(Error::invalid("edge", options.edge.name(), expected));
     }
     Ok(())
 }
 
 impl ReconstructionImport {
-    /// Creates a plan for a solid that was read. `told` describes the input, and `provenance` is
-    /// stored in the file.
+    /// Creates a plan for a solid that was read. `input_description` describes the input, and
+    /// `provenance` is stored in the file.
     pub(crate) fn new(
         solid: Box<dyn Solid>,
         cells: FittedCells,
         mut options: SolidOptions,
-        (crs, provenance, told): (Option<Crs>, String, Vec<(&'static str, String)>),
+        (crs, provenance, input_description): (Option<Crs>, String, Vec<(&'static str, String)>),
     ) -> ReconstructionImport {
         options.crs = options.crs.or(crs).or_else(|| cells.frame.crs.clone());
-        let mut description = told;
+        let mut description = input_description;
         let [x, y, z] = cells.extent;
         let width = cells.frame.linear().col(0).length();
         let unit = options.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));

@@ -17,7 +17,7 @@ const BITS_LEVELS: u8 = 3;
 
 /// Classification of a block's cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Place {
+pub(crate) enum BlockState {
     /// All cells are outside.
     Void,
     /// All cells are inside.
@@ -47,8 +47,8 @@ impl Block {
     }
 
     /// Returns the centre of a cell, given by its position in the block.
-    pub(crate) fn cell(self, place: [u32; 3]) -> [f64; 3] {
-        [0, 1, 2].map(|axis| f64::from(self.first[axis] + place[axis]) + 0.5)
+    pub(crate) fn cell(self, position: [u32; 3]) -> [f64; 3] {
+        [0, 1, 2].map(|axis| f64::from(self.first[axis] + position[axis]) + 0.5)
     }
 }
 
@@ -79,11 +79,11 @@ impl Bits {
 /// are relevant in it.
 pub(crate) trait Solid: Send + Sync {
     /// Number of inputs.
-    fn parts(&self) -> u32;
+    fn input_count(&self) -> u32;
 
     /// Classifies a block by the inputs `near`. Appends those that are still undecided within the
     /// block to `still`.
-    fn place(&self, block: Block, near: &[u32], still: &mut Vec<u32>) -> Place;
+    fn classify(&self, block: Block, near: &[u32], still: &mut Vec<u32>) -> BlockState;
 
     /// Evaluates the cells of a block of up to 8 x 8 x 8.
     fn cells(&self, block: Block, near: &[u32]) -> Bits;
@@ -108,12 +108,12 @@ pub(crate) enum SolidNode {
 impl SolidTree<'_> {
     fn child(&self, block: Block, near: &Arc<[u32]>) -> Child<SolidNode> {
         let mut still = Vec::new();
-        match self.solid.place(block, near, &mut still) {
-            Place::Void => Child::Void,
-            Place::Full => Child::Leaf(Value::from([FULL])),
+        match self.solid.classify(block, near, &mut still) {
+            BlockState::Void => Child::Void,
+            BlockState::Full => Child::Leaf(Value::from([FULL])),
             // (If the tree has a single cell.)
-            Place::Mixed if block.width == 1 => cells(self.solid.cells(block, near).0[0], 0),
-            Place::Mixed => {
+            BlockState::Mixed if block.width == 1 => cells(self.solid.cells(block, near).0[0], 0),
+            BlockState::Mixed => {
                 let near = if still.len() == near.len() { near.clone() } else { still.into() };
                 inner(SolidNode::Block(block, near))
             }
@@ -148,7 +148,7 @@ impl Source for SolidTree<'_> {
     }
 
     fn root(&self) -> Result<Child<SolidNode>> {
-        let near = (0..self.solid.parts()).collect();
+        let near = (0..self.solid.input_count()).collect();
         Ok(self.child(Block { first: [0; 3], width: 1 << self.depth }, &near))
     }
 

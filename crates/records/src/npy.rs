@@ -10,7 +10,7 @@ use spinney_base::{Error, Result};
 pub const MAGIC: &[u8] = b"\x93NUMPY";
 
 /// Maximum bytes of a header.
-const MOST: u32 = 1 << 16;
+const MAX_HEADER: u32 = 1 << 16;
 
 /// Item type of an array.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -49,15 +49,15 @@ impl NpyHeader {
     /// If there is none, it is longer than 64 KiB, or contains anything but named types, an order
     /// and a shape.
     pub fn read(input: &mut dyn Read, path: &Path) -> Result<NpyHeader> {
-        let corrupt = |found: &str, expected: &str| Error::corrupt(path, "the header", found, expected);
+        let corrupt = |found: &str, expected: &str| Error::corrupt(path, "header", found, expected);
         let failed = |error: io::Error| match error.kind() {
-            io::ErrorKind::UnexpectedEof => corrupt("the end of the file", "the header of an array"),
+            io::ErrorKind::UnexpectedEof => corrupt("the end of the file", "the header of an NPY file"),
             _ => Error::io(path, "read the header")(error),
         };
         let mut start = [0; 8];
         input.read_exact(&mut start).map_err(failed)?;
         if !start.starts_with(MAGIC) {
-            return Err(corrupt("other first bytes", "those of an NPY file"));
+            return Err(corrupt("other first bytes", "the signature of an NPY file"));
         }
         let width = match (start[6], start[7]) {
             (1, 0) => 2,
@@ -70,19 +70,20 @@ impl NpyHeader {
         let mut length = [0; 4];
         input.read_exact(&mut length[..width]).map_err(failed)?;
         let length = u32::from_le_bytes(length);
-        if length > MOST {
+        if length > MAX_HEADER {
             let found = format!("a header of {length} bytes");
-            return Err(Error::unsupported(path, found, format!("at most {MOST} are read")));
+            return Err(Error::unsupported(
+                path,
+                found,
+                format!("save the array with a header of at most {MAX_HEADER} bytes"),
+            ));
         }
         let mut bytes = vec![0; length as usize];
         input.read_exact(&mut bytes).map_err(failed)?;
         let text = String::from_utf8_lossy(&bytes);
         dictionary(&text).ok_or_else(|| {
             let found = format!("`{}`", text.chars().take(200).collect::<String>().trim().escape_debug());
-            corrupt(
-                &found,
-                "a dictionary of descr, fortran_order and shape, and fields without shapes of their own",
-            )
+            corrupt(&found, "a dictionary of descr, fortran_order and shape, with scalar fields only")
         })
     }
 
@@ -94,7 +95,7 @@ impl NpyHeader {
         match &self.items {
             Items::Samples(descr) => Ok(descr),
             Items::Records(_) => {
-                let advice = "save a field as an array of its own: numpy.save(path, array['field'])";
+                let advice = "save each field as a separate array: numpy.save(path, array['field'])";
                 Err(Error::unsupported(path, "an array of records", advice))
             }
         }
@@ -306,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn other_texts_are_refused() {
+    fn invalid_headers_are_refused() {
         for text in [
             "",
             "{",

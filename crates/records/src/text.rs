@@ -3,9 +3,13 @@
 
 /// Formats bytes of a file for a message: short, on one line, with escapes.
 pub fn shown(bytes: &[u8]) -> String {
-    const MOST: usize = 40;
-    let text = bytes[..bytes.len().min(MOST)].escape_ascii();
-    if bytes.len() > MOST { format!("\"{text}\"... ({} bytes)", bytes.len()) } else { format!("\"{text}\"") }
+    const MAX_SHOWN: usize = 40;
+    let text = bytes[..bytes.len().min(MAX_SHOWN)].escape_ascii();
+    if bytes.len() > MAX_SHOWN {
+        format!("\"{text}\"... ({} bytes)", bytes.len())
+    } else {
+        format!("\"{text}\"")
+    }
 }
 
 /// Returns the 1-based number of the line that contains an offset. Scans everything before it: use

@@ -82,7 +82,7 @@ fn is_true(value: &str) -> bool {
 
 /// Parses a duration in the notation of `object_store`: "30s", "1m 30s 500ms".
 fn duration(text: &str) -> object_store::Result<Duration> {
-    let wrong = || failed(format!("`{text}` is no time, such as 30s or 1m 30s"));
+    let wrong = || failed(format!("`{text}`, expected a duration such as 30s or 1m 30s"));
     let mut time = Duration::ZERO;
     let mut rest = text.trim();
     while !rest.is_empty() {

@@ -12,12 +12,12 @@ use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
 
 /// A cache directory, with a subdirectory for each version of a file.
 pub(super) struct DiskCache {
-    folder: PathBuf,
+    directory: PathBuf,
 }
 
 /// The cached ranges of one version of a file.
-pub(super) struct KeptFile {
-    folder: PathBuf,
+pub(super) struct CachedFile {
+    directory: PathBuf,
 }
 
 /// Name of the cache inside the directory that the user chose. Only files in it are ever removed.
@@ -29,23 +29,23 @@ impl DiskCache {
     ///
     /// # Errors
     /// If the directory cannot be created or read.
-    pub(super) fn new(folder: &Path, most: u64) -> Result<DiskCache> {
-        let folder = folder.join(NAME);
-        fs::create_dir_all(&folder).map_err(Error::io(&folder, "make the folder"))?;
-        trim(&folder, most).map_err(Error::io(&folder, "look through the folder"))?;
-        Ok(DiskCache { folder })
+    pub(super) fn new(directory: &Path, most: u64) -> Result<DiskCache> {
+        let directory = directory.join(NAME);
+        fs::create_dir_all(&directory).map_err(Error::io(&directory, "create the directory"))?;
+        trim(&directory, most).map_err(Error::io(&directory, "list the directory"))?;
+        Ok(DiskCache { directory })
     }
 
     /// The ranges of a file version, which `key` identifies.
-    pub(super) fn file(&self, key: &str) -> KeptFile {
-        KeptFile { folder: self.folder.join(format!("{:032x}", xxh3_128(key.as_bytes()))) }
+    pub(super) fn file(&self, key: &str) -> CachedFile {
+        CachedFile { directory: self.directory.join(format!("{:032x}", xxh3_128(key.as_bytes()))) }
     }
 }
 
 /// Removes the oldest ranges until at most `most` bytes remain.
-fn trim(folder: &Path, most: u64) -> std::io::Result<()> {
+fn trim(directory: &Path, most: u64) -> std::io::Result<()> {
     let mut all: Vec<(SystemTime, u64, PathBuf)> = Vec::new();
-    for file in fs::read_dir(folder)? {
+    for file in fs::read_dir(directory)? {
         let file = file?.path();
         // Another process may have removed it.
         let Ok(ranges) = fs::read_dir(&file) else { continue };
@@ -68,9 +68,9 @@ fn trim(folder: &Path, most: u64) -> std::io::Result<()> {
     Ok(())
 }
 
-impl KeptFile {
+impl CachedFile {
     fn path(&self, range: &Range<u64>) -> PathBuf {
-        self.folder.join(format!("{}-{}", range.start, range.end))
+        self.directory.join(format!("{}-{}", range.start, range.end))
     }
 
     /// Returns the bytes of a range if they are cached and match their checksum.
@@ -95,9 +95,9 @@ impl KeptFile {
     }
 
     fn write(&self, range: &Range<u64>, bytes: &[u8]) -> std::io::Result<()> {
-        fs::create_dir_all(&self.folder)?;
+        fs::create_dir_all(&self.directory)?;
         // Publish atomically: other processes may read at the same time.
-        let mut file = tempfile::NamedTempFile::new_in(&self.folder)?;
+        let mut file = tempfile::NamedTempFile::new_in(&self.directory)?;
         file.write_all(bytes)?;
         file.write_all(&xxh3_64(bytes).to_le_bytes())?;
         file.persist(self.path(range))?;
@@ -110,9 +110,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranges_come_back_as_they_were_or_not_at_all() {
-        let folder = tempfile::tempdir().unwrap();
-        let cache = DiskCache::new(folder.path(), 1 << 20).unwrap();
+    fn cached_ranges_are_returned_unchanged_or_not_at_all() {
+        let directory = tempfile::tempdir().unwrap();
+        let cache = DiskCache::new(directory.path(), 1 << 20).unwrap();
         let file = cache.file("https://host/x\ntag");
         assert_eq!(file.get(&(3..6)), None);
         file.put(&(3..6), b"abc");
@@ -125,9 +125,9 @@ mod tests {
         // Ranges over the limit are removed.
         file.put(&(3..6), b"abc");
         file.put(&(10..13), b"abc");
-        DiskCache::new(folder.path(), 11).unwrap();
+        DiskCache::new(directory.path(), 11).unwrap();
         assert_eq!([3..6, 10..13].iter().filter(|range| file.get(range).is_some()).count(), 1);
-        DiskCache::new(folder.path(), 0).unwrap();
-        assert_eq!(fs::read_dir(folder.path().join(NAME)).unwrap().count(), 0);
+        DiskCache::new(directory.path(), 0).unwrap();
+        assert_eq!(fs::read_dir(directory.path().join(NAME)).unwrap().count(), 0);
     }
 }

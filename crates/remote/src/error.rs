@@ -13,7 +13,7 @@ use spinney_base::io::redacted;
 pub(super) fn of_store(path: &Path, doing: &'static str, error: StoreError) -> Error {
     match &error {
         StoreError::NotSupported { .. } => {
-            let advice = "copy the file to this machine, or to a host that serves ranges of bytes";
+            let advice = "download the file, or copy it to a host that serves byte ranges";
             return Error::unsupported(path, "a host that sends whole files only", advice);
         }
         StoreError::Precondition { .. } => {
@@ -34,7 +34,7 @@ pub(super) fn of_store(path: &Path, doing: &'static str, error: StoreError) -> E
 /// The error for a request that exceeded its time limit.
 pub(super) fn late(path: &Path, doing: &'static str, limit: Duration) -> Error {
     let text = format!(
-        "no response within {} s, with all repetitions (--remote-timeout and SPINNEY_REMOTE_TIMEOUT set the limit)",
+        "no response within {} s, including all retries (--remote-timeout and SPINNEY_REMOTE_TIMEOUT set the limit)",
         limit.as_secs_f64()
     );
     Error::io(path, doing)(io::Error::new(io::ErrorKind::TimedOut, text))

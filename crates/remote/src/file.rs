@@ -11,8 +11,8 @@ use spinney_base::io::{Fetch, FileAccess, FileStat, RangeFile};
 use spinney_base::{Error, Result};
 
 use super::connections::Connections;
-use super::disk_cache::{DiskCache, KeptFile};
-use super::store::Place;
+use super::disk_cache::{CachedFile, DiskCache};
+use super::store::ObjectLocation;
 use super::{Stores, error, stat};
 
 /// Bytes fetched from the start of a file to open it. They contain the header and, if the file may
@@ -41,12 +41,12 @@ fn key(url: &str, state: &FileStat) -> String {
 struct RemoteFile {
     /// The store, and the id of the process that owns its connections. A forked process opens its
     /// own.
-    place: Mutex<(u32, Place)>,
+    location: Mutex<(u32, ObjectLocation)>,
     storage: Vec<(String, String)>,
     connections: Arc<Connections>,
     path: PathBuf,
     state: FileStat,
-    kept: Option<KeptFile>,
+    kept: Option<CachedFile>,
 }
 
 /// Opens a file with one batch of requests, for its two ends.
@@ -61,12 +61,12 @@ pub(super) fn open(
 ) -> Result<RangeFile> {
     let path = Path::new(url);
     let connections = &stores.connections;
-    let place = Place::of(url, storage, connections)?;
+    let location = ObjectLocation::of(url, storage, connections)?;
     let first = head_of(url);
     let ends = [GetRange::Bounded(0..first), GetRange::Suffix(TAIL)];
     let request = (connections.as_ref(), path, "open");
     let both = async {
-        let [head, tail] = ends.map(|range| get(&place, range, request));
+        let [head, tail] = ends.map(|range| get(&location, range, request));
         futures_util::future::join(head, tail).await
     };
     let (head, tail) = connections.wait(path, both)?;
@@ -79,7 +79,7 @@ pub(super) fn open(
         // Azure does not support suffix ranges.
         Err(Failed::Store(object_store::Error::NotSupported { .. })) if state.length > first => {
             let range = GetRange::Bounded(state.length.saturating_sub(TAIL).max(first)..state.length);
-            let tail = connections.wait(path, get(&place, range, request))??;
+            let tail = connections.wait(path, get(&location, range, request))??;
             came.push(tail.map_err(|cause| cause.of_file(path, "open"))?);
             requests += 1;
         }
@@ -88,11 +88,11 @@ pub(super) fn open(
     }
     access.ranges().count_traffic(requests, came.iter().map(|part| part.bytes.len() as u64).sum());
     let key = key(url, &state);
-    let kept = stores.folder.as_ref().map(|folder: &Arc<DiskCache>| folder.file(&key));
+    let kept = stores.disk_cache.as_ref().map(|cache: &Arc<DiskCache>| cache.file(&key));
     let number = stores.number(&key);
     let length = state.length;
     let remote = RemoteFile {
-        place: Mutex::new((std::process::id(), place)),
+        location: Mutex::new((std::process::id(), location)),
         storage: storage.to_vec(),
         connections: connections.clone(),
         path: path.to_path_buf(),
@@ -109,7 +109,7 @@ pub(super) fn open(
 }
 
 /// A fetched range of a file.
-struct Part {
+struct FetchedRange {
     meta: ObjectMeta,
     range: Range<u64>,
     bytes: Vec<u8>,
@@ -119,7 +119,7 @@ struct Part {
 enum Failed {
     Store(object_store::Error),
     /// The host compresses its responses with this encoding.
-    Packed(String),
+    Compressed(String),
 }
 
 impl From<object_store::Error> for Failed {
@@ -132,9 +132,9 @@ impl Failed {
     fn of_file(self, path: &Path, doing: &'static str) -> Error {
         match self {
             Failed::Store(cause) => error::of_store(path, doing, cause),
-            Failed::Packed(how) => {
-                let advice = "tell the host to send such files as they are, or copy the file to this machine";
-                Error::unsupported(path, format!("a host that compresses what it sends ({how})"), advice)
+            Failed::Compressed(how) => {
+                let advice = "configure the host not to compress such files, or download the file";
+                Error::unsupported(path, format!("a host that compresses its responses ({how})"), advice)
             }
         }
     }
@@ -142,48 +142,51 @@ impl Failed {
 
 /// Fetches a range of a file within the time limit.
 async fn get(
-    place: &Place,
+    location: &ObjectLocation,
     range: GetRange,
     (connections, path, doing): (&Connections, &Path, &'static str),
-) -> Result<std::result::Result<Part, Failed>> {
-    connections.limited((path, doing), async { Ok(get_part(place, range).await) }).await
+) -> Result<std::result::Result<FetchedRange, Failed>> {
+    connections.limited((path, doing), async { Ok(fetch_range(location, range).await) }).await
 }
 
 /// Fetches a range of a file.
-async fn get_part(place: &Place, range: GetRange) -> std::result::Result<Part, Failed> {
+async fn fetch_range(
+    location: &ObjectLocation,
+    range: GetRange,
+) -> std::result::Result<FetchedRange, Failed> {
     let options = GetOptions { range: Some(range), ..GetOptions::default() };
-    let result: GetResult = place.store.get_opts(&place.name, options).await?;
+    let result: GetResult = location.store.get_opts(&location.name, options).await?;
     if let Some(how) = result.attributes.get(&Attribute::ContentEncoding)
         && !how.as_ref().is_empty()
         && how.as_ref() != "identity"
     {
-        return Err(Failed::Packed(how.as_ref().to_string()));
+        return Err(Failed::Compressed(how.as_ref().to_string()));
     }
     let (meta, range) = (result.meta.clone(), result.range.clone());
     let bytes = result.bytes().await?;
-    Ok(Part { meta, range, bytes: bytes.into() })
+    Ok(FetchedRange { meta, range, bytes: bytes.into() })
 }
 
 impl RemoteFile {
-    fn place(&self) -> Result<Place> {
-        let mut place = self.place.lock().unwrap_or_else(PoisonError::into_inner);
-        if place.0 != std::process::id() {
+    fn location(&self) -> Result<ObjectLocation> {
+        let mut location = self.location.lock().unwrap_or_else(PoisonError::into_inner);
+        if location.0 != std::process::id() {
             let url = self.path.to_str().unwrap_or_default();
-            *place = (std::process::id(), Place::of(url, &self.storage, &self.connections)?);
+            *location = (std::process::id(), ObjectLocation::of(url, &self.storage, &self.connections)?);
         }
-        Ok(place.1.clone())
+        Ok(location.1.clone())
     }
 
     /// Checks that a range has its full length and belongs to the version that was opened.
-    fn check(&self, part: &Part) -> Result<()> {
+    fn check(&self, part: &FetchedRange) -> Result<()> {
         if stat::state(&part.meta) != self.state {
             return Err(Error::Changed { path: self.path.clone(), what: "was overwritten" });
         }
         let length = part.range.end.saturating_sub(part.range.start);
         if part.bytes.len() as u64 != length {
-            let place = format!("bytes {} to {}", part.range.start, part.range.end);
+            let location = format!("bytes {} to {}", part.range.start, part.range.end);
             let found = format!("{} bytes", part.bytes.len());
-            return Err(Error::corrupt(&self.path, place, found, format!("{length}")));
+            return Err(Error::corrupt(&self.path, location, found, format!("{length}")));
         }
         Ok(())
     }
@@ -191,18 +194,18 @@ impl RemoteFile {
 
 impl Fetch for RemoteFile {
     fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
-        let place = self.place()?;
-        let request = (self.connections.as_ref(), self.path.as_path(), "fetch a part");
-        let parts = ranges.iter().map(|range| get(&place, GetRange::Bounded(range.clone()), request));
+        let location = self.location()?;
+        let request = (self.connections.as_ref(), self.path.as_path(), "fetch a range");
+        let parts = ranges.iter().map(|range| get(&location, GetRange::Bounded(range.clone()), request));
         let all = stream::iter(parts).buffered(AT_ONCE).collect::<Vec<_>>();
         let came = self.connections.wait(&self.path, all)?;
-        let one = |(part, range): (Result<std::result::Result<Part, Failed>>, &Range<u64>)| {
-            let part = part?.map_err(|cause| cause.of_file(&self.path, "fetch a part"))?;
+        let one = |(part, range): (Result<std::result::Result<FetchedRange, Failed>>, &Range<u64>)| {
+            let part = part?.map_err(|cause| cause.of_file(&self.path, "fetch a range"))?;
             self.check(&part)?;
             if part.range != *range {
-                let place = format!("bytes {} to {}", range.start, range.end);
+                let location = format!("bytes {} to {}", range.start, range.end);
                 let found = format!("bytes {} to {}", part.range.start, part.range.end);
-                return Err(Error::corrupt(&self.path, place, found, "those that were asked for"));
+                return Err(Error::corrupt(&self.path, location, found, "the requested ones"));
             }
             Ok(part.bytes)
         };
@@ -213,11 +216,11 @@ impl Fetch for RemoteFile {
         Some(self.state.clone())
     }
 
-    fn kept(&self, range: &Range<u64>) -> Option<Vec<u8>> {
+    fn load_cached(&self, range: &Range<u64>) -> Option<Vec<u8>> {
         self.kept.as_ref()?.get(range)
     }
 
-    fn keep(&self, range: &Range<u64>, bytes: &[u8]) {
+    fn store_cached(&self, range: &Range<u64>, bytes: &[u8]) {
         if let Some(kept) = &self.kept {
             kept.put(range, bytes);
         }

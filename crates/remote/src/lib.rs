@@ -33,9 +33,9 @@ use upload::Upload;
 #[non_exhaustive]
 pub struct RemoteOptions {
     /// Directory of the cache that is kept between runs; `None` for no such cache.
-    pub folder: Option<PathBuf>,
+    pub cache_directory: Option<PathBuf>,
     /// Maximum size of the cache directory in bytes, enforced when a client is created.
-    pub folder_bytes: u64,
+    pub cache_directory_bytes: u64,
     /// Ranges that are at most this many bytes apart are fetched with one request.
     pub gap: u64,
     /// Time limit of a single request.
@@ -54,8 +54,8 @@ pub struct RemoteOptions {
 impl Default for RemoteOptions {
     fn default() -> RemoteOptions {
         RemoteOptions {
-            folder: None,
-            folder_bytes: 10 << 30,
+            cache_directory: None,
+            cache_directory_bytes: 10 << 30,
             gap: DEFAULT_GAP,
             timeout: Duration::from_secs(30),
             limit: Duration::from_secs(60),
@@ -86,9 +86,12 @@ impl Default for RemoteOptions {
 pub fn client(options: RemoteOptions) -> Result<Arc<dyn RemoteFiles>> {
     // A program that embeds the library may have installed a provider, which is used then.
     let _ = rustls::crypto::ring::default_provider().install_default();
-    let folder = options.folder.as_deref().map(|folder| DiskCache::new(folder, options.folder_bytes));
+    let disk_cache = options
+        .cache_directory
+        .as_deref()
+        .map(|directory| DiskCache::new(directory, options.cache_directory_bytes));
     Ok(Arc::new(Stores {
-        folder: folder.transpose()?.map(Arc::new),
+        disk_cache: disk_cache.transpose()?.map(Arc::new),
         connections: Arc::new(Connections::new(options)),
         opened: Mutex::default(),
         numbers: Mutex::default(),
@@ -105,7 +108,7 @@ type StoredAt = (String, Vec<(String, String)>);
 /// The client.
 struct Stores {
     connections: Arc<Connections>,
-    folder: Option<Arc<DiskCache>>,
+    disk_cache: Option<Arc<DiskCache>>,
     /// Recently opened files, and when they were opened.
     opened: Mutex<HashMap<StoredAt, (Instant, RangeFile)>>,
     /// Cache numbers by URL and version of the file.

@@ -38,8 +38,8 @@ impl Secrets {
         if clean == url {
             return;
         }
-        let (place, query) = split_query(url);
-        let host = place.split_once("://").map_or(place, |(_, rest)| rest);
+        let (base, query) = split_query(url);
+        let host = base.split_once("://").map_or(base, |(_, rest)| rest);
         let host = &host[..host.find('/').unwrap_or(host.len())];
         let user = host.rfind('@').map_or("", |at| &host[..=at]);
         let secret = Secret { user: user.into(), query: query.into() };
@@ -65,20 +65,20 @@ impl Secrets {
         let secret = known.get(url).or_else(|| known.get(stem(url))).cloned();
         drop(known);
         let Some(secret) = secret else {
-            let advice = "give the whole URL in a file of URLs, one a line: --signed-urls FILE, or SPINNEY_SIGNED_URLS";
+            let advice = "list the complete URL in a file with one URL per line: --signed-urls FILE, or SPINNEY_SIGNED_URLS";
             return Err(Error::unsupported(url, "a URL whose query or password was not stored", advice));
         };
-        let (place, query) = split_query(url);
+        let (base, query) = split_query(url);
         let query = if query.is_empty() { "" } else { &secret.query };
-        Ok(format!("{}{query}", place.replacen("...@", &secret.user, 1)).into())
+        Ok(format!("{}{query}", base.replacen("...@", &secret.user, 1)).into())
     }
 }
 
 /// A redacted URL without its query, up to the first dot of its file name.
 fn stem(url: &str) -> &str {
-    let place = split_query(url).0;
-    let name = place.rfind('/').map_or(0, |slash| slash + 1);
-    place[name..].find('.').map_or(place, |dot| &place[..name + dot])
+    let base = split_query(url).0;
+    let name = base.rfind('/').map_or(0, |slash| slash + 1);
+    base[name..].find('.').map_or(base, |dot| &base[..name + dot])
 }
 
 #[cfg(test)]

@@ -10,10 +10,10 @@ use spinney_base::io::{FileStat, FileVersion};
 
 use super::connections::Connections;
 use super::error;
-use super::store::Place;
+use super::store::ObjectLocation;
 
-/// Phrase for messages.
-const STAT: &str = "look at";
+/// Verb for messages.
+const STAT: &str = "stat";
 
 /// Maximum number of concurrent requests.
 const AT_ONCE: usize = 32;
@@ -31,11 +31,11 @@ pub(super) fn state(meta: &ObjectMeta) -> FileStat {
 /// On cancellation. Per file, if its host returns an error.
 pub(super) fn stat(urls: &[&str], connections: &Connections) -> Result<Vec<Result<Option<FileStat>>>> {
     let one = |url: &str| {
-        let place = Place::of(url, &[], connections);
+        let location = ObjectLocation::of(url, &[], connections);
         let path = Path::new(url).to_path_buf();
         async move {
             let found = async {
-                match head(&place?).await {
+                match head(&location?).await {
                     Ok(meta) => Ok(Some(state(&meta))),
                     Err(StoreError::NotFound { .. }) => Ok(None),
                     Err(cause) => Err(error::of_store(&path, STAT, cause)),
@@ -50,13 +50,13 @@ pub(super) fn stat(urls: &[&str], connections: &Connections) -> Result<Vec<Resul
 }
 
 /// Requests the description of a file.
-async fn head(place: &Place) -> object_store::Result<ObjectMeta> {
-    match place.store.head(&place.name).await {
+async fn head(location: &ObjectLocation) -> object_store::Result<ObjectMeta> {
+    match location.store.head(&location.name).await {
         // Signed URLs may be valid for GET only, and some servers do not support HEAD. A root name
         // means a web server: the store's URL is that of the file.
-        Err(cause) if place.name.is_root() && !matches!(cause, StoreError::NotFound { .. }) => {
+        Err(cause) if location.name.is_root() && !matches!(cause, StoreError::NotFound { .. }) => {
             let options = GetOptions { range: Some(GetRange::Bounded(0..1)), ..GetOptions::default() };
-            place.store.get_opts(&place.name, options).await.map(|found| found.meta)
+            location.store.get_opts(&location.name, options).await.map(|found| found.meta)
         }
         found => found,
     }
@@ -68,12 +68,12 @@ async fn head(place: &Place) -> object_store::Result<ObjectMeta> {
 /// If a file cannot be removed, or on cancellation. Other files may have been removed then.
 pub(super) fn remove(urls: &[&str], connections: &Connections) -> Result<()> {
     let one = |url: &str| {
-        let place = Place::of(url, &[], connections);
+        let location = ObjectLocation::of(url, &[], connections);
         let path = Path::new(url).to_path_buf();
         async move {
             let removed = async {
-                let place = place?;
-                match place.store.delete(&place.name).await {
+                let location = location?;
+                match location.store.delete(&location.name).await {
                     Err(StoreError::NotFound { .. }) => Ok(()),
                     done => done.map_err(|cause| error::of_store(&path, "remove", cause)),
                 }

@@ -20,24 +20,28 @@ use super::{error, profile};
 
 /// A store, and the name of a file in it.
 #[derive(Clone)]
-pub(super) struct Place {
+pub(super) struct ObjectLocation {
     pub(super) store: Arc<dyn ObjectStore>,
     pub(super) name: StorePath,
 }
 
-impl Place {
+impl ObjectLocation {
     /// Finds the store and the name of a URL. Given options override those of the environment
     /// (`AWS_...`, `GOOGLE_...`, `AZURE_...`).
     ///
     /// # Errors
     /// If the URL is invalid, or an option is unknown or invalid.
-    pub(super) fn of(url: &str, storage: &[(String, String)], connections: &Connections) -> Result<Place> {
+    pub(super) fn of(
+        url: &str,
+        storage: &[(String, String)],
+        connections: &Connections,
+    ) -> Result<ObjectLocation> {
         let options = &connections.options;
         let path = Path::new(url);
         let url = &*connections.secrets.complete(url)?;
         let mut parsed = Url::parse(url).map_err(|cause| {
             let found = format!("`{}` ({cause})", shown(Path::new(url)));
-            Error::invalid("URL", found, "scheme://host/path of a file")
+            Error::invalid("URL", found, "the URL of a file: scheme://host/path")
         })?;
         let retry = RetryConfig {
             backoff: BackoffConfig::default(),
@@ -49,13 +53,13 @@ impl Place {
             .with_timeout(options.timeout.min(options.limit))
             .with_connect_timeout(options.timeout.min(options.limit).min(Duration::from_secs(10)))
             .with_allow_http(true);
-        let bad = |cause| error::of_store(path, "set up access", cause);
+        let bad = |cause| error::of_store(path, "connect to its store", cause);
         let name = StorePath::from_url_path(parsed.path()).map_err(|cause| bad(cause.into()))?;
         let (prefix, own) = match parsed.scheme() {
             "s3" | "s3a" => ("AWS_", profile::settings()),
             "gs" | "gcs" => ("GOOGLE_", Vec::new()),
             "az" | "adl" | "azure" | "abfs" | "abfss" => ("AZURE_", Vec::new()),
-            "memory" => return Ok(Place { store: connections.memory.clone(), name }),
+            "memory" => return Ok(ObjectLocation { store: connections.memory.clone(), name }),
             _ => {
                 // The store's URL is that of the file, including a query that may be a signature.
                 // The name below it is empty.
@@ -71,7 +75,7 @@ impl Place {
                     .with_retry(retry)
                     .with_client_options(client);
                 let store = builder.build().map_err(bad)?;
-                return Ok(Place { store: Arc::new(store), name: StorePath::default() });
+                return Ok(ObjectLocation { store: Arc::new(store), name: StorePath::default() });
             }
         };
         let settings: Vec<_> =
@@ -128,7 +132,7 @@ impl Place {
                 }
             }
         };
-        Ok(Place { store: connections.bucket(key, make)?, name })
+        Ok(ObjectLocation { store: connections.bucket(key, make)?, name })
     }
 }
 

@@ -13,7 +13,7 @@ use tokio::task::JoinHandle;
 use super::connections::Connections;
 use super::error;
 use super::stat::stat;
-use super::store::Place;
+use super::store::ObjectLocation;
 
 /// Minimum bytes of a part. Stores require at least 5 MiB.
 const PART: usize = 8 << 20;
@@ -32,7 +32,7 @@ const MAX_IN_FLIGHT: usize = 64 << 20;
 /// one as multipart upload.
 pub(super) struct Upload {
     path: PathBuf,
-    place: Place,
+    location: ObjectLocation,
     connections: Arc<Connections>,
     /// Cache of the access that the file is written with. It counts requests.
     ranges: Arc<RangeCache>,
@@ -56,7 +56,7 @@ impl Upload {
     pub(super) fn new(url: &str, connections: &Arc<Connections>, access: &FileAccess) -> Result<Upload> {
         Ok(Upload {
             path: url.into(),
-            place: Place::of(url, &[], connections)?,
+            location: ObjectLocation::of(url, &[], connections)?,
             connections: connections.clone(),
             ranges: access.ranges().clone(),
             part: PART,
@@ -82,7 +82,7 @@ impl Upload {
         let mut parts = match self.parts.take() {
             Some(parts) => parts,
             None => {
-                let begin = self.place.store.put_multipart(&self.place.name);
+                let begin = self.location.store.put_multipart(&self.location.name);
                 let begun = self.connections.wait(&self.path, begin)?;
                 begun.map_err(|cause| self.failed(cause))?
             }
@@ -118,7 +118,7 @@ impl Upload {
     fn put(&mut self, create_new: bool) -> Result<()> {
         let bytes = PutPayload::from(std::mem::take(&mut self.bytes));
         let put = |mode: PutMode| {
-            let put = self.place.store.put_opts(&self.place.name, bytes.clone(), mode.into());
+            let put = self.location.store.put_opts(&self.location.name, bytes.clone(), mode.into());
             self.ranges.count_traffic(1, 0);
             self.connections.wait(&self.path, put)
         };

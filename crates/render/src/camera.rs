@@ -32,23 +32,23 @@ pub(super) trait Extent {
 }
 
 /// Heap entry: an upper bound of a node's support, and the node.
-struct Reaching<T>(f64, T);
+struct BoundedNode<T>(f64, T);
 
-impl<T> PartialEq for Reaching<T> {
+impl<T> PartialEq for BoundedNode<T> {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other).is_eq()
     }
 }
 
-impl<T> Eq for Reaching<T> {}
+impl<T> Eq for BoundedNode<T> {}
 
-impl<T> PartialOrd for Reaching<T> {
+impl<T> PartialOrd for BoundedNode<T> {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl<T> Ord for Reaching<T> {
+impl<T> Ord for BoundedNode<T> {
     fn cmp(&self, other: &Self) -> Ordering {
         self.0.total_cmp(&other.0)
     }
@@ -56,7 +56,7 @@ impl<T> Ord for Reaching<T> {
 
 /// Children of a node, each with an upper bound of its support; `None` if the node is not
 /// subdivided.
-pub(super) type Parts<T> = Option<Vec<(f64, T)>>;
+pub(super) type BoundedChildren<T> = Option<Vec<(f64, T)>>;
 
 /// Support of the subtree below a node. Best-first search: the node with the largest bound is
 /// subdivided next, until that node has no children. `divide` returns a node's children with their
@@ -67,15 +67,15 @@ pub(super) type Parts<T> = Option<Vec<(f64, T)>>;
 pub(super) fn farthest<T>(
     bound: f64,
     node: T,
-    divide: &dyn Fn(&T) -> Result<Parts<T>>,
+    divide: &dyn Fn(&T) -> Result<BoundedChildren<T>>,
 ) -> Result<Option<f64>> {
     // Invariant: a node's bound is at least the bound of each of its children. So the first
     // undivided node that leaves the heap attains its bound, and no pending node reaches farther.
-    let mut pending = BinaryHeap::from([Reaching(bound, node)]);
-    while let Some(Reaching(bound, node)) = pending.pop() {
+    let mut pending = BinaryHeap::from([BoundedNode(bound, node)]);
+    while let Some(BoundedNode(bound, node)) = pending.pop() {
         match divide(&node)? {
             None => return Ok(Some(bound)),
-            Some(parts) => pending.extend(parts.into_iter().map(|(bound, part)| Reaching(bound, part))),
+            Some(parts) => pending.extend(parts.into_iter().map(|(bound, part)| BoundedNode(bound, part))),
         }
     }
     Ok(None)
@@ -213,7 +213,7 @@ impl Camera {
     }
 
     /// Image position of a point in front of the eye, in pixels from the upper left corner.
-    pub(super) fn place(&self, point: DVec3) -> [f64; 2] {
+    pub(super) fn project(&self, point: DVec3) -> [f64; 2] {
         let from_origin = point - self.origin;
         let pixel = match self.projection {
             CameraProjection::Orthographic => self.pixel,

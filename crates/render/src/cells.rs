@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::scene::{Place, Scene, Surface};
+use super::scene::{Scene, Surface, SurfacePoint};
 use super::{RenderRequest, draw};
 use crate::camera::{Extent, box_support, farthest};
 use crate::paint::Paint;
@@ -36,8 +36,8 @@ pub(super) const BOX_LEVEL: u8 = 6;
 /// use spinney::export::{RenderRequest, render};
 /// use spinney::Output;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("ball.png");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("ball.png");
 /// let ball = spinney::open("fixtures/v1/ball.goblin")?;
 /// let request = RenderRequest::new(40, 30);
 /// assert_eq!(render(&ball, &request, Output::create(&path)?, Format::Png, &())?, 5);
@@ -59,7 +59,7 @@ pub fn render(
     let rough = tree.solid(request.level.unwrap_or(depth).min(BOX_LEVEL).min(depth), progress)?;
     let space = Bounds { min: [0; 3], max: [1 << rough.level; 3] };
     let bounds = rough.bounds.unwrap_or(space);
-    let camera = request.camera(&Filled::new(tree, rough.frame(), &bounds))?;
+    let camera = request.camera(&FilledCells::new(tree, rough.frame(), &bounds))?;
     let level = match request.level {
         Some(level) if level <= depth => level,
         Some(level) => return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}"))),
@@ -79,7 +79,7 @@ pub fn render(
 }
 
 /// All cells of an octree that are not VOID.
-pub(super) struct Filled<'a> {
+pub(super) struct FilledCells<'a> {
     tree: &'a Dataset,
     corners: [DVec3; 2],
     /// Level at which cells are small enough to measure the extent.
@@ -89,18 +89,18 @@ pub(super) struct Filled<'a> {
 /// Minimum number of cells along a solid's longest side at the level that measures its extent.
 const FINE: f64 = 512.0;
 
-impl<'a> Filled<'a> {
+impl<'a> FilledCells<'a> {
     /// Cells of a tree, all within `bounds`, which are in cells of `frame`.
-    pub(super) fn new(tree: &'a Dataset, frame: &Frame, bounds: &Bounds) -> Filled<'a> {
+    pub(super) fn new(tree: &'a Dataset, frame: &Frame, bounds: &Bounds) -> FilledCells<'a> {
         let [low, high] = frame.world_box(bounds).map(DVec3::from);
         let width = (high - low).max_element() / FINE;
         let (depth, own) = (tree.depth(), &tree.metadata().frame);
         let is_fine = |level: &u8| cell_size(&own.coarser(depth - level)) <= width;
-        Filled { tree, corners: [low, high], finest: (0..depth).find(is_fine).unwrap_or(depth) }
+        FilledCells { tree, corners: [low, high], finest: (0..depth).find(is_fine).unwrap_or(depth) }
     }
 }
 
-impl Extent for Filled<'_> {
+impl Extent for FilledCells<'_> {
     fn corners(&self) -> [DVec3; 2] {
         self.corners
     }
@@ -167,9 +167,10 @@ struct CellSurface<'a> {
 }
 
 impl Surface for CellSurface<'_> {
-    fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<Place>> {
+    fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<SurfacePoint>> {
         let Cells { paint, frame, to_cells, normals, .. } = self.cells;
-        let no_inverse = || Error::invalid("the file's transform", "one without an inverse", "one with");
+        let no_inverse =
+            || Error::invalid("the file's transform", "a map that is not invertible", "an invertible one");
         let ray = Ray {
             origin: frame.to_cells(origin.to_array()).ok_or_else(no_inverse)?,
             direction: (*to_cells * direction).to_array(),
@@ -182,7 +183,7 @@ impl Surface for CellSurface<'_> {
             Paint::Clay(colour) => *colour,
             paint => paint.colour(&self.rays.value(hit.cell)?),
         };
-        Ok(Some(Place { outwards, albedo: albedo.into(), open }))
+        Ok(Some(SurfacePoint { outwards, albedo: albedo.into(), open }))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::scene::{Place, Scene, Surface};
+use super::scene::{Scene, Surface, SurfacePoint};
 use super::{RenderRequest, draw};
 use crate::camera::{Extent, box_support, farthest};
 use crate::paint::{Paint, linear};
@@ -30,7 +30,7 @@ pub fn render_exact(
 ) -> Result<()> {
     request.check()?;
     if let Some(level) = request.level {
-        return Err(Error::invalid("level", level.to_string(), "none, of an exact model"));
+        return Err(Error::invalid("level", level.to_string(), "no level for an exact model"));
     }
     let corners = model.bounds()?.map(DVec3::from);
     let scene = Scene::new(request.camera(&Solid { model, corners })?, request);
@@ -63,8 +63,8 @@ impl<'a> Extent for Solid<'a> {
             node.world_box(self.model.grid()).map(|corner| DVec3::from(corner).clamp(low, high))
         };
         let divide = |node: &ModelNode<'a>| {
-            let [least, greatest] = space(node);
-            if (greatest - least).max_element() <= width {
+            let [min, max] = space(node);
+            if (max - min).max_element() <= width {
                 return Ok(None);
             }
             let Some(parts) = self.model.children(node)? else { return Ok(None) };
@@ -109,7 +109,7 @@ struct Body<'a> {
 }
 
 impl Surface for Body<'_> {
-    fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<Place>> {
+    fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<SurfacePoint>> {
         if !may_meet(self.corners, origin, direction) {
             return Ok(None);
         }
@@ -120,7 +120,7 @@ impl Surface for Body<'_> {
             [] => self.clay,
             _ => colour_at(&face, self.model.grid().to_grid(hit.point).into()),
         };
-        Ok(Some(Place { outwards, albedo, open: 1.0 }))
+        Ok(Some(SurfacePoint { outwards, albedo, open: 1.0 }))
     }
 }
 
@@ -141,10 +141,10 @@ fn may_meet([low, high]: [DVec3; 2], origin: DVec3, direction: DVec3) -> bool {
 
 /// Linear colour of a face at a point: interpolated between a triangle's vertices, the vertices'
 /// mean for other faces.
-fn colour_at(face: &Face<'_>, place: DVec3) -> DVec3 {
+fn colour_at(face: &Face<'_>, position: DVec3) -> DVec3 {
     let colours: Vec<DVec3> = face.colours.iter().map(|colour| linear(*colour).into()).collect();
     if let ([a, b, c], [first, second, third]) = (face.points, &colours[..]) {
-        let [a, b, c] = [a, b, c].map(|point| DVec3::from(point.map(f64::from)) - place);
+        let [a, b, c] = [a, b, c].map(|point| DVec3::from(point.map(f64::from)) - position);
         let weights = [b.cross(c).length(), c.cross(a).length(), a.cross(b).length()];
         let sum: f64 = weights.iter().sum();
         if sum > 0.0 {

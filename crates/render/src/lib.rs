@@ -16,7 +16,7 @@ pub use exact::render_exact;
 use std::collections::VecDeque;
 
 use crate::camera::{Camera, Extent, Pose};
-use scene::{Centre, Scene, Surface};
+use scene::{PixelColour, Scene, Surface};
 use spinney_base::io::Output;
 use spinney_base::parallel::{self, Pool};
 use spinney_base::space::Up;
@@ -127,7 +127,7 @@ fn draw<'a>(
     let mut writer = create(output, format, &spec)?;
     // Surfaces cache what rays read, so they are reused between rows.
     let pool = Pool::default();
-    let mut centres: VecDeque<Vec<Centre>> = VecDeque::new();
+    let mut centres: VecDeque<Vec<PixelColour>> = VecDeque::new();
     for first in (0..height).step_by(BAND as usize) {
         let rows: Vec<u64> = (first..height.min(first + BAND)).collect();
         // Each row needs the centres of the rows above and below it. The last two rows of the

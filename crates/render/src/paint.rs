@@ -69,8 +69,8 @@ impl Paint {
             Paint::Classes => linear(distinct(value[0])),
             Paint::Range { least, range, colours } => {
                 let last = colours.len().saturating_sub(1);
-                let place = ((value[0] - least) / range * last as f64).round().clamp(0.0, last as f64);
-                match colours.get(place as usize) {
+                let index = ((value[0] - least) / range * last as f64).round().clamp(0.0, last as f64);
+                match colours.get(index as usize) {
                     Some([red, green, blue, _]) => linear([*red, *green, *blue]),
                     None => linear(CLAY),
                 }

@@ -13,11 +13,11 @@ pub(super) trait Surface: Send {
     ///
     /// # Errors
     /// If the file is corrupt there.
-    fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<Place>>;
+    fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<SurfacePoint>>;
 }
 
 /// Surface point, with what shading needs.
-pub(super) struct Place {
+pub(super) struct SurfacePoint {
     /// Surface normal, of length 1.
     pub(super) outwards: DVec3,
     /// Linear red, green and blue.
@@ -28,7 +28,7 @@ pub(super) struct Place {
 
 /// Colour that the ray through a pixel's centre hits, as square roots of linear light; `None` if it
 /// misses.
-pub(super) type Centre = Option<Vec3>;
+pub(super) type PixelColour = Option<Vec3>;
 
 /// Difference between neighbouring colours (square roots of linear light, 0 to 1) from which a
 /// pixel is supersampled: about 25 of 255 in the image. (A third of this threshold reduces the
@@ -37,9 +37,9 @@ pub(super) type Centre = Option<Vec3>;
 const UNEVEN: f32 = 0.1;
 
 /// Whether the centres around a pixel are similar to its own.
-fn is_even(around: [&[Centre]; 3], column: usize) -> bool {
+fn is_even(around: [&[PixelColour]; 3], column: usize) -> bool {
     let own = around[1][column];
-    let alike = |other: &Centre| match (own, other) {
+    let alike = |other: &PixelColour| match (own, other) {
         (None, None) => true,
         (Some(own), Some(other)) => (own - *other).abs().max_element() < UNEVEN,
         _ => false,
@@ -95,7 +95,7 @@ impl Scene {
         surface: &mut dyn Surface,
         row: u64,
         progress: &dyn Progress,
-    ) -> Result<Vec<Centre>> {
+    ) -> Result<Vec<PixelColour>> {
         let mut centres = Vec::with_capacity(self.width as usize);
         for column in 0..self.width {
             if column % CHECKED == 0 {
@@ -114,7 +114,7 @@ impl Scene {
         &self,
         surface: &mut dyn Surface,
         row: u64,
-        around: [&[Centre]; 3],
+        around: [&[PixelColour]; 3],
         progress: &dyn Progress,
     ) -> Result<Vec<u8>> {
         let mut pixels = Vec::with_capacity(self.width as usize * 4);
@@ -162,7 +162,7 @@ impl Scene {
     /// Linear colour at an image position, in pixels; `None` if the ray misses.
     fn colour(&self, surface: &mut dyn Surface, point: [f64; 2]) -> Result<Option<DVec3>> {
         let (origin, direction) = self.camera.ray(point);
-        let Some(Place { outwards, albedo, open }) = surface.first(origin, direction)? else {
+        let Some(SurfacePoint { outwards, albedo, open }) = surface.first(origin, direction)? else {
             return Ok(None);
         };
         let back = -direction;

@@ -14,7 +14,7 @@ pub fn commit_as_json(commit: &Commit, numbers: JsonNumbers) -> Value {
         "author": note.author,
         "message": note.message,
         "cells": numbers.count(commit.cells),
-        "records": numbers.count(commit.records),
+        "records": numbers.count(commit.inner_nodes),
         "written_records": written.records,
         "written_bytes": written.bytes,
         "shared_records": written.shared,

@@ -22,7 +22,7 @@ pub struct PointLayers<'a> {
     depth: u8,
     level: u8,
     axes: usize,
-    places: CellLocator,
+    locator: CellLocator,
 }
 
 impl<'a> PointLayers<'a> {
@@ -46,11 +46,11 @@ impl<'a> PointLayers<'a> {
             return Err(Error::invalid(
                 "level",
                 level.to_string(),
-                format!("one of the tree's, 0 to {depth}"),
+                format!("0 to {depth}, the levels of the tree"),
             ));
         }
-        let places = CellLocator::new(coordinates, &finest.metadata().frame, finest.header().extent)?;
-        Ok(PointLayers { trees, depth, level, axes: finest.header().form.axes(), places })
+        let locator = CellLocator::new(coordinates, &finest.metadata().frame, finest.header().extent)?;
+        Ok(PointLayers { trees, depth, level, axes: finest.header().form.axes(), locator })
     }
 
     /// Returns the number of coordinates of a point: two in quadtrees, three in octrees.
@@ -59,15 +59,15 @@ impl<'a> PointLayers<'a> {
     }
 
     /// Returns the transformation from the coordinates to cells.
-    pub fn places(&self) -> &CellLocator {
-        &self.places
+    pub fn locator(&self) -> &CellLocator {
+        &self.locator
     }
 
     /// Returns the cell of the level that contains a point, or [`OUTSIDE`].
     pub fn cell(&self, point: [f64; 3]) -> [u64; 3] {
         // (A quadtree has one layer of cells, so z is ignored.)
         let flat = |[x, y, z]: [f64; 3]| if self.axes == 3 { [x, y, z] } else { [x, y, 0.0] };
-        let cell = self.places.cell(point).map(flat).filter(|cell| self.places.is_inside(*cell));
+        let cell = self.locator.cell(point).map(flat).filter(|cell| self.locator.is_inside(*cell));
         let shift = self.depth - self.level;
         cell.map_or(OUTSIDE, |cell| cell.map(|coordinate| coordinate.floor() as u64 >> shift))
     }
@@ -76,7 +76,7 @@ impl<'a> PointLayers<'a> {
     ///
     /// # Errors
     /// If the file is corrupt there.
-    pub fn ask<'c>(&self, cells: &'c [[u64; 3]]) -> Result<PointReport<'c>> {
+    pub fn query<'c>(&self, cells: &'c [[u64; 3]]) -> Result<PointReport<'c>> {
         let of_layers = self.trees.iter().map(|tree| {
             // Layers with larger cells lack the deepest levels.
             let shift = self.level.saturating_sub(tree.depth());

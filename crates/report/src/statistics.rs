@@ -30,7 +30,7 @@ pub type Bins = Vec<(f64, u64)>;
 pub fn bins_of(tree: &Dataset, boxes: &[Bounds], (low, high): (f64, f64), bins: u32) -> Result<Bins> {
     let mut cells = vec![0; bins as usize];
     for bounds in boxes {
-        let bounds = bounds.intersect(&tree.header().picture());
+        let bounds = bounds.intersect(&tree.header().extent_bounds());
         let part = tree.histogram(&bounds, low, high, bins as usize, &())?;
         cells.iter_mut().zip(part).for_each(|(all, part)| *all += part);
     }

@@ -15,14 +15,14 @@ const ENDINGS: [&str; 2] = ["goblin", "autumn"];
 /// Served files.
 pub(crate) enum Catalog {
     /// Tree files of a directory, whose path has no symbolic links.
-    Folder(PathBuf),
+    Directory(PathBuf),
     /// Single file.
     File(PathBuf),
 }
 
 /// Served file.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) struct Listed {
+pub(crate) struct ServedFile {
     /// Name in queries: the stem, or the entire file name if the stem is ambiguous.
     pub(crate) name: String,
     pub(crate) file: String,
@@ -37,18 +37,18 @@ impl Catalog {
     pub(crate) fn new(path: &Path) -> Result<Catalog> {
         let metadata = std::fs::metadata(path).map_err(Error::io(path, "open"))?;
         if metadata.is_dir() {
-            return Ok(Catalog::Folder(path.canonicalize().map_err(Error::io(path, "open"))?));
+            return Ok(Catalog::Directory(path.canonicalize().map_err(Error::io(path, "open"))?));
         }
         if path.file_name().and_then(OsStr::to_str).is_none() {
-            return Err(Error::unsupported(path, "a name that is no text", "rename the file"));
+            return Err(Error::unsupported(path, "a file name that is not UTF-8", "rename the file"));
         }
         Ok(Catalog::File(std::path::absolute(path).map_err(Error::io(path, "open"))?))
     }
 
     /// Directory of the files.
-    pub(crate) fn folder(&self) -> &Path {
+    pub(crate) fn directory(&self) -> &Path {
         match self {
-            Catalog::Folder(folder) => folder,
+            Catalog::Directory(directory) => directory,
             Catalog::File(file) => file.parent().unwrap_or(file),
         }
     }
@@ -70,7 +70,7 @@ impl Catalog {
         let [goblin, autumn] = ENDINGS.map(|ending| self.find(&format!("{name}.{ending}")));
         match (goblin, autumn) {
             (Some(_), Some(_)) => Err(Failure::missing(format!(
-                "`{name}`: is the name of two files; ask for {name}.goblin or {name}.autumn"
+                "`{name}`: is the name of two files; request {name}.goblin or {name}.autumn"
             ))),
             (Some(path), None) | (None, Some(path)) => Ok(path),
             (None, None) => Err(missing(name)),
@@ -84,10 +84,10 @@ impl Catalog {
                 let is_name = path.file_name().and_then(OsStr::to_str) == Some(name);
                 (is_name && path.is_file()).then(|| path.clone())
             }
-            Catalog::Folder(folder) => {
-                let path = folder.join(served_name(name)?);
+            Catalog::Directory(directory) => {
+                let path = directory.join(served_name(name)?);
                 let metadata = path.symlink_metadata().ok()?;
-                follow(folder, path, &metadata).map(|(path, _)| path)
+                follow(directory, path, &metadata).map(|(path, _)| path)
             }
         }
     }
@@ -96,21 +96,21 @@ impl Catalog {
     ///
     /// # Errors
     /// If the directory cannot be read.
-    pub(crate) fn list(&self) -> Result<Vec<Listed>> {
+    pub(crate) fn list(&self) -> Result<Vec<ServedFile>> {
         let files: BTreeMap<String, u64> = match self {
             Catalog::File(path) => {
-                let metadata = path.metadata().map_err(Error::io(path, "look at"))?;
+                let metadata = path.metadata().map_err(Error::io(path, "stat"))?;
                 let name = path.file_name().and_then(OsStr::to_str).unwrap_or_default();
                 let name = name.to_owned();
                 let stem = path.file_stem().and_then(OsStr::to_str).unwrap_or_default().to_owned();
-                return Ok(vec![Listed { name: stem, file: name, bytes: metadata.len() }]);
+                return Ok(vec![ServedFile { name: stem, file: name, bytes: metadata.len() }]);
             }
-            Catalog::Folder(folder) => {
-                let entries = std::fs::read_dir(folder).map_err(Error::io(folder, "read"))?;
+            Catalog::Directory(directory) => {
+                let entries = std::fs::read_dir(directory).map_err(Error::io(directory, "read"))?;
                 let served = entries.flatten().filter_map(|entry| {
                     let name = entry.file_name().into_string().ok()?;
-                    let path = folder.join(served_name(&name)?);
-                    let (_, metadata) = follow(folder, path, &entry.metadata().ok()?)?;
+                    let path = directory.join(served_name(&name)?);
+                    let (_, metadata) = follow(directory, path, &entry.metadata().ok()?)?;
                     Some((name, metadata.len()))
                 });
                 served.collect()
@@ -123,7 +123,7 @@ impl Catalog {
             // A stem may be another file's name: `a.goblin.autumn`.
             let stem = stem(file);
             let is_clear = stems[&stem] == 1 && !files.contains_key(&stem) && !has_odd_ending(file);
-            Listed { name: if is_clear { stem } else { file.clone() }, file: file.clone(), bytes: *bytes }
+            ServedFile { name: if is_clear { stem } else { file.clone() }, file: file.clone(), bytes: *bytes }
         });
         Ok(listed.collect())
     }
@@ -131,7 +131,7 @@ impl Catalog {
 
 fn missing(name: &str) -> Failure {
     let name: String = name.chars().take(200).collect();
-    Failure::missing(format!("`{}`: no file of that name is served", name.escape_debug()))
+    Failure::missing(format!("`{}`: no served file has this name", name.escape_debug()))
 }
 
 /// Returns the name if it is a plain tree file name, without path components that could leave the
@@ -153,7 +153,7 @@ fn has_odd_ending(name: &str) -> bool {
 }
 
 /// Resolves a path in a directory to a regular file. Symbolic links must not leave the directory.
-fn follow(folder: &Path, path: PathBuf, metadata: &Metadata) -> Option<(PathBuf, Metadata)> {
+fn follow(directory: &Path, path: PathBuf, metadata: &Metadata) -> Option<(PathBuf, Metadata)> {
     if metadata.is_file() {
         return Some((path, metadata.clone()));
     }
@@ -162,7 +162,7 @@ fn follow(folder: &Path, path: PathBuf, metadata: &Metadata) -> Option<(PathBuf,
     }
     let target = path.canonicalize().ok()?;
     let metadata = target.metadata().ok()?;
-    (target.starts_with(folder) && metadata.is_file()).then_some((target, metadata))
+    (target.starts_with(directory) && metadata.is_file()).then_some((target, metadata))
 }
 
 #[cfg(test)]
@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_stay_in_their_folder() {
+    fn served_names_stay_in_their_directory() {
         for name in ["a.goblin", "a b.AUTUMN", "ä.goblin", "a.b.goblin", "a@1.goblin"] {
             assert_eq!(served_name(name), Some(name));
         }

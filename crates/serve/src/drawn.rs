@@ -14,7 +14,7 @@ use spinney_tiles::{TileContent, TileId, TilePainter, TileSource, TreeTiles, War
 pub(crate) const SIDE: usize = 256;
 
 /// Tree for drawing.
-pub(crate) struct Drawn {
+pub(crate) struct DrawableTree {
     pub(crate) tree: Arc<Dataset>,
     /// Whether its channels are layers of the file.
     pub(crate) is_composite: bool,
@@ -23,12 +23,12 @@ pub(crate) struct Drawn {
     /// Prepared styles, by their JSON documents.
     painters: Mutex<HashMap<String, Arc<TilePainter>>>,
     /// Images of tiles with one value throughout.
-    uniform: Mutex<HashMap<PictureKey, Vec<u8>>>,
+    uniform: Mutex<HashMap<TileImageKey, Vec<u8>>>,
 }
 
 /// All inputs of the image of a uniform tile: the style's `look`, the format's extension, and the
 /// value.
-pub(crate) type PictureKey = (String, &'static str, Value);
+pub(crate) type TileImageKey = (String, &'static str, Value);
 
 /// Maximum number of cached images of uniform tiles per tree; each takes a few hundred bytes.
 const MAX_UNIFORM: usize = 1 << 12;
@@ -63,9 +63,9 @@ impl Tiles<'_> {
     }
 }
 
-impl Drawn {
-    pub(crate) fn new(tree: Arc<Dataset>, is_composite: bool) -> Drawn {
-        Drawn {
+impl DrawableTree {
+    pub(crate) fn new(tree: Arc<Dataset>, is_composite: bool) -> DrawableTree {
+        DrawableTree {
             tree,
             is_composite,
             warped: Mutex::default(),
@@ -82,8 +82,8 @@ impl Drawn {
     pub(crate) fn tiles(&self, is_native: bool) -> Result<Tiles<'_>> {
         let tree = &*self.tree;
         if tree.header().form.axes() != 2 {
-            let advice = "tiles are of quadtrees: ask for windows, of one layer of cells each (z)";
-            return Err(Error::unsupported(tree.name(), "an octree", advice));
+            let advice = "tiles need a quadtree; request a window, whose z selects a layer of cells";
+            return Err(Error::unsupported(tree.name(), "a map of an octree", advice));
         }
         if is_native {
             return Ok(Tiles::Own(TreeTiles::native(tree)));
@@ -96,15 +96,11 @@ impl Drawn {
             return Ok(Tiles::Warped(tiles.clone()));
         }
         let Some(source) = tree.whole_source() else {
-            let advice = "ask for tiles of its own grid (grid=native)";
-            return Err(Error::unsupported(
-                tree.name(),
-                "a view on another grid than that of web maps",
-                advice,
-            ));
+            let advice = "request tiles of its own grid (grid=native)";
+            return Err(Error::unsupported(tree.name(), "a web map of a view on another grid", advice));
         };
         let mut options = WarpOptions::default();
-        options.level_cells = Some(WarpOptions::LOOK);
+        options.level_cells = Some(WarpOptions::PREVIEW);
         let tiles = WarpedTiles::new(source, &tree.metadata().frame, SIDE, None, &options)?;
         Ok(Tiles::Warped(warped.insert(Arc::new(tiles)).clone()))
     }
@@ -113,9 +109,9 @@ impl Drawn {
     ///
     /// # Errors
     /// Those of `make`.
-    pub(crate) fn uniform_picture(
+    pub(crate) fn uniform_image(
         &self,
-        key: PictureKey,
+        key: TileImageKey,
         make: impl FnOnce() -> Result<Option<Vec<u8>>>,
     ) -> Result<Option<Vec<u8>>> {
         let kept = || self.uniform.lock().unwrap_or_else(PoisonError::into_inner);
@@ -124,12 +120,12 @@ impl Drawn {
             return Ok(known);
         }
         let made = make()?;
-        if let Some(picture) = &made {
+        if let Some(image) = &made {
             let mut kept = kept();
             if kept.len() >= MAX_UNIFORM {
                 kept.clear();
             }
-            kept.insert(key, picture.clone());
+            kept.insert(key, image.clone());
         }
         Ok(made)
     }

@@ -43,9 +43,9 @@ impl Failure {
     }
 
     /// Removes a directory's path from the message, so that clients do not learn it.
-    pub(crate) fn without(mut self, folder: &Path) -> Failure {
-        if let Some(folder) = folder.to_str().filter(|folder| folder.len() > 1) {
-            self.message = self.message.replace(&format!("{folder}/"), "").replace(folder, ".");
+    pub(crate) fn without(mut self, directory: &Path) -> Failure {
+        if let Some(directory) = directory.to_str().filter(|directory| directory.len() > 1) {
+            self.message = self.message.replace(&format!("{directory}/"), "").replace(directory, ".");
         }
         self
     }

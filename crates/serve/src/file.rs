@@ -10,19 +10,19 @@ use axum::response::Response;
 use spinney_base::Error;
 use spinney_base::io::platform::read_exact_at;
 
-use crate::answer::{has_tag, tell_tag};
 use crate::failure::Failure;
-use crate::range::{Asked, asked};
+use crate::range::{RequestedRange, parse_range};
+use crate::response::{has_tag, insert_tag};
 use crate::version::FileVersion;
 
 /// Bytes that are read and buffered at a time.
-const PIECE: u64 = 256 << 10;
+const CHUNK_BYTES: u64 = 256 << 10;
 
 /// Maximum number of attempts to read the start of a response while the file is being modified.
 const TIMES: usize = 20;
 
 /// Range of a file to send, with its start already read.
-pub(crate) struct FileAnswer {
+pub(crate) struct FileResponse {
     file: Arc<File>,
     version: FileVersion,
     status: StatusCode,
@@ -37,24 +37,24 @@ pub(crate) struct FileAnswer {
 ///
 /// # Errors
 /// If the file cannot be read, or a condition of the request does not hold.
-pub(crate) fn answer(path: &Path, method: &Method, headers: &HeaderMap) -> Result<FileAnswer, Failure> {
+pub(crate) fn respond(path: &Path, method: &Method, headers: &HeaderMap) -> Result<FileResponse, Failure> {
     for _ in 0..TIMES {
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         let (version, _) = FileVersion::settled(path, || file.metadata())?;
         let (status, part) = wanted(&version, method, headers)?;
         let mut start = Vec::new();
         if *method == Method::GET && !status.is_redirection() {
-            start = vec![0; (part[1] - part[0]).min(PIECE) as usize];
+            start = vec![0; (part[1] - part[0]).min(CHUNK_BYTES) as usize];
             let read = read_exact_at(&file, &mut start, part[0]);
-            let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
+            let metadata = file.metadata().map_err(Error::io(path, "stat"))?;
             if FileVersion::of(&metadata, path)? != version {
                 continue;
             }
             read.map_err(Error::io(path, "read"))?;
         }
-        return Ok(FileAnswer { file: Arc::new(file), version, status, part, start });
+        return Ok(FileResponse { file: Arc::new(file), version, status, part, start });
     }
-    Err(Error::Changed { path: path.to_path_buf(), what: "was changed each time" }.into())
+    Err(Error::Changed { path: path.to_path_buf(), what: "was changed repeatedly" }.into())
 }
 
 /// Status of a response, and its byte range.
@@ -65,7 +65,7 @@ fn wanted(
 ) -> Result<(StatusCode, [u64; 2]), Failure> {
     let (length, tag) = (version.length, version.tag(""));
     if headers.contains_key(header::IF_MATCH) && !has_tag(headers, header::IF_MATCH, &tag, false) {
-        let message = format!("the file's tag is {tag}, another one than that of If-Match");
+        let message = format!("If-Match: the file's tag is {tag}; it has changed");
         return Err(Failure::new(StatusCode::PRECONDITION_FAILED, message));
     }
     if has_tag(headers, header::IF_NONE_MATCH, &tag, true) {
@@ -74,54 +74,54 @@ fn wanted(
     let range = headers.get(header::RANGE).and_then(|range| range.to_str().ok());
     // Responses have no `Last-Modified`, so a date in this header never matches.
     let is_same = headers.get(header::IF_RANGE).is_none_or(|given| given.as_bytes() == tag.as_bytes());
-    let asked = match range {
-        Some(range) if is_same && *method == Method::GET => asked(range, length),
-        _ => Asked::All,
+    let requested = match range {
+        Some(range) if is_same && *method == Method::GET => parse_range(range, length),
+        _ => RequestedRange::All,
     };
-    match asked {
-        Asked::All => Ok((StatusCode::OK, [0, length])),
-        Asked::Part(first, last) => Ok((StatusCode::PARTIAL_CONTENT, [first, last + 1])),
-        Asked::Nothing => Err(Failure::new(
+    match requested {
+        RequestedRange::All => Ok((StatusCode::OK, [0, length])),
+        RequestedRange::Bytes(first, last) => Ok((StatusCode::PARTIAL_CONTENT, [first, last + 1])),
+        RequestedRange::Unsatisfiable => Err(Failure::new(
             StatusCode::RANGE_NOT_SATISFIABLE,
-            format!("the range has none of the file's {length} bytes"),
+            format!("Range: is outside of the file's {length} bytes"),
         )),
-        Asked::Several => Err(Failure::new(
+        RequestedRange::Multiple => Err(Failure::new(
             StatusCode::RANGE_NOT_SATISFIABLE,
-            "several ranges; ask for them one by one, at the same time if you like",
+            "Range: got several ranges, expected one; send one request per range",
         )),
     }
 }
 
-impl FileAnswer {
+impl FileResponse {
     /// Response whose body is read in chunks while it is sent.
     pub(crate) fn into_response(self) -> Response {
-        let FileAnswer { file, version, status, part: [first, end], start } = self;
+        let FileResponse { file, version, status, part: [first, end], start } = self;
         let next = first + start.len() as u64;
         // `start` is empty if the body is not requested.
         let is_whole = start.is_empty() || next == end;
-        let body = if is_whole { Body::from(start) } else { pieces(file, start, next, end) };
+        let body = if is_whole { Body::from(start) } else { stream(file, start, next, end) };
         let mut response = Response::new(body);
         *response.status_mut() = status;
         let headers = response.headers_mut();
-        let mut tell = |name: HeaderName, value: String| {
+        let mut set = |name: HeaderName, value: String| {
             HeaderValue::from_str(&value).map(|value| headers.insert(name, value)).is_ok()
         };
         if status != StatusCode::NOT_MODIFIED {
-            tell(header::CONTENT_LENGTH, (end - first).to_string());
+            set(header::CONTENT_LENGTH, (end - first).to_string());
         }
         if status == StatusCode::PARTIAL_CONTENT {
-            tell(header::CONTENT_RANGE, format!("bytes {first}-{}/{}", end - 1, version.length));
+            set(header::CONTENT_RANGE, format!("bytes {first}-{}/{}", end - 1, version.length));
         }
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
         headers.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
-        tell_tag(headers, &version.tag(""));
+        insert_tag(headers, &version.tag(""));
         response
     }
 }
 
 /// Body that consists of `start` and the rest of the range.
-fn pieces(file: Arc<File>, start: Vec<u8>, next: u64, end: u64) -> Body {
-    let pieces = futures_util::stream::unfold((Some(start), next), move |(start, next)| {
+fn stream(file: Arc<File>, start: Vec<u8>, next: u64, end: u64) -> Body {
+    let chunks = futures_util::stream::unfold((Some(start), next), move |(start, next)| {
         let file = file.clone();
         async move {
             if let Some(start) = start {
@@ -130,7 +130,7 @@ fn pieces(file: Arc<File>, start: Vec<u8>, next: u64, end: u64) -> Body {
             if next >= end {
                 return None;
             }
-            let count = (end - next).min(PIECE);
+            let count = (end - next).min(CHUNK_BYTES);
             let read = tokio::task::spawn_blocking(move || {
                 let mut bytes = vec![0; count as usize];
                 read_exact_at(&file, &mut bytes, next).map(|()| Bytes::from(bytes))
@@ -142,5 +142,5 @@ fn pieces(file: Arc<File>, start: Vec<u8>, next: u64, end: u64) -> Body {
             Some((read, (None, next)))
         }
     });
-    Body::from_stream(pieces)
+    Body::from_stream(chunks)
 }

@@ -41,11 +41,11 @@ impl Hosts {
     pub(crate) fn check(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), Failure> {
         let mut given = headers.get_all(header::HOST).iter();
         let (Some(host), None) = (given.next(), given.next()) else {
-            return Err(Failure::bad("Host: expected one header of this name"));
+            return Err(Failure::bad("Host: expected exactly one header"));
         };
         let host = host.to_str().ok().filter(|host| is_host(host));
         let Some(host) = host else {
-            return Err(Failure::bad("Host: expected a name, as in localhost:8000"));
+            return Err(Failure::bad("Host: expected a host name, as in localhost:8000"));
         };
         // An authority in the request target overrides the header.
         let host = uri.authority().map_or(host, |authority| authority.as_str());
@@ -55,7 +55,7 @@ impl Hosts {
             return Ok(());
         }
         let message = format!(
-            "Host: `{}` is none of this server's names; `spinney serve --allow-host NAME` adds one",
+            "Host: `{}` is not a name of this server; add it: `spinney serve --allow-host NAME`",
             name.escape_debug()
         );
         Err(Failure::new(StatusCode::MISDIRECTED_REQUEST, message))
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_local_server_has_local_names_alone() {
+    fn loopback_servers_accept_only_local_names() {
         let right =
             |hosts: &Hosts, host: &str| hosts.check(&Uri::default(), &headers(&[("host", host)])).is_ok();
         let local = hosts("127.0.0.1:8000", &[], None);
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn proxies_say_how_clients_know_the_server() {
+    fn public_urls_follow_proxy_headers() {
         let local = hosts("127.0.0.1:8000", &[], None);
         let host = ("host", "localhost:8000");
         for (more, expected) in [

@@ -6,7 +6,6 @@
 //! once no client waits). `catalog.rs` finds files by name; `opened.rs` keeps them open while they
 //! are unchanged (`version.rs`). Each kind of query has its own module.
 
-mod answer;
 mod catalog;
 mod compression;
 mod connection;
@@ -21,6 +20,7 @@ mod page;
 mod parameters;
 mod point;
 mod range;
+mod response;
 mod routes;
 mod server;
 mod tiles;

@@ -8,9 +8,9 @@ use spinney_base::io::FileAccess;
 use spinney_base::{Error, Result};
 use spinney_container::FileReference;
 use spinney_engine::dataset::{self, Dataset};
-use spinney_engine::ops::{Calculation, TreeFile, ViewStep};
+use spinney_engine::ops::{Calculation, TreeFile, ViewOperation};
 
-use crate::drawn::Drawn;
+use crate::drawn::DrawableTree;
 use crate::version::FileVersion;
 
 /// Version of a file, or of one of its commits, open for queries. It stays valid for its users
@@ -22,7 +22,7 @@ pub(crate) struct OpenTree {
     names: Vec<String>,
     layers: OnceLock<Vec<Arc<Dataset>>>,
     /// Trees for drawing, by the `layer` parameter.
-    drawn: Mutex<HashMap<String, Arc<Drawn>>>,
+    drawn: Mutex<HashMap<String, Arc<DrawableTree>>>,
 }
 
 /// Maximum number of trees for drawing that are cached per file.
@@ -68,8 +68,8 @@ impl OpenTree {
         let Some(named) = named else { return Ok(all.iter().collect()) };
         let number = |name: &str| {
             let file = self.first.name().into();
-            let place = FileReference { file, commit: None, layer: Some(name.to_owned()) };
-            place.layer_number(self.names.iter().map(String::as_str))
+            let reference = FileReference { file, commit: None, layer: Some(name.to_owned()) };
+            reference.layer_number(self.names.iter().map(String::as_str))
         };
         // A name may contain commas.
         let numbers = match self.names.iter().position(|name| name == named) {
@@ -84,7 +84,7 @@ impl OpenTree {
     /// # Errors
     /// Those of [`OpenTree::layers`]; if the file has several layers and none is named, or if more
     /// are named than can be colours.
-    pub(crate) fn drawn(&self, named: Option<&str>) -> Result<Arc<Drawn>> {
+    pub(crate) fn drawn(&self, named: Option<&str>) -> Result<Arc<DrawableTree>> {
         let key = named.unwrap_or_default();
         if let Some(drawn) = self.kept().get(key) {
             return Ok(drawn.clone());
@@ -92,19 +92,19 @@ impl OpenTree {
         let (tree, is_composite) = match &self.shared(named)?[..] {
             [one] => ((*one).clone(), false),
             _ if named.is_none() => {
-                let expected = format!("one of {}, or some with commas between", self.names.join(", "));
-                return Err(Error::invalid("layer", "none of several", expected));
+                let expected = format!("one or more of {}, separated by commas", self.names.join(", "));
+                return Err(Error::invalid("layer", "none", expected));
             }
             several => {
                 let names: Vec<String> = several.iter().map(|layer| layer.metadata().name.clone()).collect();
                 // The composite has the cells of the layer with the smallest cells.
                 let finest = several.iter().max_by_key(|layer| layer.depth());
                 let finest = finest.map_or("", |layer| layer.metadata().name.as_str());
-                let composite = ViewStep::Calculation(Box::new(Calculation::composite(&names)?));
+                let composite = ViewOperation::Calculation(Box::new(Calculation::composite(&names)?));
                 (Arc::new(self.first.layer(finest)?.view(&[composite])?), true)
             }
         };
-        let drawn = Arc::new(Drawn::new(tree, is_composite));
+        let drawn = Arc::new(DrawableTree::new(tree, is_composite));
         let mut kept = self.kept();
         if kept.len() >= MAX_DRAWN {
             kept.clear();
@@ -113,7 +113,7 @@ impl OpenTree {
         Ok(drawn)
     }
 
-    fn kept(&self) -> MutexGuard<'_, HashMap<String, Arc<Drawn>>> {
+    fn kept(&self) -> MutexGuard<'_, HashMap<String, Arc<DrawableTree>>> {
         self.drawn.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -133,7 +133,7 @@ pub(crate) struct OpenTrees {
 }
 
 /// Maximum number of files that are kept open.
-const MOST: usize = 64;
+const MAX_OPEN: usize = 64;
 
 /// Cache per file in bytes. (Files are not mapped: truncating a mapped file would crash the
 /// server.)
@@ -153,11 +153,11 @@ impl OpenTrees {
     /// # Errors
     /// If it cannot be opened, or changes during every attempt.
     pub(crate) fn get(&self, path: &Path, commit: Option<u64>) -> Result<Arc<OpenTree>> {
-        let look = || std::fs::metadata(path);
+        let stat = || std::fs::metadata(path);
         let key = (path.to_path_buf(), commit);
-        let place = FileReference { file: path.into(), commit, layer: None }.of_commit();
+        let reference = FileReference { file: path.into(), commit, layer: None }.of_commit();
         for _ in 0..TIMES {
-            let (version, is_settled) = match FileVersion::settled(path, look) {
+            let (version, is_settled) = match FileVersion::settled(path, stat) {
                 Ok(found) => found,
                 Err(error) => {
                     self.trees().remove(&key);
@@ -171,17 +171,17 @@ impl OpenTrees {
             if let Some(tree) = self.known(&key, version) {
                 return Ok(tree);
             }
-            let opened = OpenTree::open(&place, version, &self.access);
+            let opened = OpenTree::open(&reference, version, &self.access);
             // The opened file may differ from the one that was stat'ed.
             if FileVersion::at(path)? != version {
                 continue;
             }
             let tree = Arc::new(opened?);
             if !self.allows_manifests && matches!(tree.first.as_file(), Some(TreeFile::Mosaic(_))) {
-                let advice = "serve it alone, or a file that `spinney transform` makes of it";
+                let advice = "serve it alone, or convert it to a tree: `spinney transform`";
                 return Err(Error::unsupported(
                     path,
-                    "a manifest, whose files may lie outside of the folder,",
+                    "a manifest in a served directory (its files may be outside)",
                     advice,
                 ));
             }
@@ -192,7 +192,7 @@ impl OpenTrees {
             // Closes files that were replaced or removed.
             trees
                 .retain(|(path, _), tree| FileVersion::at(path).is_ok_and(|version| version == tree.version));
-            if trees.len() >= MOST && !trees.contains_key(&key) {
+            if trees.len() >= MAX_OPEN && !trees.contains_key(&key) {
                 // Evicts an arbitrary file. Its users keep it, and it is opened again on request.
                 let other = trees.keys().next().cloned();
                 other.and_then(|other| trees.remove(&other));
@@ -200,7 +200,7 @@ impl OpenTrees {
             trees.insert(key, tree.clone());
             return Ok(tree);
         }
-        Err(Error::Changed { path: path.to_path_buf(), what: "was changed each time" })
+        Err(Error::Changed { path: path.to_path_buf(), what: "was changed repeatedly" })
     }
 
     fn trees(&self) -> MutexGuard<'_, HashMap<Key, Arc<OpenTree>>> {

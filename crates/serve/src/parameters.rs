@@ -9,7 +9,7 @@ use crate::failure::Failure;
 pub(crate) struct Parameters(Vec<(String, String)>);
 
 /// Maximum size in bytes; styles are the longest parameters.
-const LONGEST: usize = 32 << 10;
+const MAX_BYTES: usize = 32 << 10;
 
 impl Parameters {
     /// Parses the parameters of a query, whose names are `known`.
@@ -18,8 +18,11 @@ impl Parameters {
     /// If a parameter has another name, or is given twice.
     pub(crate) fn parse(query: Option<&str>, known: &[&str]) -> Result<Parameters, Failure> {
         let query = query.unwrap_or_default();
-        if query.len() > LONGEST {
-            return Err(Failure::too_large(format!("parameters of more than {LONGEST} bytes")));
+        if query.len() > MAX_BYTES {
+            return Err(Failure::too_large(format!(
+                "parameters: got {} bytes, expected at most {MAX_BYTES}",
+                query.len()
+            )));
         }
         let mut pairs: Vec<(String, String)> = Vec::new();
         for (name, value) in form_urlencoded::parse(query.as_bytes()) {
@@ -30,8 +33,8 @@ impl Parameters {
                     if known.is_empty() { "none".into() } else { known.join(", ") }
                 )));
             }
-            if pairs.iter().any(|(there, _)| *there == name) {
-                return Err(Failure::bad(format!("{name}: given twice")));
+            if pairs.iter().any(|(known_name, _)| *known_name == name) {
+                return Err(Failure::bad(format!("{name}: is given twice, expected once")));
             }
             pairs.push((name.into_owned(), value.into_owned()));
         }
@@ -77,7 +80,7 @@ impl Parameters {
         let Some(list) = self.list::<f64>(name)? else { return Ok(None) };
         match <[f64; N]>::try_from(list) {
             Ok(numbers) if numbers.iter().all(|number| number.is_finite()) => Ok(Some(numbers)),
-            _ => Err(Failure::bad(format!("{name}: expected {N} finite numbers with commas between"))),
+            _ => Err(Failure::bad(format!("{name}: expected {N} finite numbers, separated by commas"))),
         }
     }
 }
@@ -87,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_known_and_stand_once() {
+    fn parameters_must_be_known_and_unique() {
         let parse = |query: &str| Parameters::parse(Some(query), &["x", "style"]);
         let found = parse("x=1.5&style=%7B%22a%22%3A1%7D").unwrap();
         assert_eq!(found.number("x").unwrap(), Some(1.5));

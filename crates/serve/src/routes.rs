@@ -13,16 +13,16 @@ use axum::routing::{get, post};
 use http_body_util::{BodyExt as _, LengthLimitError, Limited};
 use spinney_site::PageContent;
 
-use crate::answer::{Answer, AnswerCache, has_tag};
-use crate::catalog::{Catalog, Listed};
+use crate::catalog::{Catalog, ServedFile};
 use crate::compression::compress;
 use crate::failure::Failure;
 use crate::hosts::Hosts;
 use crate::opened::{OpenTree, OpenTrees};
 use crate::origins::add_origin;
 use crate::parameters::Parameters;
+use crate::response::{QueryResponse, ResponseCache, has_tag};
 use crate::tiles::{self, TileAddress};
-use crate::work::{Watch, Work};
+use crate::work::{CancellationFlag, Executor};
 use crate::{ServeOptions, file, page, point, window, zonal};
 
 /// Maximum number of files whose headers are read for the page. It determines the contents of
@@ -32,13 +32,13 @@ const MAX_CONTENTS: usize = 1000;
 /// State that all requests share.
 pub(crate) struct App {
     pub(crate) catalog: Catalog,
-    pub(crate) work: Work,
+    pub(crate) work: Executor,
     /// Executor for reading files and directories, so that these do not wait for queries.
-    pub(crate) reading: Work,
+    pub(crate) reading: Executor,
     pub(crate) options: ServeOptions,
     hosts: Hosts,
     trees: OpenTrees,
-    answers: AnswerCache,
+    responses: ResponseCache,
 }
 
 /// Path parameters of an address, or why they are invalid.
@@ -52,60 +52,70 @@ impl App {
         hosts: Hosts,
         [work, reading]: [usize; 2],
     ) -> Arc<App> {
-        let [work, reading] = [work, reading].map(|places| Work::new(places, options.timeout));
+        let [work, reading] = [work, reading].map(|permits| Executor::new(permits, options.timeout));
         let trees = OpenTrees::new(matches!(catalog, Catalog::File(_)), &options.access);
-        Arc::new(App { catalog, work, reading, options, hosts, trees, answers: AnswerCache::default() })
+        Arc::new(App { catalog, work, reading, options, hosts, trees, responses: ResponseCache::default() })
     }
 
     /// Runs a query about a tree. Responds with 304 if the client has the current response.
-    async fn ask(
+    async fn run_query(
         self: &Arc<App>,
         name: Result<String, Failure>,
         (query, known): (Option<String>, &'static [&'static str]),
-        head: Asked,
-        answer: impl FnOnce(&App, &OpenTree, &Parameters, String, &Watch) -> Result<Answer, Failure>
+        head: RequestHead,
+        respond: impl FnOnce(
+            &App,
+            &OpenTree,
+            &Parameters,
+            String,
+            &CancellationFlag,
+        ) -> Result<QueryResponse, Failure>
         + Send
         + 'static,
-    ) -> Result<Answer, Failure> {
+    ) -> Result<QueryResponse, Failure> {
         let app = self.clone();
         let name = name?;
-        let asked = Parameters::parse(query.as_deref(), known)?;
+        let parameters = Parameters::parse(query.as_deref(), known)?;
         let made = self.work.run(move |watch| {
-            let commit = asked.value("commit")?;
+            let commit = parameters.value("commit")?;
             let tree = app.trees.get(&app.catalog.tree(&name)?, commit)?;
             // Responses that depend on a body are not cached.
             let tag = tree.version.tag(&head.target);
             if head.method == Method::POST {
-                let made = answer(&app, &tree, &asked, tag, watch)?;
+                let made = respond(&app, &tree, &parameters, tag, watch)?;
                 return tree.check_unchanged().map(|()| made).map_err(Failure::from);
             }
             if has_tag(&head.headers, header::IF_NONE_MATCH, &tag, true) {
-                return Ok(Answer::not_modified(tag));
+                return Ok(QueryResponse::not_modified(tag));
             }
-            let question = (tag.clone(), head.target);
-            if let Some(known) = app.answers.get(&question) {
+            let key = (tag.clone(), head.target);
+            if let Some(known) = app.responses.get(&key) {
                 return Ok(known);
             }
-            let made = answer(&app, &tree, &asked, tag, watch)?;
+            let made = respond(&app, &tree, &parameters, tag, watch)?;
             tree.check_unchanged()?;
-            app.answers.keep(question, &made);
+            app.responses.insert(key, &made);
             Ok(made)
         });
-        made.await.map_err(|failure| failure.without(self.catalog.folder()))
+        made.await.map_err(|failure| failure.without(self.catalog.directory()))
     }
 }
 
 /// Request without its body.
-struct Asked {
+struct RequestHead {
     method: Method,
     target: String,
     headers: HeaderMap,
 }
 
-impl Asked {
-    fn of(request: &Request) -> Asked {
+impl RequestHead {
+    fn of(request: &Request) -> RequestHead {
         let target = request.uri().path_and_query().map_or("", |target| target.as_str());
-        Asked { method: request.method().clone(), target: target.into(), headers: request.headers().clone() }
+        RequestHead {
+            method: request.method().clone(),
+            target: target.into(),
+            headers: request.headers().clone(),
+        }
     }
 }
 
@@ -122,20 +132,23 @@ pub(crate) fn routes(app: Arc<App>) -> Router {
         .route("/window/{name}", get(window_of))
         .route("/zonal/{name}", post(zonal_of))
         .route("/{file}", get(file_of))
-        .fallback(nothing_there)
-        .method_not_allowed_fallback(other_method)
+        .fallback(not_found)
+        .method_not_allowed_fallback(method_not_allowed)
         .layer(middleware::from_fn(compress))
         .layer(middleware::from_fn_with_state(app.clone(), add_origin))
         .layer(middleware::from_fn_with_state(app.clone(), check_host))
         .with_state(app)
 }
 
-async fn nothing_there(request: Request) -> Failure {
-    Failure::missing(format!("`{}`: nothing is there", request.uri().path().escape_debug()))
+async fn not_found(request: Request) -> Failure {
+    Failure::missing(format!("`{}`: not found", request.uri().path().escape_debug()))
 }
 
-async fn other_method(request: Request) -> Failure {
-    Failure::new(StatusCode::METHOD_NOT_ALLOWED, format!("{}: is not for this address", request.method()))
+async fn method_not_allowed(request: Request) -> Failure {
+    Failure::new(
+        StatusCode::METHOD_NOT_ALLOWED,
+        format!("{}: this address does not support the method", request.method()),
+    )
 }
 
 /// Middleware that rejects requests with another host name, or without one.
@@ -162,7 +175,7 @@ async fn health() -> Response {
 async fn root(State(app): State<Arc<App>>) -> Result<Response, Failure> {
     let shared = app.clone();
     let made = app.reading.run(move |_| {
-        let content = |number: usize, file: &Listed| match shared.catalog.file(&file.file) {
+        let content = |number: usize, file: &ServedFile| match shared.catalog.file(&file.file) {
             Ok(path) if number < MAX_CONTENTS => PageContent::of(&path),
             _ => PageContent::Unknown,
         };
@@ -171,22 +184,25 @@ async fn root(State(app): State<Arc<App>>) -> Result<Response, Failure> {
             let content = content(number, &file);
             (file, content)
         });
-        let files: Vec<(Listed, PageContent)> = files.collect();
+        let files: Vec<(ServedFile, PageContent)> = files.collect();
         Ok(page::index(&files))
     });
-    Ok(text("text/html; charset=utf-8", made.await.map_err(|failure| failure.without(app.catalog.folder()))?))
+    Ok(text(
+        "text/html; charset=utf-8",
+        made.await.map_err(|failure| failure.without(app.catalog.directory()))?,
+    ))
 }
 
 async fn list(State(app): State<Arc<App>>) -> Result<Response, Failure> {
     let shared = app.clone();
     let made = app.reading.run(move |_| Ok(page::as_json(&shared.catalog.list()?)));
-    Ok(text("application/json", made.await.map_err(|failure| failure.without(app.catalog.folder()))?))
+    Ok(text("application/json", made.await.map_err(|failure| failure.without(app.catalog.directory()))?))
 }
 
-async fn asset(names: Names<String>, request: Request) -> Result<Answer, Failure> {
+async fn asset(names: Names<String>, request: Request) -> Result<QueryResponse, Failure> {
     let (tag, asset) = page::asset(&read(names)?)?;
     let has_it = has_tag(request.headers(), header::IF_NONE_MATCH, &tag, true);
-    Ok(if has_it { Answer::not_modified(tag) } else { asset })
+    Ok(if has_it { QueryResponse::not_modified(tag) } else { asset })
 }
 
 async fn file_of(
@@ -195,31 +211,31 @@ async fn file_of(
     request: Request,
 ) -> Result<Response, Failure> {
     let name = read(names)?;
-    let head = Asked::of(&request);
+    let head = RequestHead::of(&request);
     let shared = app.clone();
     let made = app.reading.run(move |_| {
         let path = shared.catalog.file(&name)?;
-        file::answer(&path, &head.method, &head.headers)
+        file::respond(&path, &head.method, &head.headers)
     });
-    Ok(made.await.map_err(|failure| failure.without(app.catalog.folder()))?.into_response())
+    Ok(made.await.map_err(|failure| failure.without(app.catalog.directory()))?.into_response())
 }
 
 async fn tiles_of(
     State(app): State<Arc<App>>,
     names: Names<String>,
     request: Request,
-) -> Result<Answer, Failure> {
-    let asked = (request.uri().query().map(String::from), &tiles::JSON_PARAMETERS[..]);
+) -> Result<QueryResponse, Failure> {
+    let parameters = (request.uri().query().map(String::from), &tiles::JSON_PARAMETERS[..]);
     let file = read(names)?;
     let Some(name) = file.strip_suffix(".json").map(String::from) else {
         return Err(Failure::missing("tiles: expected NAME.json, or NAME/ZOOM/COLUMN/ROW.png"));
     };
-    let mut head = Asked::of(&request);
+    let mut head = RequestHead::of(&request);
     let server = app.hosts.public(&head.headers);
     head.target += &server;
     let named = name.clone();
-    app.ask(Ok(name), asked, head, move |_, tree, asked, tag, _| {
-        tiles::about(tree, asked, (&server, &named), tag)
+    app.run_query(Ok(name), parameters, head, move |_, tree, parameters, tag, _| {
+        tiles::about(tree, parameters, (&server, &named), tag)
     })
     .await
 }
@@ -228,12 +244,12 @@ async fn tile_of(
     State(app): State<Arc<App>>,
     names: Names<[String; 4]>,
     request: Request,
-) -> Result<Answer, Failure> {
-    let asked = (request.uri().query().map(String::from), &tiles::PARAMETERS[..]);
+) -> Result<QueryResponse, Failure> {
+    let parameters = (request.uri().query().map(String::from), &tiles::PARAMETERS[..]);
     let [name, zoom, column, row] = read(names)?;
     let tile = TileAddress::parse(&zoom, &column, &row)?;
-    app.ask(Ok(name), asked, Asked::of(&request), move |_, tree, asked, tag, watch| {
-        tiles::answer(tree, asked, tile, tag, watch)
+    app.run_query(Ok(name), parameters, RequestHead::of(&request), move |_, tree, parameters, tag, watch| {
+        tiles::respond(tree, parameters, tile, tag, watch)
     })
     .await
 }
@@ -242,20 +258,22 @@ async fn point_of(
     State(app): State<Arc<App>>,
     names: Names<String>,
     request: Request,
-) -> Result<Answer, Failure> {
-    let asked = (request.uri().query().map(String::from), &point::PARAMETERS[..]);
-    app.ask(read(names), asked, Asked::of(&request), |_, tree, asked, tag, _| point::answer(tree, asked, tag))
-        .await
+) -> Result<QueryResponse, Failure> {
+    let parameters = (request.uri().query().map(String::from), &point::PARAMETERS[..]);
+    app.run_query(read(names), parameters, RequestHead::of(&request), |_, tree, parameters, tag, _| {
+        point::respond(tree, parameters, tag)
+    })
+    .await
 }
 
 async fn window_of(
     State(app): State<Arc<App>>,
     names: Names<String>,
     request: Request,
-) -> Result<Answer, Failure> {
-    let asked = (request.uri().query().map(String::from), &window::PARAMETERS[..]);
-    app.ask(read(names), asked, Asked::of(&request), |app, tree, asked, tag, watch| {
-        window::answer(tree, asked, app.options.max_cells, tag, watch)
+) -> Result<QueryResponse, Failure> {
+    let parameters = (request.uri().query().map(String::from), &window::PARAMETERS[..]);
+    app.run_query(read(names), parameters, RequestHead::of(&request), |app, tree, parameters, tag, watch| {
+        window::respond(tree, parameters, app.options.max_cells, tag, watch)
     })
     .await
 }
@@ -264,12 +282,15 @@ async fn zonal_of(
     State(app): State<Arc<App>>,
     names: Names<String>,
     request: Request,
-) -> Result<Answer, Failure> {
-    let asked = (request.uri().query().map(String::from), &zonal::PARAMETERS[..]);
-    let head = Asked::of(&request);
+) -> Result<QueryResponse, Failure> {
+    let parameters = (request.uri().query().map(String::from), &zonal::PARAMETERS[..]);
+    let head = RequestHead::of(&request);
     let name = read(names)?;
     let body = body_of(&app.options, request).await?;
-    app.ask(Ok(name), asked, head, |_, tree, asked, _, watch| zonal::answer(tree, asked, body, watch)).await
+    app.run_query(Ok(name), parameters, head, |_, tree, parameters, _, watch| {
+        zonal::respond(tree, parameters, body, watch)
+    })
+    .await
 }
 
 /// Path parameters of an address.
@@ -279,22 +300,23 @@ fn read<T>(names: Names<T>) -> Result<T, Failure> {
 
 /// Body of a request, within the limits for size and time.
 async fn body_of(options: &ServeOptions, request: Request) -> Result<Vec<u8>, Failure> {
-    let most = options.max_body;
-    let too_large =
-        || Failure::too_large(format!("a body of more than {most} bytes; ask for fewer polygons at a time"));
-    let told =
+    let max_bytes = options.max_body;
+    let too_large = || {
+        Failure::too_large(format!("body: is longer than {max_bytes} bytes; send fewer polygons per request"))
+    };
+    let length =
         request.headers().get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse().ok());
-    if told.is_some_and(|told: u64| told > most) {
+    if length.is_some_and(|length: u64| length > max_bytes) {
         return Err(too_large());
     }
-    let body = Limited::new(request.into_body(), usize::try_from(most).unwrap_or(usize::MAX)).collect();
+    let body = Limited::new(request.into_body(), usize::try_from(max_bytes).unwrap_or(usize::MAX)).collect();
     match tokio::time::timeout(options.timeout, body).await {
         Ok(Ok(body)) => Ok(body.to_bytes().into()),
         Ok(Err(error)) if error.is::<LengthLimitError>() => Err(too_large()),
         Ok(Err(error)) => Err(Failure::bad(format!("body: {error}"))),
         Err(_) => Err(Failure::new(
             StatusCode::REQUEST_TIMEOUT,
-            format!("the body did not come within {} seconds", options.timeout.as_secs_f64()),
+            format!("body: was not received within {} seconds", options.timeout.as_secs_f64()),
         )),
     }
 }

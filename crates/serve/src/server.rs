@@ -11,6 +11,8 @@ use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use spinney_base::{Error, Result};
+use spinney_container::FileHeader;
+use spinney_engine::dataset::open;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 use tokio::sync::{Semaphore, watch};
@@ -44,7 +46,7 @@ pub struct Server {
 }
 
 /// Interval between checks whether the server should stop.
-const LOOK: Duration = Duration::from_millis(50);
+const STOP_CHECK_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Time for running requests to finish when the server stops.
 const GRACE: Duration = Duration::from_secs(10);
@@ -63,7 +65,7 @@ const READERS: usize = 32;
 
 /// Maximum number of concurrent jobs: one more than the threads for parallel work, so that these
 /// stay busy.
-fn places() -> usize {
+fn max_jobs() -> usize {
     spinney_base::parallel::threads() + 1
 }
 
@@ -76,13 +78,13 @@ impl Server {
         let catalog = Catalog::new(path)?;
         let address = SocketAddr::new(options.host, options.port);
         let refused = |cause: std::io::Error| {
-            let advice = format!("an address of this machine that is free ({cause}); port 0 is any");
+            let advice = format!("a free address of this machine ({cause}); port 0 selects a free port");
             Error::invalid("host and port", address.to_string(), advice)
         };
         let listener = TcpListener::bind(address).map_err(refused)?;
         let address = listener.local_addr().map_err(refused)?;
         let hosts = Hosts::new(&options, address)?;
-        Ok(Server { listener, address, app: App::new(catalog, options, hosts, [places(), READERS]) })
+        Ok(Server { listener, address, app: App::new(catalog, options, hosts, [max_jobs(), READERS]) })
     }
 
     /// Returns the address that the server listens at.
@@ -90,21 +92,29 @@ impl Server {
         self.address
     }
 
-    /// Returns remarks on the files: which ones queries must name in full, and why.
+    /// Returns remarks on the files: which ones queries must name in full, and why; and why a
+    /// single file cannot be queried.
     ///
     /// # Errors
     /// If the directory cannot be read.
     pub fn remarks(&self) -> Result<Vec<String>> {
+        let access = &self.app.options.access;
+        if let Catalog::File(path) = &self.app.catalog
+            && FileHeader::find(path, access)?.is_none()
+            && let Err(error) = open(path, &access.into())
+        {
+            return Ok(vec![format!("{error}; the server only returns its bytes")]);
+        }
         let files = self.app.catalog.list()?;
         let by_file = files.iter().filter(|file| file.name == file.file);
-        let told = by_file.map(|file| {
+        let remarks = by_file.map(|file| {
             format!(
-                "{}: has the stem of another file, or an unusual ending; ask for it by all of its name",
+                "{}: another file has this stem, or the extension is unusual; request it by its full name",
                 file.file
             )
         });
-        let none = files.is_empty().then(|| "no .goblin or .autumn file is there yet".into());
-        Ok(told.chain(none).collect())
+        let none = files.is_empty().then(|| "the directory has no .goblin or .autumn files yet".into());
+        Ok(remarks.chain(none).collect())
     }
 
     /// Serves requests until `is_stopped` returns true. Then no connections are accepted, and
@@ -116,7 +126,7 @@ impl Server {
         let failed = |cause| Error::io("server", "start threads for")(cause);
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(THREADS)
-            .max_blocking_threads(places() + READERS)
+            .max_blocking_threads(max_jobs() + READERS)
             .thread_name("spinney-serve")
             .enable_all()
             .build()
@@ -134,25 +144,25 @@ impl Server {
         listener.set_nonblocking(true)?;
         let listener = tokio::net::TcpListener::from_std(listener)?;
         let router = routes(app.clone());
-        let rooms = Arc::new(Semaphore::new(app.options.connections));
+        let permits = Arc::new(Semaphore::new(app.options.connections));
         let (stop, is_over) = watch::channel(false);
         while !is_stopped() {
             // Failures such as too many open files, or a client that has already closed, are
             // transient.
-            let stream = match timeout(LOOK, listener.accept()).await {
+            let stream = match timeout(STOP_CHECK_INTERVAL, listener.accept()).await {
                 Err(_) => continue,
                 Ok(Ok((stream, _))) => stream,
                 Ok(Err(_)) => {
-                    sleep(LOOK).await;
+                    sleep(STOP_CHECK_INTERVAL).await;
                     continue;
                 }
             };
             let (router, is_over) = (router.clone(), is_over.clone());
             let patience = app.options.timeout.max(MIN_TIMEOUT);
-            match rooms.clone().try_acquire_owned() {
-                Ok(room) => tokio::spawn(async move {
-                    answer(stream, router, patience, is_over).await;
-                    drop(room);
+            match permits.clone().try_acquire_owned() {
+                Ok(permit) => tokio::spawn(async move {
+                    handle_connection(stream, router, patience, is_over).await;
+                    drop(permit);
                 }),
                 Err(_) => tokio::spawn(refuse(stream, app.clone())),
             };
@@ -165,7 +175,12 @@ impl Server {
 }
 
 /// Serves the requests of a connection until it closes or the server stops.
-async fn answer(stream: TcpStream, router: Router, patience: Duration, mut is_over: watch::Receiver<bool>) {
+async fn handle_connection(
+    stream: TcpStream,
+    router: Router,
+    patience: Duration,
+    mut is_over: watch::Receiver<bool>,
+) {
     let _ = stream.set_nodelay(true);
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
@@ -187,11 +202,10 @@ async fn answer(stream: TcpStream, router: Router, patience: Duration, mut is_ov
 
 /// Sends a response that the connection limit is reached.
 async fn refuse(mut stream: TcpStream, app: Arc<App>) {
-    let most = app.options.connections;
+    let limit = app.options.connections;
     let is_open = app.options.allow_origins.iter().any(|origin| origin == "*");
     let origin = if is_open { "Access-Control-Allow-Origin: *\r\n" } else { "" };
-    let failure =
-        Failure::busy(format!("{most} connections are open, as many as are allowed; try again later"));
+    let failure = Failure::busy(format!("all {limit} connections are in use; try again later"));
     let body = failure.body();
     let head = format!(
         "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nContent-Length: {}\r\nRetry-After: 1\r\n\

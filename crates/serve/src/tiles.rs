@@ -10,12 +10,12 @@ use spinney_raster::void_number;
 use spinney_style::Style;
 use spinney_tiles::TileId;
 
-use crate::answer::Answer;
 use crate::drawn::SIDE;
 use crate::failure::Failure;
 use crate::opened::OpenTree;
 use crate::page::ESCAPED;
 use crate::parameters::Parameters;
+use crate::response::QueryResponse;
 
 /// Parameters of a tile.
 pub(crate) const PARAMETERS: [&str; 4] = ["grid", "style", "layer", "commit"];
@@ -40,8 +40,10 @@ impl TileAddress {
             return Err(Failure::bad("tile: expected zoom, column and row, as in 3/4/2.png"));
         };
         if column >> zoom != 0 || row >> zoom != 0 {
-            let message =
-                format!("tile: {zoom}/{column}/{row} is none; zoom {zoom} has {} a side", 1u64 << zoom);
+            let message = format!(
+                "tile: got {zoom}/{column}/{row}, expected a column and a row of 0 to {}",
+                (1u64 << zoom) - 1
+            );
             return Err(Failure::missing(message));
         }
         Ok(TileAddress { tile: TileId { zoom: zoom as u8, column, row }, format: format_of(ending)? })
@@ -53,13 +55,13 @@ fn format_of(name: &str) -> Result<TileFormat, Failure> {
     let format = TileFormat::from_str(name).ok();
     let sent = format.filter(|format| matches!(format, TileFormat::Png | TileFormat::Webp | TileFormat::Npy));
     sent.ok_or_else(|| {
-        Failure::bad(format!("format of tiles: got `{}`, expected png, webp or npy", name.escape_debug()))
+        Failure::bad(format!("tile format: got `{}`, expected png, webp or npy", name.escape_debug()))
     })
 }
 
 /// Whether the tiles are those of the tree's own grid.
-fn is_native(asked: &Parameters) -> Result<bool, Failure> {
-    match asked.text("grid") {
+fn is_native(parameters: &Parameters) -> Result<bool, Failure> {
+    match parameters.text("grid") {
         None | Some("web") => Ok(false),
         Some("native") => Ok(true),
         Some(other) => Err(Failure::bad(format!("grid: got `{other}`, expected web or native"))),
@@ -67,28 +69,28 @@ fn is_native(asked: &Parameters) -> Result<bool, Failure> {
 }
 
 /// Response with a tile; without content if the tile has no data.
-pub(crate) fn answer(
+pub(crate) fn respond(
     tree: &OpenTree,
-    asked: &Parameters,
+    parameters: &Parameters,
     TileAddress { tile, format }: TileAddress,
     tag: String,
     progress: &dyn Progress,
-) -> Result<Answer, Failure> {
-    let style = asked.text("style").map(Style::parse).transpose()?;
+) -> Result<QueryResponse, Failure> {
+    let style = parameters.text("style").map(Style::parse).transpose()?;
     if style.is_some() && format.is_array() {
-        return Err(Failure::bad("style: is for pictures, png and webp; arrays have the values"));
+        return Err(Failure::bad("style: applies to images (png, webp), not to arrays"));
     }
-    let drawn = tree.drawn(asked.text("layer"))?;
+    let drawn = tree.drawn(parameters.text("layer"))?;
     if drawn.is_composite && format.is_array() {
         return Err(Failure::bad(
-            "layer: several are the colours of pictures, png and webp; arrays are of one",
+            "layer: got several, expected one; only images (png, webp) show several, as colours",
         ));
     }
-    let tiles = drawn.tiles(is_native(asked)?)?;
+    let tiles = drawn.tiles(is_native(parameters)?)?;
     let source = tiles.source();
     let last = source.max_zoom(SIDE);
     if tile.zoom > last {
-        return Err(Failure::missing(format!("zoom: got {}, of 0 to {last}", tile.zoom)));
+        return Err(Failure::missing(format!("zoom: got {}, expected 0 to {last}", tile.zoom)));
     }
     let painter = drawn.painter(style.as_ref(), progress)?;
     let void = if format.is_array() { void_number(&drawn.tree)? } else { None };
@@ -104,34 +106,34 @@ pub(crate) fn answer(
     let uniform = if format.is_array() { None } else { tiles.uniform(tile, painter.margin())? };
     let made = match uniform {
         Some(value) => {
-            drawn.uniform_picture((painter.colours().look.clone(), format.extension(), value), make)?
+            drawn.uniform_image((painter.colours().look.clone(), format.extension(), value), make)?
         }
         None => make()?,
     };
     Ok(match made {
-        Some(bytes) => Answer::new(content_type, tag, bytes),
-        None => Answer::nothing(tag),
+        Some(bytes) => QueryResponse::new(content_type, tag, bytes),
+        None => QueryResponse::nothing(tag),
     })
 }
 
 /// Response that describes the tiles (`TileJSON` 3.0); `server` is the server's URL.
 pub(crate) fn about(
     tree: &OpenTree,
-    asked: &Parameters,
+    parameters: &Parameters,
     (server, name): (&str, &str),
     tag: String,
-) -> Result<Answer, Failure> {
-    let format = format_of(asked.text("format").unwrap_or("png"))?;
-    if let Some(style) = asked.text("style") {
+) -> Result<QueryResponse, Failure> {
+    let format = format_of(parameters.text("format").unwrap_or("png"))?;
+    if let Some(style) = parameters.text("style") {
         Style::parse(style)?;
     }
-    let drawn = tree.drawn(asked.text("layer"))?;
-    let is_native = is_native(asked)?;
+    let drawn = tree.drawn(parameters.text("layer"))?;
+    let is_native = is_native(parameters)?;
     let tiles = drawn.tiles(is_native)?;
     let source = tiles.source();
     let mut query = form_urlencoded::Serializer::new(String::new());
     for name in PARAMETERS {
-        asked.text(name).map(|value| query.append_pair(name, value));
+        parameters.text(name).map(|value| query.append_pair(name, value));
     }
     let query = query.finish();
     let query = if query.is_empty() { query } else { format!("?{query}") };
@@ -161,7 +163,7 @@ pub(crate) fn about(
         about["bounds"] = json!(place.bounds);
         about["center"] = json!([longitude, latitude, source.max_zoom(SIDE).saturating_sub(2)]);
     }
-    Ok(Answer::new("application/json", tag, format!("{about:#}\n").into_bytes()))
+    Ok(QueryResponse::new("application/json", tag, format!("{about:#}\n").into_bytes()))
 }
 
 #[cfg(test)]
@@ -169,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tiles_are_named_by_zoom_column_and_row() {
+    fn tile_addresses_are_parsed() {
         let found = TileAddress::parse("3", "7", "0.png").unwrap();
         assert_eq!(
             (found.tile.zoom, found.tile.column, found.tile.row, found.format),

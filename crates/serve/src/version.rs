@@ -23,7 +23,7 @@ pub(crate) struct FileVersion {
 }
 
 /// Interval within which a file may be modified twice with the same modification time.
-const STEP: Duration = Duration::from_millis(20);
+const GRANULARITY: Duration = Duration::from_millis(20);
 
 impl FileVersion {
     /// Version with the given metadata.
@@ -32,7 +32,7 @@ impl FileVersion {
     /// If the system has no modification times.
     pub(crate) fn of(metadata: &Metadata, path: &Path) -> Result<FileVersion> {
         let id = Some(FileId::from_metadata(metadata)).filter(|id| !id.is_unique());
-        let modified = metadata.modified().map_err(Error::io(path, "look at"))?;
+        let modified = metadata.modified().map_err(Error::io(path, "stat"))?;
         Ok(FileVersion { id, length: metadata.len(), modified })
     }
 
@@ -41,11 +41,11 @@ impl FileVersion {
     /// # Errors
     /// If there is no file, or the system has no modification times.
     pub(crate) fn at(path: &Path) -> Result<FileVersion> {
-        let metadata = std::fs::metadata(path).map_err(Error::io(path, "look at"))?;
+        let metadata = std::fs::metadata(path).map_err(Error::io(path, "stat"))?;
         FileVersion::of(&metadata, path)
     }
 
-    /// Current version of a path's file, whose metadata `look` returns. Waits while a modification
+    /// Current version of a path's file, whose metadata `stat` returns. Waits while a modification
     /// could go unnoticed. The flag is `false` if the file is still being modified after several
     /// attempts.
     ///
@@ -53,14 +53,14 @@ impl FileVersion {
     /// If there is no file, or the system has no modification times.
     pub(crate) fn settled(
         path: &Path,
-        look: impl Fn() -> std::io::Result<Metadata>,
+        stat: impl Fn() -> std::io::Result<Metadata>,
     ) -> Result<(FileVersion, bool)> {
-        let now = || FileVersion::of(&look().map_err(Error::io(path, "look at"))?, path);
+        let now = || FileVersion::of(&stat().map_err(Error::io(path, "stat"))?, path);
         const TIMES: usize = 5;
         let mut version = now()?;
         for _ in 0..TIMES {
-            let age = SystemTime::now().duration_since(version.modified).unwrap_or(STEP);
-            let Some(left) = STEP.checked_sub(age).filter(|left| !left.is_zero()) else {
+            let age = SystemTime::now().duration_since(version.modified).unwrap_or(GRANULARITY);
+            let Some(left) = GRANULARITY.checked_sub(age).filter(|left| !left.is_zero()) else {
                 return Ok((version, true));
             };
             std::thread::sleep(left);
@@ -71,11 +71,11 @@ impl FileVersion {
 
     /// Strong entity tag of the response to a query, from the file version, the program version and
     /// the query.
-    pub(crate) fn tag(&self, question: &str) -> String {
+    pub(crate) fn tag(&self, request: &str) -> String {
         let mut hasher = Xxh3Default::new();
         self.hash(&mut hasher);
         env!("CARGO_PKG_VERSION").hash(&mut hasher);
-        question.hash(&mut hasher);
+        request.hash(&mut hasher);
         format!("\"{:016x}\"", hasher.finish())
     }
 }

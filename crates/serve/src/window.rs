@@ -17,10 +17,10 @@ use spinney_raster::{Detail, WindowRequest, export_painted_window, export_window
 use spinney_report::{printable_json, write_number};
 use spinney_style::Style;
 
-use crate::answer::Answer;
 use crate::failure::Failure;
 use crate::opened::OpenTree;
 use crate::parameters::Parameters;
+use crate::response::QueryResponse;
 
 /// Parameters of the query.
 pub(crate) const PARAMETERS: [&str; 10] =
@@ -29,7 +29,7 @@ pub(crate) const PARAMETERS: [&str; 10] =
 /// File format of a window.
 #[derive(Clone, Copy, PartialEq)]
 enum WindowFormat {
-    Picture(Format, &'static str),
+    Raster(Format, &'static str),
     Json,
 }
 
@@ -38,41 +38,41 @@ impl FromStr for WindowFormat {
 
     fn from_str(name: &str) -> Result<WindowFormat, Error> {
         Ok(match name {
-            "png" => WindowFormat::Picture(Format::Png, "image/png"),
-            "webp" => WindowFormat::Picture(Format::Webp, "image/webp"),
-            "npy" => WindowFormat::Picture(Format::Npy, "application/octet-stream"),
+            "png" => WindowFormat::Raster(Format::Png, "image/png"),
+            "webp" => WindowFormat::Raster(Format::Webp, "image/webp"),
+            "npy" => WindowFormat::Raster(Format::Npy, "application/octet-stream"),
             "json" => WindowFormat::Json,
-            _ => return Err(Error::invalid("format of windows", name, "png, webp, npy or json")),
+            _ => return Err(Error::invalid("window format", name, "png, webp, npy or json")),
         })
     }
 }
 
-/// Response with a window of at most `most` pixels.
-pub(crate) fn answer(
+/// Response with a window of at most `max_pixels` pixels.
+pub(crate) fn respond(
     tree: &OpenTree,
-    asked: &Parameters,
-    most: u64,
+    parameters: &Parameters,
+    max_pixels: u64,
     tag: String,
     progress: &dyn Progress,
-) -> Result<Answer, Failure> {
-    let format = asked.value("format")?.unwrap_or(WindowFormat::Picture(Format::Png, "image/png"));
-    let style = asked.text("style").map(Style::parse).transpose()?;
-    let is_array = matches!(format, WindowFormat::Json | WindowFormat::Picture(Format::Npy, _));
+) -> Result<QueryResponse, Failure> {
+    let format = parameters.value("format")?.unwrap_or(WindowFormat::Raster(Format::Png, "image/png"));
+    let style = parameters.text("style").map(Style::parse).transpose()?;
+    let is_array = matches!(format, WindowFormat::Json | WindowFormat::Raster(Format::Npy, _));
     if style.is_some() && is_array {
-        return Err(Failure::bad("style: is for pictures, png and webp; arrays and JSON have the values"));
+        return Err(Failure::bad("style: applies to images (png, webp), not to arrays and JSON"));
     }
-    let drawn = tree.drawn(asked.text("layer"))?;
+    let drawn = tree.drawn(parameters.text("layer"))?;
     if drawn.is_composite && is_array {
         return Err(Failure::bad(
-            "layer: several are the colours of pictures, png and webp; arrays are of one",
+            "layer: got several, expected one; only images (png, webp) show several, as colours",
         ));
     }
     let tree = &*drawn.tree;
-    let bounds = bounds(tree, asked)?;
-    let (detail, [columns, rows]) = detail(tree, asked, &bounds)?;
-    if columns.checked_mul(rows).is_none_or(|pixels| pixels > most) {
+    let bounds = bounds(tree, parameters)?;
+    let (detail, [columns, rows]) = detail(tree, parameters, &bounds)?;
+    if columns.checked_mul(rows).is_none_or(|pixels| pixels > max_pixels) {
         return Err(Failure::too_large(format!(
-            "{columns} x {rows} pixels, where {most} are allowed; ask for a part, a coarser level or a size"
+            "window: got {columns} x {rows} pixels, expected at most {max_pixels}; request a smaller window, a coarser level or a size"
         )));
     }
     let mut request = WindowRequest::new(bounds, detail);
@@ -80,9 +80,9 @@ pub(crate) fn answer(
     let (format, content_type) = match format {
         WindowFormat::Json => {
             let text = values(tree, &request, [columns, rows], progress)?;
-            return Ok(Answer::new("application/json", tag, text));
+            return Ok(QueryResponse::new("application/json", tag, text));
         }
-        WindowFormat::Picture(format, content_type) => (format, content_type),
+        WindowFormat::Raster(format, content_type) => (format, content_type),
     };
     let bytes = Memory::default();
     let output = Output::to_writer(Path::new("window"), Box::new(bytes.clone()));
@@ -93,70 +93,70 @@ pub(crate) fn answer(
         }
         None => export_window(tree, &request, output, format, progress)?,
     }
-    Ok(Answer::new(content_type, tag, bytes.take()))
+    Ok(QueryResponse::new(content_type, tag, bytes.take()))
 }
 
 /// Requested cells of the deepest level: the entire raster by default; in octrees, one layer of
 /// cells.
-fn bounds(tree: &Dataset, asked: &Parameters) -> Result<Bounds, Failure> {
-    let picture = tree.header().picture();
-    let mut bounds = match (asked.numbers::<4>("bounds")?, asked.list::<u64>("cells")?) {
+fn bounds(tree: &Dataset, parameters: &Parameters) -> Result<Bounds, Failure> {
+    let raster = tree.header().extent_bounds();
+    let mut bounds = match (parameters.numbers::<4>("bounds")?, parameters.list::<u64>("cells")?) {
         (Some(_), Some(_)) => {
-            return Err(Failure::bad("bounds, cells: are given both; one of them is the window"));
+            return Err(Failure::bad("bounds, cells: got both, expected one of them"));
         }
-        (None, None) => picture,
+        (None, None) => raster,
         (None, Some(cells)) => {
             let [column, row, width, height] = <[u64; 4]>::try_from(cells)
-                .map_err(|_| Failure::bad("cells: expected first column, first row, columns and rows"))?;
-            let min = [column, row, picture.min[2]];
-            let max = [column.saturating_add(width), row.saturating_add(height), picture.max[2]];
+                .map_err(|_| Failure::bad("cells: expected 4 integers: column, row, width, height"))?;
+            let min = [column, row, raster.min[2]];
+            let max = [column.saturating_add(width), row.saturating_add(height), raster.max[2]];
             let extent = tree.header().extent;
             if width == 0 || height == 0 || column >= extent[0] || row >= extent[1] {
                 let [columns, rows, _] = extent;
                 return Err(Failure::bad(format!(
-                    "cells: is empty, or outside of the tree of {columns} x {rows} cells"
+                    "cells: the window is empty, or outside of the tree of {columns} x {rows} cells"
                 )));
             }
             Bounds { min, max }
         }
         (Some([west, south, east, north]), None) => {
-            let coordinates = asked.value("crs")?.unwrap_or(Coordinates::World);
-            let places = CellLocator::new(&coordinates, &tree.metadata().frame, tree.header().extent)?;
+            let coordinates = parameters.value("crs")?.unwrap_or(Coordinates::World);
+            let locator = CellLocator::new(&coordinates, &tree.metadata().frame, tree.header().extent)?;
             let low = [west, south, f64::NEG_INFINITY];
-            let boxes = places.boxes(low, [east, north, f64::INFINITY])?;
+            let boxes = locator.boxes(low, [east, north, f64::INFINITY])?;
             match boxes[..] {
                 [one] => one,
                 [] => {
                     return Err(Failure::bad(format!(
                         "bounds: outside of the tree, which is {}",
-                        places.picture()
+                        locator.bounds_text()
                     )));
                 }
                 _ => {
                     return Err(Failure::bad(
-                        "bounds: lie across the tree's seam; ask for the two parts one by one",
+                        "bounds: cross the tree's seam; request the boxes on its two sides separately",
                     ));
                 }
             }
         }
     };
     if tree.header().form.axes() == 3 {
-        let z: u64 = asked.value("z")?.unwrap_or(0);
-        if z >= picture.max[2] {
+        let z: u64 = parameters.value("z")?.unwrap_or(0);
+        if z >= raster.max[2] {
             return Err(Failure::bad(format!(
                 "z: got {z}, expected a layer of cells, 0 to {}",
-                picture.max[2] - 1
+                raster.max[2] - 1
             )));
         }
         (bounds.min[2], bounds.max[2]) = (z, z + 1);
-    } else if asked.text("z").is_some() {
-        return Err(Failure::bad("z: is for octrees; this is a quadtree"));
+    } else if parameters.text("z").is_some() {
+        return Err(Failure::bad("z: applies to octrees; this is a quadtree"));
     }
     Ok(bounds)
 }
 
 /// Requested detail, and the resulting columns and rows.
-fn detail(tree: &Dataset, asked: &Parameters, bounds: &Bounds) -> Result<(Detail, [u64; 2]), Failure> {
+fn detail(tree: &Dataset, parameters: &Parameters, bounds: &Bounds) -> Result<(Detail, [u64; 2]), Failure> {
     let depth = tree.depth();
     let size = |text: &str| {
         let number = |text: &str| text.trim().parse().ok().filter(|number: &u64| *number > 0);
@@ -165,8 +165,8 @@ fn detail(tree: &Dataset, asked: &Parameters, bounds: &Bounds) -> Result<(Detail
             None => number(text).map(|longer| longer_side(longer, bounds)),
         }
     };
-    match (asked.value::<u8>("level")?, asked.text("size")) {
-        (Some(_), Some(_)) => Err(Failure::bad("level, size: are given both; one of them is the detail")),
+    match (parameters.value::<u8>("level")?, parameters.text("size")) {
+        (Some(_), Some(_)) => Err(Failure::bad("level, size: got both, expected one of them")),
         (_, Some(text)) => {
             let expected = || Failure::bad("size: expected WxH, as in 1024x512, or the longer side");
             let (width, height) = size(text).ok_or_else(expected)?;
@@ -175,7 +175,7 @@ fn detail(tree: &Dataset, asked: &Parameters, bounds: &Bounds) -> Result<(Detail
         (level, None) => {
             let level = level.unwrap_or(depth);
             if level > depth {
-                return Err(Failure::bad(format!("level: got {level}, the tree's levels are 0 to {depth}")));
+                return Err(Failure::bad(format!("level: got {level}, expected 0 to {depth}")));
             }
             let shift = depth - level;
             // Blocks that are partly within the window count.

@@ -12,38 +12,38 @@ use tokio::time::{Instant, timeout_at};
 use crate::failure::Failure;
 
 /// Executor with limited concurrency.
-pub(crate) struct Work {
-    places: Arc<Semaphore>,
+pub(crate) struct Executor {
+    permits: Arc<Semaphore>,
     pub(crate) timeout: Duration,
     /// Whether all jobs are cancelled.
     is_over: Arc<AtomicBool>,
 }
 
 /// Cancellation flag of a job.
-pub(crate) struct Watch {
+pub(crate) struct CancellationFlag {
     is_stopped: AtomicBool,
     is_over: Arc<AtomicBool>,
 }
 
-impl Progress for Watch {
+impl Progress for CancellationFlag {
     fn interrupted(&self) -> bool {
         self.is_stopped.load(Ordering::Relaxed) || self.is_over.load(Ordering::Relaxed)
     }
 }
 
 /// Cancels a job when its request is dropped, by the client or by the timeout.
-struct StopWhenDropped(Arc<Watch>);
+struct CancelOnDrop(Arc<CancellationFlag>);
 
-impl Drop for StopWhenDropped {
+impl Drop for CancelOnDrop {
     fn drop(&mut self) {
         self.0.is_stopped.store(true, Ordering::Relaxed);
     }
 }
 
-impl Work {
-    /// Executor for at most `places` concurrent jobs.
-    pub(crate) fn new(places: usize, timeout: Duration) -> Work {
-        Work { places: Arc::new(Semaphore::new(places)), timeout, is_over: Arc::default() }
+impl Executor {
+    /// Executor for at most `permits` concurrent jobs.
+    pub(crate) fn new(permits: usize, timeout: Duration) -> Executor {
+        Executor { permits: Arc::new(Semaphore::new(permits)), timeout, is_over: Arc::default() }
     }
 
     /// Cancels all jobs as soon as possible.
@@ -54,28 +54,31 @@ impl Work {
     /// Runs a job on a blocking thread once a permit is free.
     pub(crate) async fn run<T: Send + 'static>(
         &self,
-        job: impl FnOnce(&Watch) -> Result<T, Failure> + Send + 'static,
+        job: impl FnOnce(&CancellationFlag) -> Result<T, Failure> + Send + 'static,
     ) -> Result<T, Failure> {
         let seconds = self.timeout.as_secs_f64();
         let deadline = Instant::now() + self.timeout;
-        let Ok(place) = timeout_at(deadline, self.places.clone().acquire_owned()).await else {
-            return Err(Failure::busy(format!("too much other work for {seconds} seconds; ask again later")));
+        let Ok(permit) = timeout_at(deadline, self.permits.clone().acquire_owned()).await else {
+            return Err(Failure::busy(format!(
+                "other requests kept the server busy for {seconds} seconds; try again later"
+            )));
         };
-        let watch = Arc::new(Watch { is_stopped: AtomicBool::new(false), is_over: self.is_over.clone() });
-        let _guard = StopWhenDropped(watch.clone());
+        let watch =
+            Arc::new(CancellationFlag { is_stopped: AtomicBool::new(false), is_over: self.is_over.clone() });
+        let _guard = CancelOnDrop(watch.clone());
         // The job holds its permit until it returns, even if it ignores cancellation.
         let task = tokio::task::spawn_blocking(move || {
-            let _place = place;
+            let _permit = permit;
             job(&watch)
         });
         match timeout_at(deadline, task).await {
             Ok(Ok(made)) => made,
             Ok(Err(_)) => Err(Failure::new(
                 axum::http::StatusCode::INTERNAL_SERVER_ERROR,
-                "the work ended in a panic; what is wrong is told where the server runs",
+                "the server failed to compute the response; its standard error has the reason",
             )),
             Err(_) => Err(Failure::busy(format!(
-                "the answer would take more than {seconds} seconds; ask for less (--timeout allows more)"
+                "the response took more than {seconds} seconds; request less, or raise --timeout of the server"
             ))),
         }
     }

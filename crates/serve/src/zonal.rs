@@ -8,10 +8,10 @@ use spinney_vector::import::feature::FeatureOptions;
 use spinney_vector::import::zones::PolygonReader;
 use spinney_vector::zonal::FeatureZones;
 
-use crate::answer::Answer;
 use crate::failure::Failure;
 use crate::opened::OpenTree;
 use crate::parameters::Parameters;
+use crate::response::QueryResponse;
 
 /// Parameters of the query.
 pub(crate) const PARAMETERS: [&str; 8] =
@@ -21,24 +21,26 @@ pub(crate) const PARAMETERS: [&str; 8] =
 const MEMORY: u64 = 32 << 20;
 
 /// Response with the same content as `spinney stats --zones --json` for a file with this GeoJSON.
-pub(crate) fn answer(
+pub(crate) fn respond(
     tree: &OpenTree,
-    asked: &Parameters,
+    parameters: &Parameters,
     geojson: Vec<u8>,
     progress: &dyn Progress,
-) -> Result<Answer, Failure> {
-    let trees = tree.layers(asked.text("layer"))?;
-    let coordinates: Option<Coordinates> = asked.value("crs")?;
+) -> Result<QueryResponse, Failure> {
+    let trees = tree.layers(parameters.text("layer"))?;
+    let coordinates: Option<Coordinates> = parameters.value("crs")?;
     let request = ZonalRequest {
-        edge: asked.value("edge")?.unwrap_or_default(),
-        measures: asked.list::<ZoneMeasure>("measure")?.unwrap_or_default(),
-        quantiles: asked.list("quantiles")?.unwrap_or_default(),
+        edge: parameters.value("edge")?.unwrap_or_default(),
+        measures: parameters.list::<ZoneMeasure>("measure")?.unwrap_or_default(),
+        quantiles: parameters.list("quantiles")?.unwrap_or_default(),
         memory: MEMORY,
     };
-    let attributes: Option<Vec<String>> = asked.list("attribute")?;
-    let mut options = FeatureOptions { memory: MEMORY, ..FeatureOptions::default() };
+    let attributes: Option<Vec<String>> = parameters.list("attribute")?;
+    let has_system = trees.iter().all(|tree| tree.metadata().frame.crs.is_some());
+    let check_degrees = coordinates.is_none() && has_system;
+    let mut options = FeatureOptions { memory: MEMORY, check_degrees, ..FeatureOptions::default() };
     options.attributes.clone_from(&attributes);
-    options.filter = asked.value("where")?.unwrap_or_default();
+    options.filter = parameters.value("where")?.unwrap_or_default();
     let mut reader = PolygonReader::of_geojson(geojson, &options).map_err(of_body)?;
     let mut zones = FeatureZones::new(&reader, coordinates.as_ref(), &trees, &request, progress)?;
     let mut report = ZoneReport::begin(ZoneForm {
@@ -57,14 +59,14 @@ pub(crate) fn answer(
         });
         if is_too_long {
             let message =
-                format!("the answer would have more than {MEMORY} bytes; ask for fewer polygons at a time");
+                format!("response: is longer than {MEMORY} bytes; request fewer polygons at a time");
             return Err(Failure::too_large(message));
         }
         walked?;
     }
     zones.finish(progress)?;
     report.finish();
-    Ok(Answer::untagged("application/json", report.take().into_bytes()))
+    Ok(QueryResponse::untagged("application/json", report.take().into_bytes()))
 }
 
 /// Failure caused by the polygons in the request: a client error.

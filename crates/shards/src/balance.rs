@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use spinney_base::space::{Bounds, Code, CodeRun};
+use spinney_base::space::{Bounds, Code, CodeRange};
 use spinney_container::Header;
-use spinney_engine::store::goblin::ShardPiece;
+use spinney_engine::store::goblin::ShardRange;
 
 use crate::work::Load;
 
@@ -14,27 +14,27 @@ const MAX_NODES: u64 = 1 << 16;
 /// Cuts layers into `shards` shards. The code ranges of each shard are contiguous in the file, and
 /// those of all shards cover each layer exactly once. If there are more shards than nodes, some
 /// have no ranges.
-pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<ShardPiece>> {
-    let most = (MAX_NODES / layers.len().max(1) as u64).max(1);
-    let levels: Vec<u8> = layers.iter().map(|header| weighed_level(header, most)).collect();
+pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<ShardRange>> {
+    let max_nodes = (MAX_NODES / layers.len().max(1) as u64).max(1);
+    let levels: Vec<u8> = layers.iter().map(|header| weighed_level(header, max_nodes)).collect();
     let mut weights: BTreeMap<(usize, u64), u64> = BTreeMap::new();
     for (layer, header) in layers.iter().enumerate() {
         // Nodes without input take some work, too.
-        let all = Bounds::picture(header.extent);
+        let all = Bounds::of_extent(header.extent);
         each_node(header, levels[layer], &all, &mut |node, _| {
             weights.insert((layer, node.bits()), 1);
         });
     }
     for Load { layer, cells, bytes } in loads {
         let volume = u128::from(cells.volume().max(1));
-        each_node(&layers[*layer], levels[*layer], cells, &mut |node, part| {
-            let share = (u128::from(*bytes) * u128::from(part.volume()) / volume) as u64;
+        each_node(&layers[*layer], levels[*layer], cells, &mut |node, overlap| {
+            let share = (u128::from(*bytes) * u128::from(overlap.volume()) / volume) as u64;
             let weight = weights.entry((*layer, node.bits())).or_default();
             *weight = weight.saturating_add(share);
         });
     }
     let total: u128 = weights.values().map(|weight| u128::from(*weight)).sum();
-    let mut pieces = vec![Vec::new(); shards as usize];
+    let mut ranges = vec![Vec::new(); shards as usize];
     // A node belongs to the shard whose share of the total weight contains the middle of the node's
     // weight. This gives the last node of each layer and shard; each range extends from the end of
     // the one before to that node.
@@ -53,12 +53,12 @@ pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<Sha
     for (number, (layer, shard, node)) in ends.iter().enumerate() {
         let is_last = ends.get(number + 1).is_none_or(|next| next.0 != *layer);
         let node = Code::from_bits(layers[*layer].form.dimension, *node).expect("codes of nodes");
-        let last = if is_last { CodeRun::ALL.ends()[1] } else { node.last_bits() };
-        let run = CodeRun::new(first, last).expect("nodes ascend");
-        pieces[*shard as usize].push(ShardPiece { layer: *layer as u32, run });
+        let last = if is_last { CodeRange::ALL.ends()[1] } else { node.last_bits() };
+        let run = CodeRange::new(first, last).expect("nodes ascend");
+        ranges[*shard as usize].push(ShardRange { layer: *layer as u32, run });
         first = if is_last { 0 } else { last + 1 };
     }
-    pieces
+    ranges
 }
 
 /// Deepest level at which the only layer of a file is cut.
@@ -66,29 +66,29 @@ pub(crate) fn level_of_cuts(header: &Header) -> u8 {
     weighed_level(header, MAX_NODES)
 }
 
-/// Deepest level with at most `most` nodes that have cells, but not deeper than the top levels
-/// (`crown_level`).
-fn weighed_level(header: &Header, most: u64) -> u8 {
+/// Deepest level with at most `max_nodes` nodes that have cells, but not deeper than the top levels
+/// (`shard_level`).
+fn weighed_level(header: &Header, max_nodes: u64) -> u8 {
     let nodes = |level: u8| {
         let side = |axis: usize| header.extent[axis].div_ceil(1 << (header.depth() - level));
         (0..header.form.axes()).fold(1u64, |nodes, axis| nodes.saturating_mul(side(axis)))
     };
-    (0..=header.shape.crown_level()).rev().find(|level| nodes(*level) <= most).unwrap_or(0)
+    (0..=header.shape.shard_level()).rev().find(|level| nodes(*level) <= max_nodes).unwrap_or(0)
 }
 
-/// Calls `show` for the nodes of a level that intersect a box, with the intersection.
-fn each_node(header: &Header, level: u8, cells: &Bounds, show: &mut dyn FnMut(Code, Bounds)) {
+/// Calls `visit` for the nodes of a level that intersect a box, with the intersection.
+fn each_node(header: &Header, level: u8, cells: &Bounds, visit: &mut dyn FnMut(Code, Bounds)) {
     let (dimension, height) = (header.form.dimension, header.depth() - level);
-    let range = |axis: usize| match axis < dimension.axes() {
+    let axis_range = |axis: usize| match axis < dimension.axes() {
         true => cells.min[axis] >> height..((cells.max[axis].max(1) - 1) >> height) + 1,
         false => 0..1,
     };
-    for z in range(2) {
-        for y in range(1) {
-            for x in range(0) {
+    for z in axis_range(2) {
+        for y in axis_range(1) {
+            for x in axis_range(0) {
                 let node = Code::from_cell(dimension, level, [x as u32, y as u32, z as u32]);
                 if let Some(node) = node {
-                    show(node, node.bounds(header.depth()).intersect(cells));
+                    visit(node, node.bounds(header.depth()).intersect(cells));
                 }
             }
         }
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn shards_have_all_of_every_layer_and_about_as_much() {
+    fn shards_cover_every_layer_with_balanced_loads() {
         let layers = [header(14, [10_000, 16_000, 1]), header(3, [5, 8, 1]), header(12, [4096, 1, 1])];
         let loads = [
             Load { layer: 0, cells: box_of([0, 0], [10_000, 16_000]), bytes: 1 << 30 },
@@ -121,18 +121,18 @@ mod tests {
             Load { layer: 2, cells: box_of([0, 0], [4096, 1]), bytes: 1 << 28 },
         ];
         for shards in [1, 2, 7, 64, 1000] {
-            let pieces = cut(&layers, &loads, shards);
-            assert_eq!(pieces.len(), shards as usize);
-            let all: Vec<&ShardPiece> = pieces.iter().flatten().collect();
-            assert!(all.is_sorted_by_key(|piece| (piece.layer, piece.run.ends())));
+            let ranges = cut(&layers, &loads, shards);
+            assert_eq!(ranges.len(), shards as usize);
+            let all: Vec<&ShardRange> = ranges.iter().flatten().collect();
+            assert!(all.is_sorted_by_key(|range| (range.layer, range.run.ends())));
             for (number, header) in (0..).zip(&layers) {
                 let mut next = 0;
-                for piece in all.iter().filter(|piece| piece.layer == number) {
-                    assert_eq!(piece.run.ends()[0], next);
-                    assert!(piece.run.is_cut_at(Dimension::Quad, header.shape.crown_level()));
-                    next = piece.run.ends()[1] + 1;
+                for range in all.iter().filter(|range| range.layer == number) {
+                    assert_eq!(range.run.ends()[0], next);
+                    assert!(range.run.is_cut_at(Dimension::Quad, header.shape.shard_level()));
+                    next = range.run.ends()[1] + 1;
                 }
-                assert_eq!(next, CodeRun::ALL.ends()[1] + 1);
+                assert_eq!(next, CodeRange::ALL.ends()[1] + 1);
             }
         }
         // The first half of the input is in the first sixteenth of the space.
@@ -143,9 +143,9 @@ mod tests {
     }
 
     #[test]
-    fn a_space_of_very_many_nodes_is_cut_as_well() {
+    fn the_largest_space_is_cut_into_shards() {
         let layers = [header(29, [1 << 29, 1 << 29, 1])];
-        let pieces = cut(&layers, &[], 5);
-        assert!(pieces.iter().all(|pieces| pieces.len() == 1));
+        let ranges = cut(&layers, &[], 5);
+        assert!(ranges.iter().all(|ranges| ranges.len() == 1));
     }
 }

@@ -6,13 +6,13 @@ use spinney_engine::store::goblin::Shard;
 
 use crate::job::Job;
 use crate::stamp::check;
-use crate::work::{PartOfJob, PlannedWork};
+use crate::work::{PlannedWork, ShardTask};
 
 /// Outcome of building a shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Built {
+pub struct ShardOutcome {
     /// Whether the shard existed already, so that nothing was built.
-    pub was_there: bool,
+    pub existed: bool,
     /// Bytes of its segments.
     pub bytes: u64,
 }
@@ -25,14 +25,14 @@ impl Job {
     /// # Errors
     /// If there is no such shard, if inputs differ from the plan, if they cannot be read or the
     /// shard cannot be written, or on cancellation. The shard does not exist then.
-    pub fn build(&self, number: u32, memory: u64, progress: &dyn Progress) -> Result<Built> {
+    pub fn build(&self, number: u32, memory: u64, progress: &dyn Progress) -> Result<ShardOutcome> {
         let shard = self.shard(number)?;
         if let Some(bytes) = self.work().find(&shard)? {
-            return Ok(Built { was_there: true, bytes });
+            return Ok(ShardOutcome { existed: true, bytes });
         }
-        if shard.pieces.is_empty() {
+        if shard.ranges.is_empty() {
             self.work().build_empty(&self.head_path(), shard)?;
-            return Ok(Built { was_there: false, bytes: 0 });
+            return Ok(ShardOutcome { existed: false, bytes: 0 });
         }
         let (work, planned) = (self.plan.work.clone(), &self.plan.inputs);
         let touched = work.work().touched(planned.len(), &shard, &self.layers);
@@ -46,37 +46,37 @@ impl Job {
         // The inputs are checked now, and again before the shard becomes visible, so that it
         // depends on a single version of them.
         check()?;
-        let part = PartOfJob { inputs, head: self.head_path(), shard: shard.clone(), check: Box::new(check) };
-        self.work().build(part, memory, progress)?;
+        let task = ShardTask { inputs, head: self.head_path(), shard: shard.clone(), check: Box::new(check) };
+        self.work().build(task, memory, progress)?;
         self.built(&shard)
     }
 
-    /// Builds a shard of layers that `write` provides, as [planned](crate::plan_given), unless it
+    /// Builds a shard of layers that `write` provides, as [planned](crate::plan_arrays), unless it
     /// exists. `write` should query the target for the cells that are needed.
     ///
     /// # Errors
     /// Those of [`Job::build`], and of `write`; also if the job was planned for other layers.
-    pub fn build_given(
+    pub fn build_arrays(
         &self,
         number: u32,
         token: &str,
         write: &mut dyn FnMut(TreeTarget) -> Result<()>,
-    ) -> Result<Built> {
+    ) -> Result<ShardOutcome> {
         let planned = match &self.plan.work {
-            PlannedWork::Given(given) => &*given.token,
+            PlannedWork::Arrays(arrays) => &*arrays.token,
             _ => "files",
         };
         if planned != token {
             return Err(Error::PlanMismatch {
-                path: self.folder().to_path_buf(),
-                found: format!("these are the arrays {token}"),
+                path: self.directory().to_path_buf(),
+                found: format!("the arrays have the token {token}"),
                 expected: planned.into(),
-                advice: "plan another job in another folder",
+                advice: "plan another job in another directory",
             });
         }
         let shard = self.shard(number)?;
         if let Some(bytes) = self.work().find(&shard)? {
-            return Ok(Built { was_there: true, bytes });
+            return Ok(ShardOutcome { existed: true, bytes });
         }
         let check = Box::new(|| Ok(()));
         write(TreeTarget::Shard { head: self.head_path(), shard: shard.clone(), check })?;
@@ -84,7 +84,7 @@ impl Job {
     }
 
     /// Outcome for a shard that has just been built.
-    fn built(&self, shard: &Shard) -> Result<Built> {
-        Ok(Built { was_there: false, bytes: self.work().find(shard)?.unwrap_or(0) })
+    fn built(&self, shard: &Shard) -> Result<ShardOutcome> {
+        Ok(ShardOutcome { existed: false, bytes: self.work().find(shard)?.unwrap_or(0) })
     }
 }

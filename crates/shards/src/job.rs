@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use spinney_base::io::{FileAccess, shown, url_of};
-use spinney_base::space::CodeRun;
+use spinney_base::space::CodeRange;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
-use spinney_engine::store::goblin::{MergeOutput, Shard, ShardPiece};
+use spinney_engine::store::goblin::{MergeOutput, Shard, ShardRange};
 
 use crate::stamp::PlannedFile;
 use crate::work::{PlannedWork, Work};
@@ -23,7 +23,7 @@ const HEAD: &str = "head.goblin";
 /// Directory of shards.
 const SHARDS: &str = "shards";
 /// Maximum size of a plan in bytes.
-pub(crate) const MOST: u64 = 64 << 20;
+pub(crate) const MAX_PLAN_BYTES: u64 = 64 << 20;
 /// Version of the plan format.
 const VERSION: u32 = 1;
 
@@ -38,7 +38,7 @@ pub(crate) struct Plan {
     head: PlannedHead,
     pub(crate) work: PlannedWork,
     pub(crate) inputs: Vec<PlannedInput>,
-    shards: Vec<Vec<PlannedPiece>>,
+    shards: Vec<Vec<PlannedRange>>,
 }
 
 /// Input, and the files that reading it involves.
@@ -66,7 +66,7 @@ struct PlannedHead {
 /// Range of a layer's codes, with inclusive ends in hexadecimal digits.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct PlannedPiece {
+struct PlannedRange {
     layer: u32,
     first: String,
     last: String,
@@ -82,11 +82,11 @@ impl Plan {
         head: &[u8],
         work: PlannedWork,
         inputs: Vec<PlannedInput>,
-        shards: &[Vec<ShardPiece>],
+        shards: &[Vec<ShardRange>],
     ) -> Plan {
-        let piece = |piece: &ShardPiece| {
-            let [first, last] = piece.run.ends().map(|end| format!("{end:016x}"));
-            PlannedPiece { layer: piece.layer, first, last }
+        let range = |range: &ShardRange| {
+            let [first, last] = range.run.ends().map(|end| format!("{end:016x}"));
+            PlannedRange { layer: range.layer, first, last }
         };
         Plan {
             spinney_job: VERSION,
@@ -94,16 +94,16 @@ impl Plan {
             head: head_of(head),
             work,
             inputs,
-            shards: shards.iter().map(|pieces| pieces.iter().map(piece).collect()).collect(),
+            shards: shards.iter().map(|ranges| ranges.iter().map(range).collect()).collect(),
         }
     }
 
     /// Content of `plan.json`, without the secrets of URLs. Processes that build shards supply
     /// these again.
-    pub(crate) fn to_text(&self, folder: &Path) -> Result<String> {
-        let path = folder.join(PLAN);
+    pub(crate) fn to_text(&self, directory: &Path) -> Result<String> {
+        let path = directory.join(PLAN);
         let unnamed = |error: serde_json::Error| {
-            Error::unsupported(&path, error.to_string(), "give the inputs names that are text")
+            Error::unsupported(&path, error.to_string(), "rename the inputs to UTF-8 names")
         };
         let mut plan = serde_json::to_value(self).map_err(unnamed)?;
         hide_secrets(&mut plan);
@@ -111,18 +111,15 @@ impl Plan {
         let mut known: HashMap<Cow<'_, str>, &Path> = HashMap::new();
         for PlannedInput { path: input, .. } in &self.inputs {
             if known.insert(shown(input), input).is_some_and(|other| other != input) {
-                let found = "URLs that differ in their queries alone, which are not stored,";
-                let advice = "copy the files to this machine under different names";
+                let found = "a job of URLs that differ only in their queries, which plans do not store,";
+                let advice = "download the files under different names";
                 return Err(Error::unsupported(input, found, advice));
             }
         }
-        if text.len() as u64 >= MOST {
-            let advice = "make virtual rasters (gdalbuildvrt) of parts of them, and plan a job of these";
-            return Err(Error::unsupported(
-                path,
-                format!("a plan of {} bytes, for so many inputs,", text.len()),
-                advice,
-            ));
+        if text.len() as u64 >= MAX_PLAN_BYTES {
+            let advice =
+                "combine the inputs to fewer virtual rasters (gdalbuildvrt), and plan a job of these";
+            return Err(Error::unsupported(path, format!("a plan of {} bytes", text.len()), advice));
         }
         Ok(text + "\n")
     }
@@ -143,14 +140,14 @@ fn hide_secrets(value: &mut serde_json::Value) {
 /// Job that has been planned.
 #[derive(Debug)]
 pub struct Job {
-    folder: PathBuf,
+    directory: PathBuf,
     pub(crate) plan: Plan,
     /// Identifier of the job in all of its shards: a hash of the plan, which includes a hash of the
     /// head file.
     id: u128,
     /// Headers of the layers.
     pub(crate) layers: Vec<Header>,
-    pieces: Vec<Vec<ShardPiece>>,
+    ranges: Vec<Vec<ShardRange>>,
     /// Access to its files and inputs.
     pub(crate) access: FileAccess,
 }
@@ -160,28 +157,33 @@ impl Job {
     ///
     /// # Errors
     /// If there is none, if it is corrupt, or if another version of the program planned it.
-    pub fn open(folder: &Path) -> Result<Job> {
-        Job::open_with(folder, &FileAccess::default())
+    pub fn open(directory: &Path) -> Result<Job> {
+        Job::open_with(directory, &FileAccess::default())
     }
 
     /// Opens the job in a directory. Its files and its inputs are opened with `access`.
     ///
     /// # Errors
     /// Those of [`Job::open`].
-    pub fn open_with(folder: &Path, access: &FileAccess) -> Result<Job> {
-        Job::find(folder, access)?.ok_or_else(|| {
-            let advice = "`spinney shard plan` makes one, and says so when it is whole";
-            Error::unsupported(folder, "a folder without a job", advice)
+    pub fn open_with(directory: &Path, access: &FileAccess) -> Result<Job> {
+        Job::find(directory, access)?.ok_or_else(|| {
+            let advice = "create the job first: `spinney shard plan`";
+            Error::unsupported(directory, "a directory without a job", advice)
         })
     }
 
     /// Opens the job in a directory, if there is one.
     ///
     /// # Errors
-    /// If it is corrupt, or if another version of the program planned it.
-    pub fn find(folder: &Path, access: &FileAccess) -> Result<Option<Job>> {
-        let path = folder.join(PLAN);
-        let Some(text) = access.read_whole(&path, MOST)? else { return Ok(None) };
+    /// If the path is that of a file, if the job is corrupt, or if another version of the program
+    /// planned it.
+    pub fn find(directory: &Path, access: &FileAccess) -> Result<Option<Job>> {
+        if directory.is_file() {
+            let expected = "the directory of a job, which `spinney shard plan` creates";
+            return Err(Error::invalid(directory.display().to_string(), "a file", expected));
+        }
+        let path = directory.join(PLAN);
+        let Some(text) = access.read_whole(&path, MAX_PLAN_BYTES)? else { return Ok(None) };
         let corrupt = |found: String, expected: &str| Error::corrupt(&path, "plan", found, expected);
         let plan: Plan =
             serde_json::from_slice(&text).map_err(|error| corrupt(error.to_string(), "a plan"))?;
@@ -194,22 +196,25 @@ impl Job {
                 advice: "build all shards with one version, or plan another job",
             });
         }
-        let (mut pieces, mut known) = (Vec::with_capacity(plan.shards.len()), Vec::new());
+        let (mut ranges, mut known) = (Vec::with_capacity(plan.shards.len()), Vec::new());
         for shard in &plan.shards {
-            let shard: Option<Vec<ShardPiece>> = shard.iter().map(PlannedPiece::piece).collect();
-            let shard = shard.ok_or_else(|| corrupt("ends of runs that are none".into(), "runs of codes"))?;
+            let shard: Option<Vec<ShardRange>> = shard.iter().map(PlannedRange::range).collect();
+            let shard = shard.ok_or_else(|| corrupt("invalid ends of code ranges".into(), "code ranges"))?;
             known.extend_from_slice(&shard);
-            pieces.push(shard);
+            ranges.push(shard);
         }
         let id = xxhash_rust::xxh3::xxh3_128(&text);
         let work = plan.work.work();
-        let layers = work.layers(planned_head(folder, &plan.head, access)?)?;
-        if !work.are_all(&known, &layers) || pieces.is_empty() {
-            return Err(corrupt("runs with gaps, or that overlap".into(), "all of each layer, once"));
+        let layers = work.layers(planned_head(directory, &plan.head, access)?)?;
+        if !work.are_all(&known, &layers) || ranges.is_empty() {
+            return Err(corrupt(
+                "code ranges with gaps or overlaps".into(),
+                "ranges that cover each layer once",
+            ));
         }
         work.check(plan.inputs.len(), &layers)?;
-        let (folder, access) = (folder.to_path_buf(), access.clone());
-        Ok(Some(Job { folder, plan, id, layers, pieces, access }))
+        let (directory, access) = (directory.to_path_buf(), access.clone());
+        Ok(Some(Job { directory, plan, id, layers, ranges, access }))
     }
 
     /// Work that the shards do.
@@ -218,24 +223,24 @@ impl Job {
     }
 
     /// Directory of the job.
-    pub fn folder(&self) -> &Path {
-        &self.folder
+    pub fn directory(&self) -> &Path {
+        &self.directory
     }
 
     /// Path of the head file, which has no cells.
     pub(crate) fn head_path(&self) -> PathBuf {
-        head_path(&self.folder)
+        head_path(&self.directory)
     }
 
     /// Number of shards.
     pub fn shards(&self) -> u32 {
-        self.pieces.len() as u32
+        self.ranges.len() as u32
     }
 
     /// Number of shards that have cells to build. All others cover no range of any layer, and are
     /// built instantly.
     pub fn busy_shards(&self) -> u32 {
-        self.pieces.iter().filter(|pieces| !pieces.is_empty()).count() as u32
+        self.ranges.iter().filter(|ranges| !ranges.is_empty()).count() as u32
     }
 
     /// Total bytes of all input files.
@@ -248,15 +253,15 @@ impl Job {
     /// # Errors
     /// If there is no such shard.
     pub(crate) fn shard(&self, number: u32) -> Result<Shard> {
-        let Some(pieces) = self.pieces.get(number as usize) else {
+        let Some(ranges) = self.ranges.get(number as usize) else {
             let expected = format!("0 to {}", self.shards() - 1);
             return Err(Error::invalid("shard", number.to_string(), expected));
         };
         Ok(Shard {
-            folder: self.folder.join(SHARDS),
+            directory: self.directory.join(SHARDS),
             job: self.id,
             number,
-            pieces: pieces.clone(),
+            ranges: ranges.clone(),
             access: self.access.clone(),
         })
     }
@@ -279,7 +284,7 @@ impl Job {
     /// # Errors
     /// If something cannot be removed, or on cancellation.
     pub fn remove(self) -> Result<()> {
-        remove_files(&self.folder, &self.all_shards()?, &self.access)
+        remove_files(&self.directory, &self.all_shards()?, &self.access)
     }
 
     /// Removes the remains of job `job`, which may be incomplete. Another job's plan is left
@@ -287,12 +292,12 @@ impl Job {
     ///
     /// # Errors
     /// Those of [`Job::remove`].
-    pub(crate) fn remove_if(folder: &Path, job: u128, access: &FileAccess) -> Result<()> {
-        let path = plan_path(folder);
-        let Some(text) = access.read_whole(&path, MOST)? else {
+    pub(crate) fn remove_if(directory: &Path, job: u128, access: &FileAccess) -> Result<()> {
+        let path = plan_path(directory);
+        let Some(text) = access.read_whole(&path, MAX_PLAN_BYTES)? else {
             // `remove_dir` fails for directories that are not empty, which stay.
-            if url_of(folder).is_none() {
-                for empty in [&*shards_path(folder), folder] {
+            if url_of(directory).is_none() {
+                for empty in [&*shards_path(directory), directory] {
                     std::fs::remove_dir(empty).unwrap_or_default();
                 }
             }
@@ -303,16 +308,16 @@ impl Job {
         }
         let plan: Plan = serde_json::from_slice(&text)
             .map_err(|error| Error::corrupt(&path, "plan", error.to_string(), "a plan"))?;
-        let pieces = |shard: &Vec<PlannedPiece>| shard.iter().filter_map(PlannedPiece::piece).collect();
-        let shard = |(number, pieces): (u32, Vec<ShardPiece>)| Shard {
-            folder: shards_path(folder),
+        let ranges = |shard: &Vec<PlannedRange>| shard.iter().filter_map(PlannedRange::range).collect();
+        let shard = |(number, ranges): (u32, Vec<ShardRange>)| Shard {
+            directory: shards_path(directory),
             job,
             number,
-            pieces,
+            ranges,
             access: access.clone(),
         };
-        let shards: Vec<Shard> = (0..).zip(plan.shards.iter().map(pieces)).map(shard).collect();
-        remove_files(folder, &shards, access)
+        let shards: Vec<Shard> = (0..).zip(plan.shards.iter().map(ranges)).map(shard).collect();
+        remove_files(directory, &shards, access)
     }
 
     /// Merges the shards into a file. `memory` is the limit in bytes for the segment index, beyond
@@ -334,12 +339,12 @@ impl Job {
         let missing = self.work().missing(&shards, Some(&output))?;
         if !missing.is_empty() {
             output.abandon();
-            let what = format!("shards of {}", self.folder.display());
+            let what = format!("shards of {}", self.directory.display());
             let are = if missing.len() == 1 { "is" } else { "are" };
-            let (made, list) = (self.shards() - missing.len() as u32, ranges(&missing));
+            let (made, list) = (self.shards() - missing.len() as u32, list_of_ranges(&missing));
             let found = format!("{made} of {}, {list} {are} missing", self.shards());
             let expected =
-                format!("all of them; `spinney shard build {} K` makes the shard K", self.folder.display());
+                format!("all of them; build shard K: `spinney shard build {} K`", self.directory.display());
             return Err(Error::invalid(what, found, expected));
         }
         let mark = output.claim(self.id)?;
@@ -349,14 +354,14 @@ impl Job {
 }
 
 /// Removes the files of a job, the plan last, so that an aborted call can be repeated.
-fn remove_files(folder: &Path, shards: &[Shard], access: &FileAccess) -> Result<()> {
+fn remove_files(directory: &Path, shards: &[Shard], access: &FileAccess) -> Result<()> {
     let files: Vec<PathBuf> = shards.iter().flat_map(Shard::files).collect();
     let files: Vec<&Path> = files.iter().map(|file| &**file).collect();
     access.remove(&files)?;
-    let is_local = url_of(folder).is_none();
+    let is_local = url_of(directory).is_none();
     if is_local {
         // Includes leftovers of aborted shards.
-        let shards = shards_path(folder);
+        let shards = shards_path(directory);
         match std::fs::remove_dir_all(&shards) {
             Err(cause) if cause.kind() != io::ErrorKind::NotFound => {
                 return Err(Error::io(shards, "remove")(cause));
@@ -364,46 +369,46 @@ fn remove_files(folder: &Path, shards: &[Shard], access: &FileAccess) -> Result<
             _ => {}
         }
     }
-    access.remove(&[&head_path(folder)])?;
-    access.remove(&[&plan_path(folder)])?;
+    access.remove(&[&head_path(directory)])?;
+    access.remove(&[&plan_path(directory)])?;
     if is_local {
-        std::fs::remove_dir(folder).unwrap_or_default();
+        std::fs::remove_dir(directory).unwrap_or_default();
     }
     Ok(())
 }
 
 /// Reads a job's head file, and checks it against the plan.
-fn planned_head(folder: &Path, planned: &PlannedHead, access: &FileAccess) -> Result<Vec<u8>> {
-    let path = head_path(folder);
-    let found = access.read_whole(&path, MOST)?.filter(|bytes| head_of(bytes) == *planned);
+fn planned_head(directory: &Path, planned: &PlannedHead, access: &FileAccess) -> Result<Vec<u8>> {
+    let path = head_path(directory);
+    let found = access.read_whole(&path, MAX_PLAN_BYTES)?.filter(|bytes| head_of(bytes) == *planned);
     found.ok_or_else(|| {
         let expected = format!("{} bytes with hash {}", planned.bytes, planned.xxh3);
-        Error::corrupt(path, "the whole file", "other bytes", expected)
+        Error::corrupt(path, "the entire file", "other bytes", expected)
     })
 }
 
-pub(crate) fn head_path(folder: &Path) -> PathBuf {
-    folder.join(HEAD)
+pub(crate) fn head_path(directory: &Path) -> PathBuf {
+    directory.join(HEAD)
 }
 
-pub(crate) fn plan_path(folder: &Path) -> PathBuf {
-    folder.join(PLAN)
+pub(crate) fn plan_path(directory: &Path) -> PathBuf {
+    directory.join(PLAN)
 }
 
-pub(crate) fn shards_path(folder: &Path) -> PathBuf {
-    folder.join(SHARDS)
+pub(crate) fn shards_path(directory: &Path) -> PathBuf {
+    directory.join(SHARDS)
 }
 
-impl PlannedPiece {
+impl PlannedRange {
     /// The parsed range; `None` if the digits are not a valid range.
-    fn piece(&self) -> Option<ShardPiece> {
+    fn range(&self) -> Option<ShardRange> {
         let end = |digits: &str| u64::from_str_radix(digits, 16).ok();
-        Some(ShardPiece { layer: self.layer, run: CodeRun::new(end(&self.first)?, end(&self.last)?)? })
+        Some(ShardRange { layer: self.layer, run: CodeRange::new(end(&self.first)?, end(&self.last)?)? })
     }
 }
 
 /// Formats ascending numbers as ranges: "3, 7 to 9".
-fn ranges(numbers: &[u32]) -> String {
+fn list_of_ranges(numbers: &[u32]) -> String {
     let mut text = String::new();
     for run in numbers.chunk_by(|a, b| a + 1 == *b) {
         let comma = if text.is_empty() { "" } else { ", " };
@@ -412,7 +417,7 @@ fn ranges(numbers: &[u32]) -> String {
             [first, .., last] => write!(text, "{comma}{first} to {last}"),
             [] => Ok(()),
         }
-        .expect("strings take all");
+        .expect("writing to a string succeeds");
     }
     text
 }
@@ -422,8 +427,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranges_are_short() {
-        assert_eq!(ranges(&[3]), "3");
-        assert_eq!(ranges(&[0, 1, 2, 5, 7, 8]), "0 to 2, 5, 7 to 8");
+    fn missing_shards_are_listed_as_ranges() {
+        assert_eq!(list_of_ranges(&[3]), "3");
+        assert_eq!(list_of_ranges(&[0, 1, 2, 5, 7, 8]), "0 to 2, 5, 7 to 8");
     }
 }

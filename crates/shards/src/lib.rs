@@ -8,10 +8,10 @@
 //! use spinney::{FileAccess, Output};
 //! use spinney::raw::shards::{Job, JobSpec, plan};
 //!
-//! # let folder = tempfile::tempdir().unwrap();
-//! # let (job, merged) = (folder.path().join("job"), folder.path().join("island.goblin"));
+//! # let directory = tempfile::tempdir().unwrap();
+//! # let (job, merged) = (directory.path().join("job"), directory.path().join("island.goblin"));
 //! let inputs = vec!["fixtures/island_elevation.tif".into()];
-//! plan(&JobSpec::Pictures { inputs, options: ImportOptions::new() }, &job, Some(2), &FileAccess::default(), &())?;
+//! plan(&JobSpec::Rasters { inputs, options: ImportOptions::new() }, &job, Some(2), &FileAccess::default(), &())?;
 //! // Each of these may be another process, and may be run again.
 //! for number in 0..2 {
 //!     Job::open(&job)?.build(number, 256 << 20, &())?;
@@ -34,8 +34,8 @@ mod plan;
 mod stamp;
 mod work;
 
-pub use build::Built;
+pub use build::ShardOutcome;
 pub use job::Job;
-pub use merge::{MergeOptions, Merged, merge};
-pub use plan::{GivenLayers, Planned, plan, plan_given};
+pub use merge::{MergeOptions, MergeOutcome, merge};
+pub use plan::{ArrayLayers, PlanOutcome, plan, plan_arrays};
 pub use work::JobSpec;

@@ -22,7 +22,7 @@ pub struct MergeOptions {
 
 /// Outcome of a merge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Merged {
+pub enum MergeOutcome {
     /// The file was written, from this many bytes of input.
     Made(u64),
     /// The file was complete already, and the remains of the job have been removed.
@@ -32,28 +32,28 @@ pub enum Merged {
     JobMissing,
 }
 
-/// Merges the shards of the job in directory `folder` into a file. If `removes` is set, the job is
-/// removed too; after an aborted call, the same call completes the merge and the removal.
+/// Merges the shards of the job in directory `directory` into a file. If `removes` is set, the job
+/// is removed too; after an aborted call, the same call completes the merge and the removal.
 ///
 /// # Errors
 /// Those of [`Job::open_with`], [`MergeOutput::create`], [`Job::merge`] and [`Job::remove`].
 pub fn merge(
-    folder: &Path,
+    directory: &Path,
     path: &Path,
     options: MergeOptions,
     access: &FileAccess,
     progress: &dyn Progress,
-) -> Result<Merged> {
+) -> Result<MergeOutcome> {
     let MergeOptions { limit, removes, memory } = options;
     if removes && let Some((job, mark)) = MergeOutput::finished(path)? {
-        Job::remove_if(folder, job, access)?;
+        Job::remove_if(directory, job, access)?;
         access.remove(&[&mark])?;
-        return Ok(Merged::Finished);
+        return Ok(MergeOutcome::Finished);
     }
-    if removes && is_nothing(folder) && FileHeader::find(path, access)?.is_some() {
-        return Ok(Merged::JobMissing);
+    if removes && is_nothing(directory) && FileHeader::find(path, access)?.is_some() {
+        return Ok(MergeOutcome::JobMissing);
     }
-    let job = Job::open_with(folder, access)?;
+    let job = Job::open_with(directory, access)?;
     let bytes = job.input_bytes();
     let mark = job.merge(MergeOutput::create(path, limit, removes, access)?, memory, progress)?;
     if removes {
@@ -62,13 +62,13 @@ pub fn merge(
     // Invariant: the mark is removed last. Until then it records that the file is complete, in case
     // this call is aborted.
     mark.map_or(Ok(()), |mark| access.remove(&[&mark]))?;
-    Ok(Merged::Made(bytes))
+    Ok(MergeOutcome::Made(bytes))
 }
 
 /// Whether a local directory is missing or empty.
-fn is_nothing(folder: &Path) -> bool {
-    url_of(folder).is_none()
-        && match std::fs::read_dir(folder).map_err(Error::io(folder, "read")) {
+fn is_nothing(directory: &Path) -> bool {
+    url_of(directory).is_none()
+        && match std::fs::read_dir(directory).map_err(Error::io(directory, "read")) {
             Ok(mut entries) => entries.next().is_none(),
             Err(Error::Io { cause, .. }) => cause.kind() == std::io::ErrorKind::NotFound,
             Err(_) => false,

@@ -39,7 +39,7 @@ impl PlannedFile {
         let bytes = self.bytes;
         match (&self.tag, self.modified) {
             (Some(tag), _) => format!("{bytes} bytes with tag {tag}"),
-            (None, time) => format!("{bytes} bytes, changed {} ns after 1970", time.unwrap_or_default()),
+            (None, time) => format!("{bytes} bytes, modified {} ns after 1970", time.unwrap_or_default()),
         }
     }
 }
@@ -56,18 +56,18 @@ pub(crate) fn absolute(path: &Path) -> Result<PathBuf> {
     if path == Path::new("-") {
         return Err(Error::unsupported(
             path,
-            "standard input",
-            "write it to a file that all shards can read",
+            "a shard job of standard input",
+            "save it to a file that all shards can read",
         ));
     }
-    std::path::absolute(path).map_err(Error::io(path, "look at"))
+    std::path::absolute(path).map_err(Error::io(path, "resolve"))
 }
 
 /// Stats the files of each input that exist, without duplicates.
 ///
 /// # Errors
 /// If a file cannot be stat'ed.
-pub(crate) fn look(files: Vec<Vec<PathBuf>>, access: &FileAccess) -> Result<Vec<Vec<PlannedFile>>> {
+pub(crate) fn stat_inputs(files: Vec<Vec<PathBuf>>, access: &FileAccess) -> Result<Vec<Vec<PlannedFile>>> {
     let once: Vec<Vec<&Path>> = files.iter().map(|files| once(files)).collect();
     // The files of all inputs go into one call, which batches the remote requests.
     let mut states = access.stat_companions(&once.concat())?.into_iter();
@@ -91,7 +91,7 @@ pub(crate) fn check(inputs: &[&PlannedInput], work: &dyn Work, access: &FileAcce
         path: path.to_path_buf(),
         found: found.map_or("there is no such file".into(), |found| format!("has {}", found.described())),
         expected,
-        advice: "a shard is made of the planned files alone: put this one back as it was, with its time, or plan another job",
+        advice: "shards need the planned files: restore this one, with its modification time, or plan another job",
     };
     // Known files are checked first, before they are read to find further files.
     let files: Vec<&PlannedFile> = inputs.iter().flat_map(|input| &input.files).collect();

@@ -45,10 +45,10 @@ static FILES: &[(&str, &[u8])] = files![
     "spinney/dataset.js",
     "spinney/engine.js",
     "spinney/errors.js",
+    "spinney/images.js",
     "spinney/index.js",
     "spinney/module.js",
     "spinney/module_bg.wasm",
-    "spinney/pictures.js",
     "spinney/ranges.js",
     "spinney/remote.js",
     "spinney/sources.js",
@@ -81,12 +81,12 @@ pub(crate) fn names() -> impl Iterator<Item = &'static str> {
 
 /// The contents of a file that must exist.
 pub(crate) fn bytes(name: &str) -> &'static [u8] {
-    asset(name).unwrap_or_else(|| panic!("{name} is no file of the page")).bytes
+    asset(name).unwrap_or_else(|| panic!("the page has no file {name}")).bytes
 }
 
 /// The contents of a text file that must exist.
 pub(crate) fn text(name: &str) -> &'static str {
-    std::str::from_utf8(bytes(name)).expect("the page's texts are UTF-8")
+    std::str::from_utf8(bytes(name)).expect("text files of the page are UTF-8")
 }
 
 #[cfg(test)]

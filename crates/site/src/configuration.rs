@@ -112,10 +112,10 @@ pub(crate) fn page_of(configuration: &PageConfiguration, styles: &str, program: 
     let mut rest = TEMPLATE;
     // Replace one mark at a time, so that inserted text is not searched for marks.
     for (mark, text) in parts {
-        let (before, behind) = rest.split_once(mark).expect("the page has places for its parts");
+        let (before, after) = rest.split_once(mark).expect("the template has each mark");
         page.push_str(before);
         page.push_str(text);
-        rest = behind;
+        rest = after;
     }
     page + rest
 }
@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn maps_are_prepared_if_the_first_file_that_is_shown_is_one() {
+    fn the_map_library_is_preloaded_if_the_first_shown_file_is_a_map() {
         let source = |content: PageContent| PageSource {
             name: "a".into(),
             title: "a".into(),

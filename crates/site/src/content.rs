@@ -72,16 +72,15 @@ impl PageContent {
         match self {
             PageContent::Points => Some((
                 "a page of points",
-                "make a raster of them first (`spinney transform POINTS.goblin -o OUT.goblin raster=mean,cell=1`)",
+                "convert it to a raster first: `spinney transform POINTS.goblin -o OUT.goblin raster=mean,cell=1`",
             )),
             PageContent::Lines => Some((
                 "a page of lines",
-                "write the features first (`spinney get LINES.goblin LINES.geojson`), and build a tree of cells of them",
+                "export its features first (`spinney get LINES.goblin LINES.geojson`), and build a raster from them",
             )),
-            PageContent::Shard => Some((
-                "a page of a shard summary",
-                "merge the shards of its job first (`spinney shard merge`)",
-            )),
+            PageContent::Shard => {
+                Some(("a page of a shard summary", "merge the job first: `spinney shard merge`"))
+            }
             _ => None,
         }
     }
@@ -92,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn contents_are_those_of_the_headers() {
+    fn contents_are_detected_from_headers() {
         let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/v1");
         let of = |name: &str| PageContent::of(&fixtures.join(name));
         assert_eq!(of("classes.goblin"), PageContent::Map);

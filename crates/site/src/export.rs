@@ -19,7 +19,7 @@ const ASSETS: &str = "assets/";
 /// Maximum bytes of a data file inside a page, which a browser holds in memory completely.
 const MAX_INSIDE: u64 = 64 << 20;
 /// Bytes copied at a time.
-const PIECE: usize = 1 << 20;
+const BLOCK_BYTES: usize = 1 << 20;
 
 /// Description of a page to export.
 #[derive(Clone, Debug)]
@@ -71,21 +71,22 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
         if let Some((found, advice)) = PageContent::read(file)?.refusal() {
             return Err(Error::unsupported(*file, found, advice));
         }
-        *size = fs::metadata(*file).map_err(Error::io(*file, "look at"))?.len();
+        *size = fs::metadata(*file).map_err(Error::io(*file, "stat"))?.len();
     }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let directory =
+        path.parent().filter(|directory| !directory.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut created = NewDirectories::default();
-    created.make(folder)?;
+    created.make(directory)?;
     let total = local.iter().map(|(_, _, size)| size).sum();
-    let mut done = Done { bytes: 0, total, progress };
+    let mut done = CopyProgress { bytes: 0, total, progress };
     let configuration =
         PageConfiguration { title: request.title.clone(), sources: sources.clone(), assets: ASSETS.into() };
     let mut summary = PageSummary::default();
     if request.is_self_contained {
         if let Some((file, _, size)) = local.iter().find(|(_, _, size)| *size > MAX_INSIDE) {
-            let found = format!("{size} bytes inside a page");
+            let found = format!("a self-contained page with {size} bytes");
             let advice = format!(
-                "at most {MAX_INSIDE} go into one: leave out --self-contained, or make a smaller file with `spinney transform`"
+                "a page holds at most {MAX_INSIDE}; omit --self-contained, or make a smaller file with `spinney transform`"
             );
             return Err(Error::unsupported(*file, found, advice));
         }
@@ -95,7 +96,7 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
     }
     let mut outputs = Vec::new();
     for (file, source, size) in local {
-        let target = folder.join(&source.name);
+        let target = directory.join(&source.name);
         // A data file that is already next to the page needs no copy.
         if is_same_file(file, &target) {
             continue;
@@ -107,8 +108,8 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
         summary.bytes += size;
     }
     for name in names() {
-        let target = folder.join(ASSETS).join(name);
-        let own = target.parent().unwrap_or(folder);
+        let target = directory.join(ASSETS).join(name);
+        let own = target.parent().unwrap_or(directory);
         created.make(own)?;
         outputs.push(summary.add(&target, bytes(name))?);
         progress.check()?;
@@ -129,11 +130,11 @@ fn write_one_file(
     local: &[(&Path, &PageSource, u64)],
     configuration: &PageConfiguration,
     path: &Path,
-    done: &mut Done<'_>,
+    done: &mut CopyProgress<'_>,
 ) -> Result<PageSummary> {
     const PROGRAM: &str = "<!-- program -->";
     let page = page_of(configuration, &inline::styles(), PROGRAM);
-    let (before, behind) = page.rsplit_once(PROGRAM).expect("it was just put there");
+    let (before, after) = page.rsplit_once(PROGRAM).expect("the page has the mark");
     let mut output = Output::create(path)?;
     let put =
         |output: &mut Output, text: &str| output.write_all(text.as_bytes()).map_err(Error::io(path, "write"));
@@ -147,9 +148,9 @@ fn write_one_file(
         put(&mut output, "</script>\n")?;
     }
     put(&mut output, &inline::program())?;
-    put(&mut output, behind)?;
+    put(&mut output, after)?;
     output.commit()?;
-    let bytes = fs::metadata(path).map_err(Error::io(path, "look at"))?.len();
+    let bytes = fs::metadata(path).map_err(Error::io(path, "stat"))?.len();
     Ok(PageSummary { files: 1, bytes })
 }
 
@@ -171,23 +172,23 @@ fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
         let url = url_of(path);
         // Remote files are not opened only to detect their content.
         let content = if url.is_none() { PageContent::of(path) } else { PageContent::Unknown };
-        let place = Path::new(url.map_or("", |url| split_query(url).0));
+        let url_path = Path::new(url.map_or("", |url| split_query(url).0));
         let name_of = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let name = name_of(if url.is_some() { place } else { path });
+        let name = name_of(if url.is_some() { url_path } else { path });
         if made.iter().any(|other| other.name == name) {
-            let found = format!("two that are called {name}");
-            return Err(Error::invalid("files of a page", found, "files of different names"));
+            let found = format!("two files named {name}");
+            return Err(Error::invalid("files of a page", found, "unique names"));
         }
         let title = Path::new(&name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
         if url.is_some_and(|url| shown(path) != url) {
-            let found = "a URL with a query or a password, which all readers of the page would have,";
-            let advice = "copy the file to this machine, or let the host give it without";
+            let found = "a URL with a query or a password, which the page would publish,";
+            let advice = "download the file, or publish it at a URL without credentials";
             return Err(Error::unsupported(path, found, advice));
         }
         let url = url.map_or_else(|| percent_encoded(&name), str::to_owned);
         if !url.starts_with("http") && url.contains("://") {
-            let advice = "give its address as browsers have it: https://...";
-            return Err(Error::unsupported(path, "a file in a bucket, which no browser reads,", advice));
+            let advice = "pass the URL that browsers use: https://...";
+            return Err(Error::unsupported(path, "a bucket URL, which browsers cannot read,", advice));
         }
         made.push(PageSource { name, title, url, size: None, content, start: start.clone() });
     }
@@ -208,23 +209,23 @@ fn is_same_file(one: &Path, other: &Path) -> bool {
 }
 
 /// Progress of copying, in bytes.
-struct Done<'a> {
+struct CopyProgress<'a> {
     bytes: u64,
     total: u64,
     progress: &'a dyn Progress,
 }
 
 /// Copies a file in blocks, with progress.
-fn copy(from: &Path, to: &mut dyn Write, target: &Path, done: &mut Done<'_>) -> Result<()> {
+fn copy(from: &Path, to: &mut dyn Write, target: &Path, done: &mut CopyProgress<'_>) -> Result<()> {
     let mut input = File::open(from).map_err(Error::io(from, "open"))?;
-    let mut piece = vec![0; PIECE];
+    let mut block = vec![0; BLOCK_BYTES];
     loop {
         done.progress.check()?;
-        let count = input.read(&mut piece).map_err(Error::io(from, "read"))?;
+        let count = input.read(&mut block).map_err(Error::io(from, "read"))?;
         if count == 0 {
             return Ok(());
         }
-        to.write_all(&piece[..count]).map_err(Error::io(target, "write"))?;
+        to.write_all(&block[..count]).map_err(Error::io(target, "write"))?;
         done.bytes += count as u64;
         done.progress.advance(count as u64, done.total);
     }
@@ -245,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_directory_has_the_data_and_all_files_of_the_page() {
+    fn exported_directories_have_the_data_and_all_page_files() {
         let directory = tempfile::tempdir().unwrap();
         let (file, summary) = page_of_fixture(&directory.path().join("site/index.html"), false);
         let read = |name: &str| fs::read(directory.path().join("site").join(name)).unwrap();
@@ -259,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn one_file_has_the_data_and_the_module_inside() {
+    fn self_contained_pages_have_the_data_and_the_module() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("island.html");
         let (file, summary) = page_of_fixture(&path, true);
@@ -271,10 +272,10 @@ mod tests {
     }
 
     #[test]
-    fn names_become_addresses() {
+    fn names_are_percent_encoded_and_unique() {
         assert_eq!(percent_encoded("a b#1.goblin"), "a%20b%231.goblin");
         let files = ["x/a.goblin", "y/a.goblin"];
         let files = files.map(|path| PageFile { path: path.into(), start: PageStart::default() });
-        assert!(sources(&files).unwrap_err().to_string().contains("two that are called a.goblin"));
+        assert!(sources(&files).unwrap_err().to_string().contains("two files named a.goblin"));
     }
 }

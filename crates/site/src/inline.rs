@@ -41,7 +41,7 @@ fn nested(directory: &str, module: &str, known: &mut BTreeMap<String, String>, d
     if let Some(url) = known.get(module) {
         return url.clone();
     }
-    assert!(depth < MAX_DEPTH, "modules of the package import each other in circles");
+    assert!(depth < MAX_DEPTH, "the package has cyclic imports");
     let source = text(&format!("{directory}{module}"));
     let url = module_url(&renamed(source, &mut |other| nested(directory, other, known, depth + 1)));
     known.insert(module.to_owned(), url.clone());
@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn imports_get_other_names() {
+    fn imported_modules_are_renamed() {
         let text = "import { a } from \"./a.js\";\nconst b = await import(\"./b.js\");\nconst c = \"./c.js\";\nimport \"./d.js\";\n";
         let made = renamed(text, &mut |name| format!("x/{name}"));
         let expected = "import { a } from \"x/a.js\";\nconst b = await import(\"x/b.js\");\nconst c = \"./c.js\";\nimport \"x/d.js\";\n";

@@ -12,8 +12,8 @@ import { serve } from "./server.mjs";
 
 const root = process.env.SPINNEY_ROOT ?? fileURLToPath(new URL("../../..", import.meta.url));
 const program = process.env.SPINNEY ?? join(root, "target/debug/spinney");
-const folder = mkdtempSync(join(tmpdir(), "spinney-page-"));
-const at = (name) => join(folder, name);
+const directory = mkdtempSync(join(tmpdir(), "spinney-page-"));
+const at = (name) => join(directory, name);
 const fixture = (name) => join(root, "fixtures", name);
 const spinney = (...list) => execFileSync(program, list, { encoding: "utf8", stdio: ["ignore", "pipe", "pipe"] });
 
@@ -42,7 +42,7 @@ before(async () => {
 
 after(async () => {
   await browser?.close();
-  rmSync(folder, { recursive: true, force: true });
+  rmSync(directory, { recursive: true, force: true });
 });
 
 /** Opens a browser page. Its timeout of 60 s allows for busy machines. */
@@ -94,21 +94,21 @@ async function pixel(page, x, y) {
   }, shot.toString("base64"));
 }
 
-/** Polls `look` every 100 ms, since pages draw asynchronously. Fails after 600 polls. */
-async function eventually(look, message) {
+/** Calls `poll` every 100 ms, since pages draw asynchronously. Fails after 600 polls. */
+async function eventually(poll, message) {
   for (let time = 0; time < 600; time += 1) {
-    if (await look()) return;
+    if (await poll()) return;
     await new Promise((done) => setTimeout(done, 100));
   }
   assert.fail(message);
 }
 
 /** Returns the rows of the result table as an object. */
-const answer = (page) =>
-  page.evaluate(() => Object.fromEntries([...document.querySelectorAll("#answer tr")].map((row) => [...row.cells].map((cell) => cell.textContent))));
+const resultRows = (page) =>
+  page.evaluate(() => Object.fromEntries([...document.querySelectorAll("#result tr")].map((row) => [...row.cells].map((cell) => cell.textContent))));
 
 /** Returns the panel's result for a position, section or polygon. */
-const panelText = (page) => page.locator("#answer").textContent();
+const panelText = (page) => page.locator("#result").textContent();
 
 const near = (one, other) => one.every((part, index) => Math.abs(part - other[index]) <= 2);
 
@@ -119,39 +119,39 @@ const SNOW = [650, 350];
 async function click(page, [x, y]) {
   await eventually(async () => !near(await pixel(page, x, y), await pixel(page, 2, 400)), "the map appears");
   await page.mouse.click(x, y);
-  await page.waitForSelector("#answer table");
-  const heading = await page.locator("#answer h2").textContent();
-  return { heading, rows: await answer(page) };
+  await page.waitForSelector("#result table");
+  const heading = await page.locator("#result h2").textContent();
+  return { heading, rows: await resultRows(page) };
 }
 
 /** Returns the program's value at the position in a heading (latitude, longitude). */
-function toldValue(file, heading) {
+function programValueAt(file, heading) {
   const [latitude, longitude] = heading.split(",").map(parseFloat);
-  return told(file, "lonlat", [longitude, latitude]);
+  return programValue(file, "lonlat", [longitude, latitude]);
 }
 
 /** Returns the program's first sample at a position, or null if there is none. */
-function told(file, coordinates, place) {
-  const answer = JSON.parse(spinney("point", file, "--in", coordinates, "--json", "--", place.join(",")));
-  return answer.layers[0].samples?.[0] ?? null;
+function programValue(file, coordinates, place) {
+  const report = JSON.parse(spinney("point", file, "--in", coordinates, "--json", "--", place.join(",")));
+  return report.layers[0].samples?.[0] ?? null;
 }
 
-async function islandAnswers(page) {
+async function checkIslandValue(page) {
   const { heading, rows } = await click(page, SNOW);
-  assert.equal(Number(rows["land cover"]), Number(toldValue(at("island.goblin"), heading)));
+  assert.equal(Number(rows["land cover"]), Number(programValueAt(at("island.goblin"), heading)));
 }
 
-test("a click tells the value that `spinney point` tells", () => visit("island", islandAnswers));
+test("a click shows the value that `spinney point` prints", () => visit("island", checkIslandValue));
 
-test("a page that is one file opens from a disk", () => visit("island.html", islandAnswers));
+test("a page that is one file opens from a disk", () => visit("island.html", checkIslandValue));
 
-test("a host without ranges is told of, and its files are read", () =>
+test("files of a host without ranges are read, with a remark", () =>
   visit("island", async (page) => {
-    await islandAnswers(page);
+    await checkIslandValue(page);
     assert.match(await page.locator("#remarks").textContent(), /range/i);
   }, { hasRanges: false }));
 
-test("a polygon that is drawn has the statistics of `stats --zones`", () =>
+test("a drawn polygon has the statistics of `stats --zones`", () =>
   visit("island", async (page) => {
     await page.evaluate(() => document.addEventListener("spinney-polygon", ({ detail }) => (window.polygon = detail)));
     await page.click("text=Draw a polygon");
@@ -198,13 +198,13 @@ test("Clear and another polygon remove the statistics, and nothing else", () =>
     for (const next of ["Clear", "Draw a polygon"]) {
       await drawTriangle(page, corners);
       await page.click(`text=${next}`);
-      await page.waitForSelector("#answer", { state: "hidden" });
+      await page.waitForSelector("#result", { state: "hidden" });
       assert.equal(await panelText(page), "");
     }
     await page.click("text=Clear");
     await click(page, SNOW);
     await page.click("text=Clear");
-    assert.ok(await page.locator("#answer table").isVisible());
+    assert.ok(await page.locator("#result table").isVisible());
   }));
 
 test("the legend hides a class and shows it again, and links keep it", () =>
@@ -230,7 +230,7 @@ test("styles and the file's own grid", () =>
     await page.waitForFunction(() => location.hash.includes("grid=native"));
     const { heading, rows } = await click(page, SNOW);
     const [x, y] = heading.split(",").map(parseFloat);
-    const height = told(at("heights.goblin"), "world", [x, y]);
+    const height = programValue(at("heights.goblin"), "world", [x, y]);
     assert.ok(Math.abs(Number(Object.values(rows)[0].replaceAll(",", "")) - height) < 0.01);
   }));
 
@@ -426,15 +426,15 @@ async function cut(page, middle) {
   await eventually(async () => !before.equals(await page.screenshot()), "it is cut");
 }
 
-test("a solid is drawn and cut, and tells its cells", () =>
+test("a solid is drawn and cut, and a click shows its cell", () =>
   visit("ball", async (page) => {
     await cut(page, [750, 400]);
     await page.mouse.click(600, 400);
-    await page.waitForSelector("#answer table");
-    const { cell } = await answer(page);
+    await page.waitForSelector("#result table");
+    const { cell } = await resultRows(page);
     const [x, y, z] = cell.split(", ").map(Number);
-    const expected = told(fixture("v1/ball.goblin"), "cells", [x, y, z]);
-    assert.equal((await answer(page)).value, expected === null ? "none" : String(expected));
+    const expected = programValue(fixture("v1/ball.goblin"), "cells", [x, y, z]);
+    assert.equal((await resultRows(page)).value, expected === null ? "none" : String(expected));
   }));
 
 test("an exact model is drawn, measured and cut", () =>
@@ -445,11 +445,11 @@ test("an exact model is drawn, measured and cut", () =>
     assert.ok(Math.abs(parseFloat(volume.replaceAll(",", "")) / expected.volume - 1) < 1e-8);
     await eventually(async () => /area/.test(await panelText(page)), "the section's area");
     await page.locator("input[type=range]").fill("0.3");
-    await eventually(async () => /^[1-9][\d,.]* m²$/.test((await answer(page)).area), "an area with its unit");
-    assert.match((await answer(page)).at, / m$/);
+    await eventually(async () => /^[1-9][\d,.]* m²$/.test((await resultRows(page)).area), "an area with its unit");
+    assert.match((await resultRows(page)).at, / m$/);
   }));
 
-test("a file that somebody chooses is shown", () =>
+test("a file that the user selects is shown", () =>
   visit("island", async (page) => {
     await page.setInputFiles("#file", at("heights.goblin"));
     await page.waitForFunction(() => document.title === "heights.goblin");
@@ -471,8 +471,8 @@ test("in a notebook the kernel reads, and a polygon comes back", async () => {
       get: (name) => state[name], set: (name, value) => (state[name] = value), save_changes() {}, off() {},
       on: (name, hear) => (heard = hear),
       async send({ range, start, end }) {
-        const answer = await fetch("island.goblin", { headers: { range: \`bytes=\${start}-\${end - 1}\` } });
-        heard({ range }, [new DataView(await answer.arrayBuffer())]);
+        const response = await fetch("island.goblin", { headers: { range: \`bytes=\${start}-\${end - 1}\` } });
+        heard({ range }, [new DataView(await response.arrayBuffer())]);
       },
     };
     widget.render({ model, el: document.getElementById("cell") });
@@ -494,7 +494,7 @@ test("in a notebook the kernel reads, and a polygon comes back", async () => {
   await server.close();
 });
 
-test("a file that is damaged is told of", async () => {
+test("a corrupt file is reported", async () => {
   writeFileSync(at("island/broken.goblin"), "no tree at all");
   const server = await serve(at("island"));
   const page = await newPage();

@@ -20,20 +20,20 @@ function part(file, start, end) {
 /**
  * Serves a directory. `hasRanges`: range requests are supported; `delay`: latency of each response
  * in milliseconds; `bytesPerSecond`: total bandwidth of all responses; `packs`: file types in
- * `TYPES` are compressed by gzip. Returns the `url`, the requests so far (`asked`) and `close`.
+ * `TYPES` are compressed by gzip. Returns the `url`, the requests so far (`requests`) and `close`.
  */
-export async function serve(folder, { hasRanges = true, delay = 0, bytesPerSecond = Infinity, packs = false } = {}) {
+export async function serve(directory, { hasRanges = true, delay = 0, bytesPerSecond = Infinity, packs = false } = {}) {
   // (Time at which the simulated connection is free, as `performance.now()`.)
   let free = 0;
   const packed = new Map();
   const packOnce = (file) => packed.get(file) ?? packed.set(file, gzipSync(readFileSync(file))).get(file);
   // (Hosts compress files before they are requested.)
-  const files = packs ? readdirSync(folder, { recursive: true }) : [];
-  files.filter((name) => extname(name) in TYPES).forEach((name) => packOnce(join(folder, name)));
-  const asked = [];
+  const files = packs ? readdirSync(directory, { recursive: true }) : [];
+  files.filter((name) => extname(name) in TYPES).forEach((name) => packOnce(join(directory, name)));
+  const requests = [];
   const server = createServer(async (request, response) => {
     const path = normalize(decodeURIComponent(new URL(request.url, "http://host").pathname));
-    const file = join(folder, path.endsWith("/") ? `${path}index.html` : path);
+    const file = join(directory, path.endsWith("/") ? `${path}index.html` : path);
     if (delay) await new Promise((done) => setTimeout(done, delay));
     let size;
     try {
@@ -52,7 +52,7 @@ export async function serve(folder, { hasRanges = true, delay = 0, bytesPerSecon
     if (isPacked) headers["content-encoding"] = "gzip";
     const body = request.method === "HEAD" || size === 0 ? Buffer.alloc(0) : isPacked ? packOnce(file) : part(file, start, end);
     headers["content-length"] = request.method === "HEAD" ? end - start + 1 : body.length;
-    asked.push({ path, start, bytes: end - start + 1, sent: body.length });
+    requests.push({ path, start, bytes: end - start + 1, sent: body.length });
     if (bytesPerSecond < Infinity) {
       free = Math.max(free, performance.now()) + (body.length / bytesPerSecond) * 1000;
       await new Promise((done) => setTimeout(done, free - performance.now()));
@@ -60,5 +60,5 @@ export async function serve(folder, { hasRanges = true, delay = 0, bytesPerSecon
     response.writeHead(range ? 206 : 200, headers).end(body);
   });
   await new Promise((done) => server.listen(0, "127.0.0.1", done));
-  return { url: `http://127.0.0.1:${server.address().port}/`, asked, close: () => new Promise((done) => { server.closeAllConnections(); server.close(done); }) };
+  return { url: `http://127.0.0.1:${server.address().port}/`, requests, close: () => new Promise((done) => { server.closeAllConnections(); server.close(done); }) };
 }

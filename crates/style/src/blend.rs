@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colours_lie_over_each_other() {
+    fn colours_are_blended() {
         let (red, green) = ([255, 0, 0, 255], [0, 255, 0, 255]);
         assert_eq!(Blend::Normal.over(red, green), green);
         assert_eq!(Blend::Normal.over(red, [0, 255, 0, 0]), red);

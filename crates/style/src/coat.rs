@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn heights_come_back() {
+    fn encoded_heights_survive_a_round_trip() {
         for step in 0..200_000 {
             let metres = -9_999.0 + f64::from(step) * 0.123;
             let [r, g, b, _] = encoded(Encoding::Mapbox, metres).map(f64::from);

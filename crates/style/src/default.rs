@@ -8,7 +8,7 @@ use spinney_engine::dataset::Dataset;
 
 /// The default style of a tree.
 pub(super) fn style(tree: &Dataset) -> Style {
-    parse::of_value(&document(tree)).expect("the document is right")
+    parse::of_value(&document(tree)).expect("the built-in document is valid")
 }
 
 /// A style that stretches values between two numbers.

@@ -62,7 +62,7 @@ pub(super) struct Percentiles<'a> {
     extremes: RefCell<Option<Vec<(f64, f64)>>>,
     /// Known percentiles, which take precedence over the tree.
     given: Option<&'a PercentileNumbers>,
-    answers: RefCell<PercentileNumbers>,
+    resolved: RefCell<PercentileNumbers>,
 }
 
 impl<'a> Percentiles<'a> {
@@ -72,13 +72,13 @@ impl<'a> Percentiles<'a> {
         given: Option<&'a PercentileNumbers>,
         progress: &'a dyn Progress,
     ) -> Percentiles<'a> {
-        let (channels, extremes, answers) = (OnceCell::new(), RefCell::default(), RefCell::default());
-        Percentiles { tree, progress, channels, extremes, given, answers }
+        let (channels, extremes, resolved) = (OnceCell::new(), RefCell::default(), RefCell::default());
+        Percentiles { tree, progress, channels, extremes, given, resolved }
     }
 
     /// Returns all percentiles that were requested.
-    pub(super) fn into_answers(self) -> PercentileNumbers {
-        self.answers.into_inner()
+    pub(super) fn into_resolved(self) -> PercentileNumbers {
+        self.resolved.into_inner()
     }
 
     /// Resolves a bound of a channel to a number; `None` if it is a percentile and the tree has no
@@ -95,7 +95,7 @@ impl<'a> Percentiles<'a> {
             Some(number) => number,
             None => self.percentile(channel, percent)?,
         };
-        self.answers.borrow_mut().set(channel, percent, number);
+        self.resolved.borrow_mut().set(channel, percent, number);
         Ok(number)
     }
 

@@ -71,12 +71,12 @@ impl<'a> Fields<'a> {
     }
 
     /// An integer within a range.
-    pub(super) fn whole(&mut self, name: &'static str, range: RangeInclusive<u64>) -> Result<Option<u64>> {
+    pub(super) fn integer(&mut self, name: &'static str, range: RangeInclusive<u64>) -> Result<Option<u64>> {
         let Some(value) = self.value(name) else { return Ok(None) };
         match value.as_u64().filter(|number| range.contains(number)) {
             Some(number) => Ok(Some(number)),
             None => {
-                let expected = format!("a whole number, {} to {}", range.start(), range.end());
+                let expected = format!("an integer, {} to {}", range.start(), range.end());
                 Err(wrong(&self.place(name), value, expected))
             }
         }
@@ -85,7 +85,7 @@ impl<'a> Fields<'a> {
     /// A string.
     pub(super) fn text(&mut self, name: &'static str) -> Result<Option<&'a str>> {
         let Some(value) = self.value(name) else { return Ok(None) };
-        value.as_str().map(Some).ok_or_else(|| wrong(&self.place(name), value, "a text"))
+        value.as_str().map(Some).ok_or_else(|| wrong(&self.place(name), value, "a string"))
     }
 
     /// One of several keywords.

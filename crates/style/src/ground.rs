@@ -88,7 +88,7 @@ mod tests {
     use spinney_crs::web_mercator;
 
     #[test]
-    fn cells_have_a_size_everywhere() {
+    fn cells_have_a_ground_size_at_all_latitudes() {
         let planar = |crs, e: f64, f| Frame { crs, ..Frame::planar([-e, 0.0, 10.0, 0.0, e, f]) };
         let close = |found: [[f64; 2]; 2], expected: [f64; 2]| {
             let expected = [[expected[0], 0.0], [0.0, -expected[1]]].concat();

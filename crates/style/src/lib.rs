@@ -112,7 +112,7 @@ impl Style {
         // Reading one byte over the limit detects a longer file without reading it completely.
         file.take(LONGEST + 1).read_to_end(&mut text).map_err(Error::io(path, "read"))?;
         let text = String::from_utf8(text)
-            .map_err(|_| place(Error::invalid("style", "bytes that are no UTF-8 text", "a JSON document")))?;
+            .map_err(|_| place(Error::invalid("style", "bytes that are not UTF-8", "a JSON document")))?;
         parse::document(text.trim_start_matches('\u{feff}').trim()).map_err(place)
     }
 

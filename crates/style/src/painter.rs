@@ -206,7 +206,7 @@ impl StylePainter {
         self.check(block, rgba.len(), 4)?;
         let (out, _) = rgba.as_chunks_mut::<4>();
         match &self.table {
-            Some(table) => self.look_up(block, &table.colours, self.void, out),
+            Some(table) => self.paint_by_table(block, &table.colours, self.void, out),
             None => self.compute(block, &mut |first, colours| {
                 out[first..first + colours.len()].copy_from_slice(colours);
             }),
@@ -221,10 +221,10 @@ impl StylePainter {
     pub fn paint_indices(&self, block: &SampleBlock<'_>, out: &mut [u8]) -> Result<()> {
         self.check(block, out.len(), 1)?;
         let Some(indices) = &self.indices else {
-            return Err(Error::invalid("palette", "a style of more than 256 colours", "one of fewer"));
+            return Err(Error::invalid("palette", "a style of more than 256 colours", "one of at most 256"));
         };
         match &self.table {
-            Some(table) => self.look_up(block, &table.indices, 0, out),
+            Some(table) => self.paint_by_table(block, &table.indices, 0, out),
             None => self.compute(block, &mut |first, colours| {
                 for (out, colour) in out[first..].iter_mut().zip(colours) {
                     *out = indices.index(*colour);
@@ -255,9 +255,9 @@ impl StylePainter {
         // Cannot overflow: there are at least as many cells.
         if out != width * height * bytes {
             return wrong(
-                "picture",
+                "output buffer",
                 format!("{out} bytes"),
-                format!("{bytes} of each of {width} x {height} pixels"),
+                format!("{bytes} bytes for each of {width} x {height} pixels"),
             );
         }
         if block.ground.len() != 1 && block.ground.len() != height {
@@ -267,7 +267,7 @@ impl StylePainter {
     }
 
     /// Looks up the value of each pixel in a table.
-    fn look_up<T: Copy>(&self, block: &SampleBlock<'_>, table: &[T], void: T, out: &mut [T]) {
+    fn paint_by_table<T: Copy>(&self, block: &SampleBlock<'_>, table: &[T], void: T, out: &mut [T]) {
         let SampleBlock { width, margin, bytes, valid, .. } = *block;
         let size = self.value.size();
         let columns = width + 2 * margin;
@@ -417,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn buffers_have_their_sizes() {
+    fn wrong_buffer_sizes_are_rejected() {
         let tree = dataset::open(
             concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/v1/classes.goblin").as_ref(),
             &Default::default(),

@@ -65,7 +65,7 @@ pub(super) fn named(name: &str) -> Result<Style> {
 /// Parses a style document.
 pub(super) fn document(text: &str) -> Result<Style> {
     if text.len() as u64 > LONGEST {
-        return Err(Error::invalid("style", "more than that", "at most 1 MiB"));
+        return Err(Error::invalid("style", format!("{} bytes", text.len()), "at most 1 MiB"));
     }
     let value: Value = serde_json::from_str(text)
         .map_err(|error| Error::invalid("style", error.to_string(), "a JSON document"))?;
@@ -131,7 +131,7 @@ fn layer(fields: &mut Fields<'_>) -> Result<Layer> {
     })?;
     let mut band = 0;
     if !matches!(kind, Kind::Auto | Kind::Rgb) {
-        band = fields.whole("band", 1..=4)?.unwrap_or(1) as usize - 1;
+        band = fields.integer("band", 1..=4)?.unwrap_or(1) as usize - 1;
     }
     let draw = match kind {
         Kind::Auto => Draw::Auto,
@@ -197,7 +197,7 @@ fn contours(fields: &mut Fields<'_>) -> Result<Draw> {
         base: fields.number("base", -1e12..=1e12)?.unwrap_or(0.0),
         colour: fields.colour("color")?.unwrap_or([0x7a, 0x4a, 0x1e, 255]),
         width: fields.number("width", 0.1..=4.0)?.unwrap_or(1.0),
-        bold: fields.whole("bold", 0..=1000)?.unwrap_or(5) as u32,
+        bold: fields.integer("bold", 0..=1000)?.unwrap_or(5) as u32,
     }))
 }
 
@@ -210,7 +210,7 @@ fn classes(fields: &mut Fields<'_>) -> Result<Vec<Class>> {
     let classes = list.iter().enumerate().map(|(index, value)| {
         let mut fields = Fields::of(format!("{place}[{index}]"), value)?;
         let missing = |fields: &Fields<'_>, name, example: &str| {
-            Error::invalid(fields.place(name), "nothing", format!("one, as in {example}"))
+            Error::invalid(fields.place(name), "nothing", format!("a {name}, as in {example}"))
         };
         let value = fields.number("value", f64::MIN..=f64::MAX)?;
         let value = value.ok_or_else(|| missing(&fields, "value", "11"))?;
@@ -314,8 +314,8 @@ fn ramp(fields: &mut Fields<'_>, colours: &Value, ends: [Bound; 2], percentiles:
                 if domain.is_some() {
                     return Err(Error::invalid(
                         fields.place("domain"),
-                        "one beside stops",
-                        "colours without places",
+                        "a domain in addition to stops",
+                        "colours without positions",
                     ));
                 }
                 let stops = list.iter().enumerate().map(|(index, value)| {
@@ -329,7 +329,7 @@ fn ramp(fields: &mut Fields<'_>, colours: &Value, ends: [Bound; 2], percentiles:
                     _ => false,
                 };
                 if stops.windows(2).any(falls) {
-                    return Err(Error::invalid(place, "stops that go down", "stops in ascending order"));
+                    return Err(Error::invalid(place, "descending stops", "stops in ascending order"));
                 }
                 RampColours::Stops(stops)
             }

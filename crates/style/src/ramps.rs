@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_ramps_are_there() {
+    fn all_named_ramps_exist() {
         for name in names() {
             let colours = named(name).unwrap();
             assert!(colours.len() == 2 || colours.len() == COLOURS, "{name}");

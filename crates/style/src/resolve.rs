@@ -34,7 +34,7 @@ pub(super) fn coats(
             coats.push(resolver.coat(layer)?);
         }
     }
-    Ok((coats, resolver.percentiles.into_answers()))
+    Ok((coats, resolver.percentiles.into_resolved()))
 }
 
 /// Evenly spaced stops over a range. Discrete colours get an equal share of the range each; others
@@ -70,11 +70,7 @@ impl Resolver<'_> {
         let channels = usize::from(self.tree.header().form.value.channels);
         if let Some(band) = bands.into_iter().find(|band| *band >= channels) {
             let found = format!("channel {}", band + 1);
-            return Err(Error::invalid(
-                "style",
-                found,
-                format!("channels 1 to {channels}, which the tree has"),
-            ));
+            return Err(Error::invalid("style", found, format!("the tree's channels 1 to {channels}")));
         }
         let ink = match &layer.draw {
             Draw::Auto | Draw::Palette { .. } => self.classes(&layer.draw),

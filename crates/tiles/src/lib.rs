@@ -20,13 +20,13 @@
 //! ```
 
 mod paint;
-mod place;
 mod source;
+mod tile_id;
 mod tree;
 mod warped;
 
 pub use paint::{TileColours, TilePainter, TilePixels, draw_tile};
-pub use place::{MAX_ZOOM, TileId, TileRange, check_degrees, first_number};
 pub use source::{GeographicExtent, TileContent, TileSamples, TileSource};
+pub use tile_id::{MAX_ZOOM, TileId, TileRange, check_degrees, first_number};
 pub use tree::TreeTiles;
 pub use warped::{WarpedTiles, degrees_of, tile_source};

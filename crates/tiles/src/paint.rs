@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::place::TileId;
 use super::source::{TileContent, TileSamples, TileSource};
+use super::tile_id::TileId;
 use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::{Progress, Result};
 use spinney_engine::dataset::Dataset;

@@ -1,6 +1,6 @@
 //! Samples of tiles, independent of the grid that they come from.
 
-use super::place::{TileId, TileRange};
+use super::tile_id::{TileId, TileRange};
 use spinney_base::Result;
 use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::space::{Bounds, Code};

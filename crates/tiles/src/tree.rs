@@ -1,7 +1,7 @@
 //! Tiles that are nodes of a tree.
 
-use super::place::{MAX_ZOOM, TileId, TileRange};
 use super::source::{GeographicExtent, TileContent, TileSamples, TileSource};
+use super::tile_id::{MAX_ZOOM, TileId, TileRange};
 use super::warped::degrees_of;
 use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::value::ValueType;

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::place::{MAX_ZOOM, TileId, TileRange};
 use super::source::{GeographicExtent, TileContent, TileSamples, TileSource};
+use super::tile_id::{MAX_ZOOM, TileId, TileRange};
 use super::tree::TreeTiles;
 use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::value::ValueType;
@@ -49,7 +49,13 @@ impl WarpedTiles {
         let header = source.header();
         let (source_depth, source_extent) = (header.depth(), header.extent);
         let levels = side.trailing_zeros() as u8;
-        let finest = WarpGrid::web_mercator(None, frame, source_extent, options.allow_ballpark)?;
+        if header.form.dimension != Dimension::Quad {
+            let advice =
+                "tiles of a map are images of a raster; write a solid as .ply, .glb or x/tileset.json";
+            return Err(Error::unsupported(source.name(), "an octree as source of tiles", advice));
+        }
+        let finest = WarpGrid::web_mercator(None, frame, source_extent, options.allow_ballpark)
+            .map_err(|error| error.of_file(source.name()))?;
         // (Tiles with twice the side have as many cells at one zoom less.)
         let closest = (finest.extent[0].trailing_zeros() as u8).saturating_sub(levels);
         let max_zoom = max_zoom.unwrap_or(closest);
@@ -139,7 +145,7 @@ impl TileSource for WarpedTiles {
     }
 
     fn tiles_of(&self, block: Code, zoom: u8) -> TileRange {
-        let cells = block.bounds(self.source_depth).intersect(&Bounds::picture(self.source_extent));
+        let cells = block.bounds(self.source_depth).intersect(&Bounds::of_extent(self.source_extent));
         let Ok(warped) = self.at(zoom) else { return TileRange::world(zoom) };
         let reached = warped.reached_from(&cells);
         let side = self.side as u64;
@@ -181,14 +187,14 @@ pub fn tile_source<'a>(
         return match options.resampling {
             None => Ok(Box::new(tiles)),
             Some(way) => {
-                let expected = format!("none: {} lies on the grid of web maps already", path.display());
+                let expected = format!("none: {} is on the grid of web maps already", path.display());
                 Err(Error::invalid("resampling", way.name(), expected))
             }
         };
     }
     let Some(source) = tree.whole_source() else {
         let expected =
-            format!("a file of it: `spinney transform {} STEP ... -o OTHER` makes one", path.display());
+            format!("a file, which `spinney transform {} STEP ... -o OTHER` writes", path.display());
         return Err(Error::invalid(
             "source of tiles",
             "a view that is not on the grid of web maps",

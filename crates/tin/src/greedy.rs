@@ -50,14 +50,14 @@ const OFTEN: u64 = 1 << 12;
 /// number from 0 on; on cancellation.
 pub fn approximate(grid: &HeightGrid, max_error: f64, progress: &dyn Progress) -> Result<Tin> {
     if !(max_error >= 0.0 && max_error.is_finite()) {
-        return Err(Error::invalid("max error", max_error.to_string(), "a number from 0 on"));
+        return Err(Error::invalid("max error", max_error.to_string(), "a finite number of at least 0"));
     }
     if grid.columns < 2 || grid.rows < 2 {
         let found = format!("{} x {} cells", grid.columns, grid.rows);
-        return Err(Error::invalid("raster of a surface", found, "two columns and two rows or more"));
+        return Err(Error::invalid("raster of a surface", found, "at least 2 columns and 2 rows"));
     }
     if !grid.heights.iter().any(|height| height.is_finite()) {
-        return Err(Error::invalid("raster of a surface", "no cell with a value", "one or more"));
+        return Err(Error::invalid("raster of a surface", "no cell with a value", "at least 1"));
     }
     let mut greedy = Greedy {
         grid,
@@ -72,7 +72,7 @@ pub fn approximate(grid: &HeightGrid, max_error: f64, progress: &dyn Progress) -
         greedy.insert(corner, height)?;
     }
     let faces: Vec<_> = greedy.delaunay.inner_faces().map(|face| face.fix()).collect();
-    faces.into_iter().for_each(|face| greedy.look(face));
+    faces.into_iter().for_each(|face| greedy.update_candidate(face));
     let mut inserted = 0;
     while let Some(next) = greedy.heap.pop() {
         if greedy.stamps[next.face] != next.stamp {
@@ -91,7 +91,7 @@ pub fn approximate(grid: &HeightGrid, max_error: f64, progress: &dyn Progress) -
             .filter_map(|edge| edge.face().as_inner())
             .map(|face| face.fix())
             .collect();
-        around.into_iter().for_each(|face| greedy.look(face));
+        around.into_iter().for_each(|face| greedy.update_candidate(face));
         inserted += 1;
         if u64::is_multiple_of(inserted, OFTEN) {
             progress.check()?;
@@ -127,33 +127,34 @@ struct Greedy<'a> {
 impl Greedy<'_> {
     fn insert(&mut self, [column, row]: [u32; 2], height: f64) -> Result<spade::handles::FixedVertexHandle> {
         let inserted = self.delaunay.insert(Cell { column, row, height });
-        inserted
-            .map_err(|error| Error::invalid("cell", format!("{column}, {row}: {error}"), "a whole number"))
+        inserted.map_err(|error| {
+            Error::invalid("cell", format!("{column}, {row}: {error}"), "integer coordinates")
+        })
     }
 
     /// Finds the cell of a triangle with the largest error, and queues it if the error exceeds the
     /// maximum.
-    fn look(&mut self, face: FixedFaceHandle<InnerTag>) {
+    fn update_candidate(&mut self, face: FixedFaceHandle<InnerTag>) {
         let number = face.index();
         if self.stamps.len() <= number {
             self.stamps.resize(number + 1, 0);
         }
         self.stamps[number] += 1;
         let (corners, heights) = corners_of(&self.delaunay, face);
-        let places = corners.map(|corner| corner.map(|at| at as f64));
-        let (mut most, mut cell) = (self.max_error, None);
+        let positions = corners.map(|corner| corner.map(|at| at as f64));
+        let (mut largest_error, mut cell) = (self.max_error, None);
         each_cell(corners, &mut |column, row| {
             let height = self.grid.heights[row * self.grid.columns + column];
-            let found = plane_height(places, heights, [column as f64, row as f64]);
+            let found = plane_height(positions, heights, [column as f64, row as f64]);
             // (The error of a cell without a value is NaN, which never compares as larger.)
             let error = (found - height).abs();
-            if error > most && !corners.contains(&[column as i64, row as i64]) {
-                (most, cell) = (error, Some([column as u32, row as u32]));
+            if error > largest_error && !corners.contains(&[column as i64, row as i64]) {
+                (largest_error, cell) = (error, Some([column as u32, row as u32]));
             }
         });
         if let Some(cell) = cell {
             let stamp = self.stamps[number];
-            self.heap.push(Candidate { error: float_key(most), face: number, stamp, cell });
+            self.heap.push(Candidate { error: float_key(largest_error), face: number, stamp, cell });
         }
     }
 
@@ -208,8 +209,8 @@ fn corners_of(
     face: FixedFaceHandle<InnerTag>,
 ) -> ([[i64; 2]; 3], [f64; 3]) {
     let vertices = delaunay.face(face).vertices();
-    let places = vertices.map(|vertex| [vertex.data().column.into(), vertex.data().row.into()]);
-    (places, vertices.map(|vertex| vertex.data().height))
+    let positions = vertices.map(|vertex| [vertex.data().column.into(), vertex.data().row.into()]);
+    (positions, vertices.map(|vertex| vertex.data().height))
 }
 
 /// Visits the cells of a triangle, including those on its edges. The triangle is counterclockwise

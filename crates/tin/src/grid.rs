@@ -30,12 +30,12 @@ impl HeightGrid {
         let cells = columns.checked_mul(rows).filter(|cells| (1..=MAX_CELLS).contains(cells));
         let Some(cells) = cells else {
             let found = format!("{columns} x {rows} cells");
-            return Err(Error::invalid("grid", found, "from 1 to 2^30 cells, which are in memory"));
+            return Err(Error::invalid("grid", found, "1 to 2^30 cells"));
         };
         let [a, b, _, d, e, _] = transform;
         let is_finite = transform.iter().all(|number| number.is_finite());
         if !(is_finite && (a * e - b * d).is_normal()) {
-            return Err(Error::invalid("transform", format!("{transform:?}"), "one with an inverse"));
+            return Err(Error::invalid("transform", format!("{transform:?}"), "an invertible transform"));
         }
         Ok(HeightGrid { columns, rows, transform, heights: vec![f64::NAN; cells] })
     }
@@ -66,10 +66,10 @@ impl Tin {
             for row in rows {
                 for column in across(&cells, row, grid.columns) {
                     let at = row * grid.columns + column;
-                    let place = grid.centre(column, row);
-                    let is_in = (0..3).all(|at| side(corners[at], corners[(at + 1) % 3], place) >= 0.0);
+                    let position = grid.centre(column, row);
+                    let is_in = (0..3).all(|at| side(corners[at], corners[(at + 1) % 3], position) >= 0.0);
                     if is_in {
-                        grid.heights[at] = self.height_in(number, place);
+                        grid.heights[at] = self.height_in(number, position);
                     }
                 }
             }

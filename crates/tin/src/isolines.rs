@@ -28,7 +28,7 @@ impl Tin {
     /// If levels are not finite or do not ascend; errors of `each`.
     pub fn isolines(&self, levels: &[f64], each: &mut dyn FnMut(Isoline) -> Result<()>) -> Result<()> {
         if levels.iter().any(|level| !level.is_finite()) || levels.windows(2).any(|pair| pair[0] >= pair[1]) {
-            return Err(Error::invalid("levels", format!("{levels:?}"), "finite numbers that ascend"));
+            return Err(Error::invalid("levels", format!("{levels:?}"), "ascending finite numbers"));
         }
         let mut crossed = vec![Vec::new(); levels.len()];
         for (number, corners) in (0u32..).zip(&self.mesh.triangles) {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::mesh::{Lines, Mesh, NONE};
-use crate::surface::{Duplicates, Places, SurfaceReport, inside, ring_segments};
+use crate::surface::{DistinctPoints, Duplicates, SurfaceReport, inside, ring_segments};
 use crate::tin::Tin;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
@@ -134,8 +134,8 @@ pub fn build_layers(
         layers.push(LayerMeasure { name, volume, area });
     }
     if part == 0 {
-        let found = "none with a thickness anywhere";
-        return Err(Error::invalid("layers", found, "surfaces from the top down, with space between them"));
+        let found = "no layer with a thickness";
+        return Err(Error::invalid("layers", found, "surfaces from top to bottom, with space between them"));
     }
     let faces = builder.faces();
     let mut metadata = Metadata { frame: stack.grid.frame(options.crs.clone()), ..Metadata::default() };
@@ -149,8 +149,8 @@ pub fn build_layers(
     }
     let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
     if built.defect_count > 0 {
-        let advice = "take a coarser grid with --snap, or leave out points that are very near to each other";
-        return Err(built.error(&path, "a layer passes through itself on the grid", advice));
+        let advice = "use a coarser grid with --snap, or remove points that are very close to each other";
+        return Err(built.error(&path, "a layer intersects itself on the grid", advice));
     }
     Ok(LayerReport { layers, faces, clipped, surface, displacement, built })
 }
@@ -159,7 +159,7 @@ pub fn build_layers(
 struct Stack {
     grid: Grid,
     mesh: Mesh,
-    places: Vec<[i32; 2]>,
+    positions: Vec<[i32; 2]>,
     /// Heights of each surface, from top to bottom, at each vertex.
     heights: Vec<Vec<i32>>,
 }
@@ -170,7 +170,7 @@ impl Stack {
     fn new(input: &LayerInput, snap: Option<f64>, report: &mut SurfaceReport) -> Result<(Stack, f64)> {
         if input.surfaces.len() < 2 {
             let found = input.surfaces.len().to_string();
-            return Err(Error::invalid("surfaces of layers", found, "two or more, from the top down"));
+            return Err(Error::invalid("surfaces of layers", found, "at least 2, from top to bottom"));
         }
         let lines = input.breaklines.iter().flatten().chain(input.outlines.iter().flatten().flatten());
         let all = || input.surfaces.iter().flat_map(|surface| &surface.points);
@@ -178,7 +178,7 @@ impl Stack {
             return Err(Error::invalid("point of a surface", format!("{point:?}"), "finite numbers"));
         }
         if let Some(corner) = lines.clone().find(|corner| corner.iter().any(|at| !at.is_finite())) {
-            return Err(Error::invalid("corner of a line", format!("{corner:?}"), "finite numbers"));
+            return Err(Error::invalid("vertex of a line", format!("{corner:?}"), "finite numbers"));
         }
         let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
         let mut reach = |axis: usize, at: f64| {
@@ -188,11 +188,7 @@ impl Stack {
         all().for_each(|point| (0..3).for_each(|axis| reach(axis, point[axis])));
         lines.clone().for_each(|corner| (0..2).for_each(|axis| reach(axis, corner[axis])));
         if bounds[0][2] > bounds[1][2] {
-            return Err(Error::invalid(
-                "points of a surface",
-                "none",
-                "three or more that are not in one line",
-            ));
+            return Err(Error::invalid("points of a surface", "none", "at least 3 that are not on one line"));
         }
         let grid = match snap {
             Some(_) => Grid::over(bounds, snap)?,
@@ -223,10 +219,10 @@ impl Stack {
                 error => error,
             };
             let points: Vec<[f64; 3]> = points.iter().map(|point| to_grid(*point)).collect::<Result<_>>()?;
-            let places = Places::of(&points, input.duplicates, report).map_err(named)?;
-            everywhere.extend(places.places.iter().map(|[x, y]| [*x, *y, 0.0]));
-            let mesh = Mesh::new(&places.places, &free).map_err(named)?;
-            tins.push(Tin { mesh, heights: places.heights });
+            let distinct = DistinctPoints::of(&points, input.duplicates, report).map_err(named)?;
+            everywhere.extend(distinct.positions.iter().map(|[x, y]| [*x, *y, 0.0]));
+            let mesh = Mesh::new(&distinct.positions, &free).map_err(named)?;
+            tins.push(Tin { mesh, heights: distinct.heights });
         }
         let mut flat = |[x, y]: [f64; 2]| to_grid([x, y, bounds[0][2]]).map(|[x, y, _]| [x, y]);
         let mut breaklines: Vec<Vec<[f64; 2]>> = Vec::new();
@@ -239,34 +235,34 @@ impl Stack {
         }
         let corners = breaklines.iter().flatten().chain(outlines.iter().flatten().flatten());
         everywhere.extend(corners.map(|[x, y]| [*x, *y, 0.0]));
-        let places = Places::of(&everywhere, Duplicates::Mean, &mut SurfaceReport::default())?;
+        let distinct = DistinctPoints::of(&everywhere, Duplicates::Mean, &mut SurfaceReport::default())?;
         let ends = breaklines.iter().flat_map(|line| line.windows(2));
         let segments: Vec<[u32; 2]> =
-            ends.filter_map(|ends| Some([places.number(ends[0])?, places.number(ends[1])?])).collect();
-        let rings = ring_segments(&outlines, &places);
-        let mut mesh = Mesh::new(&places.places, &Lines { breaklines: &segments, outlines: &rings })?;
-        report.crossings = (mesh.points.len() - places.places.len()) as u64;
+            ends.filter_map(|ends| Some([distinct.number(ends[0])?, distinct.number(ends[1])?])).collect();
+        let rings = ring_segments(&outlines, &distinct);
+        let mut mesh = Mesh::new(&distinct.positions, &Lines { breaklines: &segments, outlines: &rings })?;
+        report.crossings = (mesh.points.len() - distinct.positions.len()) as u64;
         if !outlines.is_empty() {
             let inside = inside(&mesh, &outlines);
             mesh.keep(&|triangle| inside[triangle]);
         }
         if mesh.triangles.is_empty() {
-            return Err(Error::invalid("outline", "one without an area", "polygons with an area"));
+            return Err(Error::invalid("outline", "an outline without area", "polygons with an area"));
         }
         // (Points created at crossings of lines are not on the grid.)
         let snapped: Vec<[i32; 2]> =
-            mesh.points.iter().map(|place| place.map(|at| at.round_ties_even() as i32)).collect();
+            mesh.points.iter().map(|position| position.map(|at| at.round_ties_even() as i32)).collect();
         let mut heights = Vec::new();
         for tin in &tins {
             let (boundary, mut near) = (tin.mesh.boundary(), 0);
-            let above = mesh.points.iter().map(|place| {
-                let (height, is_beside) = tin.extended(*place, &mut near, &boundary);
-                report.extended += u64::from(is_beside);
+            let above = mesh.points.iter().map(|position| {
+                let (height, is_outside) = tin.extended(*position, &mut near, &boundary);
+                report.extended += u64::from(is_outside);
                 height.round_ties_even() as i32
             });
             heights.push(above.collect());
         }
-        Ok((Stack { grid, mesh, places: snapped, heights }, furthest))
+        Ok((Stack { grid, mesh, positions: snapped, heights }, furthest))
     }
 
     /// Returns the height of a surface above the next one at a vertex.
@@ -281,7 +277,7 @@ impl Stack {
         let mut clipped = 0;
         for upper in (0..self.heights.len() - 1).rev() {
             self.divide(upper)?;
-            for vertex in 0..self.places.len() {
+            for vertex in 0..self.positions.len() {
                 if self.above(upper, vertex as u32) < 0 {
                     self.heights[upper][vertex] = self.heights[upper + 1][vertex];
                     clipped += 1;
@@ -306,9 +302,9 @@ impl Stack {
                     if from.signum() * to.signum() >= 0 {
                         continue;
                     }
-                    let place = self.between(a, b, from, from - to);
+                    let position = self.between(a, b, from, from - to);
                     // A crossing that snaps to an end of its edge is moved to that end.
-                    match [a, b].into_iter().find(|end| self.places[*end as usize] == place) {
+                    match [a, b].into_iter().find(|end| self.positions[*end as usize] == position) {
                         None => _ = crossings.insert([a, b], NONE),
                         Some(end) => {
                             self.heights[upper][end as usize] = self.heights[upper + 1][end as usize];
@@ -324,12 +320,12 @@ impl Stack {
         for (edge, number) in &mut crossings {
             let [a, b] = *edge;
             let (from, to) = (self.above(upper, a), self.above(upper, b));
-            *number = self.places.len() as u32;
-            let place = self.between(a, b, from, from - to);
+            *number = self.positions.len() as u32;
+            let position = self.between(a, b, from, from - to);
             for heights in &mut self.heights {
                 heights.push(share(heights[a as usize], heights[b as usize], from, from - to));
             }
-            self.places.push(place);
+            self.positions.push(position);
             self.heights[upper][*number as usize] = self.heights[upper + 1][*number as usize];
         }
         let mut triangles = Vec::with_capacity(self.mesh.triangles.len());
@@ -358,14 +354,10 @@ impl Stack {
         self.mesh.triangles = triangles;
         for corners in &self.mesh.triangles {
             if self.twice_area(*corners) < 0 {
-                let [x, y] = self.places[corners[0] as usize];
+                let [x, y] = self.positions[corners[0] as usize];
                 let [x, y, _] = self.grid.to_world([x, y, 0]);
-                let found = format!("a triangle that is thinner than a step of the grid, near {x}, {y}");
-                return Err(Error::invalid(
-                    "layers",
-                    found,
-                    "points that are farther from each other, or a finer grid",
-                ));
+                let found = format!("a triangle thinner than a grid unit near {x}, {y}");
+                return Err(Error::invalid("layers", found, "points farther apart, or a finer grid"));
             }
         }
         Ok(())
@@ -373,12 +365,12 @@ impl Stack {
 
     /// Returns the position at `part / whole` of an edge.
     fn between(&self, a: u32, b: u32, part: i64, whole: i64) -> [i32; 2] {
-        let (from, to) = (self.places[a as usize], self.places[b as usize]);
+        let (from, to) = (self.positions[a as usize], self.positions[b as usize]);
         [0, 1].map(|axis| share(from[axis], to[axis], part, whole))
     }
 
     fn twice_area(&self, corners: [u32; 3]) -> i64 {
-        let [a, b, c] = corners.map(|corner| self.places[corner as usize].map(i64::from));
+        let [a, b, c] = corners.map(|corner| self.positions[corner as usize].map(i64::from));
         (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     }
 
@@ -390,7 +382,7 @@ impl Stack {
             self.mesh.triangles[triangle].iter().any(|corner| self.above(upper, *corner) > 0)
         };
         let corner = |surface: usize, vertex: u32| {
-            let [x, y] = self.places[vertex as usize];
+            let [x, y] = self.positions[vertex as usize];
             [x, y, self.heights[surface][vertex as usize]]
         };
         let mut push = |points: &[[i32; 3]]| {

@@ -31,7 +31,7 @@ pub(crate) fn side(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> f64 {
 }
 
 struct Vertex {
-    place: Point2<f64>,
+    position: Point2<f64>,
     number: u32,
 }
 
@@ -39,7 +39,7 @@ impl HasPosition for Vertex {
     type Scalar = f64;
 
     fn position(&self) -> Point2<f64> {
-        self.place
+        self.position
     }
 }
 
@@ -54,9 +54,9 @@ pub(crate) struct Lines<'a> {
 /// Creates the error for an invalid coordinate.
 fn refused(error: InsertionError, [x, y]: [f64; 2]) -> Error {
     let expected = match error {
-        InsertionError::TooSmall => "coordinates that are 0 or not below 2^-142 in size",
-        InsertionError::TooLarge => "coordinates below 2^201 in size",
-        InsertionError::NAN => "coordinates that are numbers",
+        InsertionError::TooSmall => "coordinates that are 0 or at least 2^-142 in magnitude",
+        InsertionError::TooLarge => "coordinates below 2^201 in magnitude",
+        InsertionError::NAN => "finite coordinates",
     };
     Error::invalid("point", format!("{x}, {y}"), expected)
 }
@@ -77,8 +77,8 @@ fn check_spread(points: &[[f64; 2]]) -> Result<[u32; 3]> {
         Some([0, second as u32, third as u32])
     });
     third.ok_or_else(|| {
-        let found = format!("{} in one line or place", points.len());
-        Error::invalid("points of a surface", found, "three or more that are not in one line")
+        let found = format!("{} on one line or at one position", points.len());
+        Error::invalid("points of a surface", found, "at least 3 that are not on one line")
     })
 }
 
@@ -135,19 +135,19 @@ impl Mesh {
     pub(crate) fn new(points: &[[f64; 2]], lines: &Lines<'_>) -> Result<Mesh> {
         let first = check_spread(points)?;
         if points.len() >= MADE as usize / 4 {
-            return Err(Error::invalid("points of a surface", points.len().to_string(), "less than 2^30"));
+            return Err(Error::invalid("points of a surface", points.len().to_string(), "fewer than 2^30"));
         }
         let mut cdt = ConstrainedDelaunayTriangulation::<Vertex>::new();
         let mut handles = vec![FixedVertexHandle::from_index(0); points.len()];
         for number in order_of(points, first) {
             let [x, y] = points[number as usize];
-            let vertex = cdt.insert(Vertex { place: Point2::new(x, y), number });
+            let vertex = cdt.insert(Vertex { position: Point2::new(x, y), number });
             handles[number as usize] = vertex.map_err(|error| refused(error, [x, y]))?;
         }
         for [from, to] in lines.breaklines {
             let [from, to] = [from, to].map(|end| handles[*end as usize]);
             if from != to && !cdt.can_add_constraint(from, to) {
-                let place = cdt
+                let position = cdt
                     .get_conflicting_edges_between_vertices(from, to)
                     .next()
                     .map(|edge| edge.positions().map(|end| format!("{}, {}", end.x, end.y)).join(" to "));
@@ -158,9 +158,13 @@ impl Mesh {
                     a.y,
                     b.x,
                     b.y,
-                    place.unwrap_or_default()
+                    position.unwrap_or_default()
                 );
-                return Err(Error::invalid("breaklines", found, "lines with a common point where they meet"));
+                return Err(Error::invalid(
+                    "breaklines",
+                    found,
+                    "lines with a common vertex where they cross",
+                ));
             }
             if from != to {
                 cdt.add_constraint(from, to);
@@ -169,7 +173,7 @@ impl Mesh {
         for [from, to] in lines.outlines {
             let [from, to] = [from, to].map(|end| handles[*end as usize]);
             if from != to {
-                cdt.add_constraint_and_split(from, to, |place| Vertex { place, number: MADE });
+                cdt.add_constraint_and_split(from, to, |position| Vertex { position, number: MADE });
             }
         }
         let mut mesh = Mesh { points: points.to_vec(), ..Mesh::default() };

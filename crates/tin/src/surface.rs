@@ -46,12 +46,12 @@ pub struct SurfaceReport {
 
 /// Distinct positions, ordered by x and y, with their heights.
 #[derive(Default)]
-pub(crate) struct Places {
-    pub places: Vec<[f64; 2]>,
+pub(crate) struct DistinctPoints {
+    pub positions: Vec<[f64; 2]>,
     pub heights: Vec<f64>,
 }
 
-impl Places {
+impl DistinctPoints {
     /// Sorts points by position and merges those at the same position.
     ///
     /// # Errors
@@ -60,42 +60,42 @@ impl Places {
         points: &[[f64; 3]],
         duplicates: Duplicates,
         report: &mut SurfaceReport,
-    ) -> Result<Places> {
+    ) -> Result<DistinctPoints> {
         if let Some(point) = points.iter().find(|point| point.iter().any(|at| !at.is_finite())) {
             return Err(Error::invalid("point of a surface", format!("{point:?}"), "finite numbers"));
         }
         // (Adding 0.0 turns -0.0 into 0.0.)
         let mut sorted: Vec<[f64; 3]> = points.iter().map(|point| point.map(|at| at + 0.0)).collect();
         sorted.sort_by(|a, b| order(a, b).then(a[2].total_cmp(&b[2])));
-        let mut places = Places::default();
+        let mut distinct = DistinctPoints::default();
         for same in sorted.chunk_by(|a, b| order(a, b).is_eq()) {
-            let [x, y, least] = same[0];
-            let greatest = same[same.len() - 1][2];
+            let [x, y, lowest] = same[0];
+            let highest = same[same.len() - 1][2];
             report.duplicates += same.len() as u64 - 1;
-            let mut height = least;
-            if greatest > least {
+            let mut height = lowest;
+            if highest > lowest {
                 if duplicates == Duplicates::Refuse {
-                    let found = format!("heights from {least} to {greatest} at {x}, {y}");
+                    let found = format!("heights from {lowest} to {highest} at {x}, {y}");
                     return Err(Error::invalid(
                         "points of a surface",
                         found,
-                        "one height at each place, or the mean",
+                        "one height per position, or duplicates as the mean",
                     ));
                 }
                 report.averaged += 1;
-                let above: f64 = same.iter().map(|point| (point[2] - least) / same.len() as f64).sum();
-                height = (least + above).min(greatest);
+                let above: f64 = same.iter().map(|point| (point[2] - lowest) / same.len() as f64).sum();
+                height = (lowest + above).min(highest);
             }
-            places.places.push([x, y]);
-            places.heights.push(height);
+            distinct.positions.push([x, y]);
+            distinct.heights.push(height);
         }
-        Ok(places)
+        Ok(distinct)
     }
 
     /// Returns the index of a position.
     pub(crate) fn number(&self, [x, y]: [f64; 2]) -> Option<u32> {
-        let place = [x, y].map(|at| at + 0.0);
-        let found = self.places.binary_search_by(|other| order(other, &place));
+        let position = [x, y].map(|at| at + 0.0);
+        let found = self.positions.binary_search_by(|other| order(other, &position));
         found.ok().map(|number| number as u32)
     }
 }
@@ -116,82 +116,87 @@ pub fn triangulate(input: &SurfaceInput) -> Result<(Tin, SurfaceReport)> {
     let mut report = SurfaceReport::default();
     let known = input.breaklines.iter().flatten().filter(|corner| !corner[2].is_nan());
     let all: Vec<[f64; 3]> = input.points.iter().chain(known).copied().collect();
-    let mut places = Places::of(&all, input.duplicates, &mut report)?;
+    let mut distinct = DistinctPoints::of(&all, input.duplicates, &mut report)?;
     // (Vertices shared by consecutive segments do not count as duplicates.)
-    let alone = Places::of(&input.points, Duplicates::Mean, &mut SurfaceReport::default())?;
-    report.duplicates = (input.points.len() - alone.places.len()) as u64;
+    let alone = DistinctPoints::of(&input.points, Duplicates::Mean, &mut SurfaceReport::default())?;
+    report.duplicates = (input.points.len() - alone.positions.len()) as u64;
 
     let unknown = input.breaklines.iter().flatten().filter(|corner| corner[2].is_nan());
     let unknown: Vec<[f64; 2]> = unknown.map(|corner| [corner[0], corner[1]]).collect();
     let free = Lines { breaklines: &[], outlines: &[] };
     if !unknown.is_empty() {
-        let plain = Tin { mesh: Mesh::new(&places.places, &free)?, heights: places.heights.clone() };
-        places = add(places, &plain, &unknown, &mut report)?;
+        let plain = Tin { mesh: Mesh::new(&distinct.positions, &free)?, heights: distinct.heights.clone() };
+        distinct = add(distinct, &plain, &unknown, &mut report)?;
     }
-    let breaklines = segments(&input.breaklines, &places);
+    let breaklines = segments(&input.breaklines, &distinct);
     let lines = Lines { breaklines: &breaklines, outlines: &[] };
-    let tin = Tin { mesh: Mesh::new(&places.places, &lines)?, heights: places.heights.clone() };
+    let tin = Tin { mesh: Mesh::new(&distinct.positions, &lines)?, heights: distinct.heights.clone() };
     if input.outlines.is_empty() {
         return Ok((tin, report));
     }
     let corners: Vec<[f64; 2]> = input.outlines.iter().flatten().flatten().copied().collect();
-    let places = add(places, &tin, &corners, &mut report)?;
-    let breaklines = segments(&input.breaklines, &places);
-    let outlines = ring_segments(&input.outlines, &places);
-    let mut mesh = Mesh::new(&places.places, &Lines { breaklines: &breaklines, outlines: &outlines })?;
-    let mut heights = places.heights;
+    let distinct = add(distinct, &tin, &corners, &mut report)?;
+    let breaklines = segments(&input.breaklines, &distinct);
+    let outlines = ring_segments(&input.outlines, &distinct);
+    let mut mesh = Mesh::new(&distinct.positions, &Lines { breaklines: &breaklines, outlines: &outlines })?;
+    let mut heights = distinct.heights;
     let (boundary, mut near) = (tin.mesh.boundary(), 0);
-    for place in &mesh.points[heights.len()..] {
-        heights.push(tin.extended(*place, &mut near, &boundary).0);
+    for position in &mesh.points[heights.len()..] {
+        heights.push(tin.extended(*position, &mut near, &boundary).0);
         report.crossings += 1;
     }
     let inside = inside(&mesh, &input.outlines);
     let kept = mesh.keep(&|triangle| inside[triangle]);
     if mesh.triangles.is_empty() {
-        return Err(Error::invalid("outline", "one without an area", "polygons with an area"));
+        return Err(Error::invalid("outline", "an outline without area", "polygons with an area"));
     }
     let heights = kept.iter().map(|old| heights[*old as usize]).collect();
     Ok((Tin { mesh, heights }, report))
 }
 
 /// Adds positions with the heights of a surface.
-fn add(places: Places, tin: &Tin, corners: &[[f64; 2]], report: &mut SurfaceReport) -> Result<Places> {
+fn add(
+    distinct: DistinctPoints,
+    tin: &Tin,
+    corners: &[[f64; 2]],
+    report: &mut SurfaceReport,
+) -> Result<DistinctPoints> {
     if let Some(corner) = corners.iter().find(|corner| corner.iter().any(|at| !at.is_finite())) {
-        return Err(Error::invalid("corner of a line", format!("{corner:?}"), "finite numbers"));
+        return Err(Error::invalid("vertex of a line", format!("{corner:?}"), "finite numbers"));
     }
     let mut more: Vec<[f64; 2]> = corners.iter().map(|corner| corner.map(|at| at + 0.0)).collect();
     more.sort_by(|a, b| order(a, b));
     more.dedup();
     let (boundary, mut near) = (tin.mesh.boundary(), 0);
     let mut all: Vec<[f64; 3]> =
-        places.places.iter().zip(&places.heights).map(|([x, y], z)| [*x, *y, *z]).collect();
+        distinct.positions.iter().zip(&distinct.heights).map(|([x, y], z)| [*x, *y, *z]).collect();
     for [x, y] in more {
-        if places.number([x, y]).is_none() {
-            let (height, is_beside) = tin.extended([x, y], &mut near, &boundary);
-            report.extended += u64::from(is_beside);
+        if distinct.number([x, y]).is_none() {
+            let (height, is_outside) = tin.extended([x, y], &mut near, &boundary);
+            report.extended += u64::from(is_outside);
             all.push([x, y, height]);
         }
     }
-    Places::of(&all, Duplicates::Refuse, &mut SurfaceReport::default())
+    DistinctPoints::of(&all, Duplicates::Refuse, &mut SurfaceReport::default())
 }
 
 /// Returns the segments of lines, by the indices of their ends.
-fn segments(lines: &[Vec<[f64; 3]>], places: &Places) -> Vec<[u32; 2]> {
+fn segments(lines: &[Vec<[f64; 3]>], distinct: &DistinctPoints) -> Vec<[u32; 2]> {
     let ends = lines.iter().flat_map(|line| line.windows(2));
     let numbers = ends.filter_map(|ends| {
-        let [a, b] = [ends[0], ends[1]].map(|[x, y, _]| places.number([x, y]));
+        let [a, b] = [ends[0], ends[1]].map(|[x, y, _]| distinct.number([x, y]));
         Some([a?, b?])
     });
     numbers.collect()
 }
 
 /// Returns the segments of rings, by the indices of their ends.
-pub(crate) fn ring_segments(polygons: &PolygonParts, places: &Places) -> Vec<[u32; 2]> {
+pub(crate) fn ring_segments(polygons: &PolygonParts, distinct: &DistinctPoints) -> Vec<[u32; 2]> {
     let mut found = Vec::new();
     for ring in polygons.iter().flatten() {
         for (at, corner) in ring.iter().enumerate() {
             let next = ring[(at + 1) % ring.len()];
-            if let (Some(a), Some(b)) = (places.number(*corner), places.number(next)) {
+            if let (Some(a), Some(b)) = (distinct.number(*corner), distinct.number(next)) {
                 found.push([a, b]);
             }
         }
@@ -203,12 +208,12 @@ pub(crate) fn ring_segments(polygons: &PolygonParts, places: &Places) -> Vec<[u3
 /// triangle for each component that constraints separate.
 pub(crate) fn inside(mesh: &Mesh, polygons: &PolygonParts) -> Vec<bool> {
     let mut group = vec![NONE; mesh.triangles.len()];
-    let mut answers = Vec::new();
+    let mut is_inside_group = Vec::new();
     for first in 0..mesh.triangles.len() {
         if group[first] != NONE {
             continue;
         }
-        let number = answers.len() as u32;
+        let number = is_inside_group.len() as u32;
         let (mut open, mut largest) = (vec![first], (f64::NEG_INFINITY, [0.0; 2]));
         group[first] = number;
         while let Some(triangle) = open.pop() {
@@ -230,20 +235,20 @@ pub(crate) fn inside(mesh: &Mesh, polygons: &PolygonParts) -> Vec<bool> {
                 }
             }
         }
-        answers.push(polygons.iter().any(|polygon| is_inside(polygon, largest.1)));
+        is_inside_group.push(polygons.iter().any(|polygon| is_inside(polygon, largest.1)));
     }
-    group.iter().map(|group| answers[*group as usize]).collect()
+    group.iter().map(|group| is_inside_group[*group as usize]).collect()
 }
 
 /// Whether a position is inside a polygon, by the even-odd rule.
-fn is_inside(polygon: &[Vec<[f64; 2]>], place: [f64; 2]) -> bool {
+fn is_inside(polygon: &[Vec<[f64; 2]>], position: [f64; 2]) -> bool {
     let mut is_odd = false;
     for ring in polygon {
         for (at, a) in ring.iter().enumerate() {
             let b = ring[(at + 1) % ring.len()];
-            if (a[1] > place[1]) != (b[1] > place[1]) {
+            if (a[1] > position[1]) != (b[1] > position[1]) {
                 let (low, high) = if a[1] < b[1] { (*a, b) } else { (b, *a) };
-                is_odd ^= crate::mesh::side(low, high, place) > 0.0;
+                is_odd ^= crate::mesh::side(low, high, position) > 0.0;
             }
         }
     }

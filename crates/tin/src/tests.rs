@@ -22,8 +22,8 @@ fn random(seed: u64) -> impl FnMut(u64) -> u64 {
 fn scattered(count: usize, below: u64, seed: u64, height: &dyn Fn(f64, f64) -> f64) -> Vec<[f64; 3]> {
     let mut random = random(seed);
     let mut place = || random(below) as f64;
-    let places = (0..count).map(|_| [place(), place()]);
-    places.map(|[x, y]| [x, y, height(x, y)]).collect()
+    let positions = (0..count).map(|_| [place(), place()]);
+    positions.map(|[x, y]| [x, y, height(x, y)]).collect()
 }
 
 fn of_points(points: Vec<[f64; 3]>) -> SurfaceInput {
@@ -80,7 +80,7 @@ fn check_delaunay(tin: &Tin) {
 }
 
 #[test]
-fn circles_around_triangles_are_empty() {
+fn triangulations_are_delaunay() {
     for (seed, below) in [(1, 3), (2, 5), (3, 12), (4, 1000), (5, 1 << 20)] {
         for count in [6, 20, 150] {
             let points = scattered(count, below, seed, &|x, y| 3.0 * x - y);
@@ -95,7 +95,7 @@ fn circles_around_triangles_are_empty() {
 }
 
 #[test]
-fn lines_are_edges() {
+fn breaklines_are_edges() {
     for seed in 0..40 {
         let points = scattered(60, 30, seed, &|x, y| x * y);
         let mut random = random(seed + 100);
@@ -107,7 +107,7 @@ fn lines_are_edges() {
         let mut input = of_points(points.clone());
         input.breaklines = vec![line(row), unknown.clone()];
         let (tin, _) = triangulate(&input).unwrap();
-        let places: Vec<[f64; 2]> = tin.vertices().map(|[x, y, _]| [x, y]).collect();
+        let positions: Vec<[f64; 2]> = tin.vertices().map(|[x, y, _]| [x, y]).collect();
         let edges: Vec<[u32; 2]> =
             tin.triangles().iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]).collect();
         for [a, b] in tin.constraints() {
@@ -118,7 +118,7 @@ fn lines_are_edges() {
                 let length: f64 = tin
                     .constraints()
                     .iter()
-                    .map(|edge| edge.map(|end| places[end as usize]))
+                    .map(|edge| edge.map(|end| positions[end as usize]))
                     .filter(|edge| {
                         edge.iter()
                             .all(|at| at[1] == ends[0][1] && (ends[0][0]..=ends[1][0]).contains(&at[0]))
@@ -134,8 +134,8 @@ fn lines_are_edges() {
             assert_eq!(found, expected);
         }
         let total: f64 =
-            tin.triangles().iter().map(|corners| area(&corners.map(|at| places[at as usize]))).sum();
-        assert!((total - hull_area(&places)).abs() < 1e-9 * total);
+            tin.triangles().iter().map(|corners| area(&corners.map(|at| positions[at as usize]))).sum();
+        assert!((total - hull_area(&positions)).abs() < 1e-9 * total);
     }
 }
 
@@ -172,7 +172,7 @@ fn outlines_bound_the_surface() {
 }
 
 #[test]
-fn crossing_lines_are_told() {
+fn crossing_lines_are_reported() {
     let mut input = of_points(scattered(50, 100, 3, &|x, _| x));
     input.breaklines =
         vec![vec![[10.5, 10.5, 0.0], [90.5, 90.5, 0.0]], vec![[10.5, 90.5, 0.0], [90.5, 10.5, 0.0]]];
@@ -187,7 +187,7 @@ fn crossing_lines_are_told() {
 }
 
 #[test]
-fn heights_that_differ_are_told_or_averaged() {
+fn different_heights_at_a_position_are_reported_or_averaged() {
     let mut points =
         vec![[0.0, 0.0, 1.0], [4.0, 0.0, 2.0], [0.0, 4.0, 3.0], [4.0, 0.0, 5.0], [0.0, 0.0, 1.0]];
     let error = triangulate(&of_points(points.clone())).unwrap_err().to_string();
@@ -201,7 +201,7 @@ fn heights_that_differ_are_told_or_averaged() {
 }
 
 #[test]
-fn what_has_no_area_is_refused() {
+fn input_without_area_is_rejected() {
     let line: Vec<[f64; 3]> = (0..100_000).map(|at| [f64::from(at), 2.0 * f64::from(at), 0.0]).collect();
     let cases = [
         Vec::new(),
@@ -221,7 +221,7 @@ fn what_has_no_area_is_refused() {
 }
 
 #[test]
-fn nearly_a_line_ends_soon() {
+fn nearly_collinear_points_are_triangulated_in_bounded_time() {
     let mut points: Vec<[f64; 3]> = (0..100_000).map(|at| [f64::from(at), 0.0, 0.0]).collect();
     points.push([10.0, 1e-9, 1.0]);
     let (tin, _) = triangulate(&of_points(points)).unwrap();
@@ -229,7 +229,7 @@ fn nearly_a_line_ends_soon() {
 }
 
 #[test]
-fn integrals_are_those_of_the_function() {
+fn integrals_match_the_function() {
     // The integral of x² + y² over the unit square is 2/3. A triangulation of its points is above
     // by at most h²/2.
     let mut input = of_points(Vec::new());
@@ -258,7 +258,7 @@ fn grid_of(columns: usize, rows: usize, height: &dyn Fn(f64, f64) -> f64) -> Hei
 }
 
 #[test]
-fn no_cell_is_off_by_more_than_was_stated() {
+fn approximations_keep_the_maximum_error() {
     let waves = |x: f64, y: f64| 40.0 * (x / 9.0).sin() * (y / 14.0).cos() + x / 3.0;
     let lake = |x: f64, y: f64| {
         if (x - 30.0).hypot(y - 20.0) < 9.0 || x + y < 6.0 { f64::NAN } else { waves(x, y) }
@@ -291,7 +291,7 @@ fn no_cell_is_off_by_more_than_was_stated() {
 }
 
 #[test]
-fn grids_that_make_no_surface_are_refused() {
+fn grids_without_a_surface_are_rejected() {
     assert!(approximate(&grid_of(1, 9, &|x, _| x), 1.0, &()).is_err());
     assert!(approximate(&grid_of(9, 9, &|_, _| f64::NAN), 1.0, &()).is_err());
     for most in [f64::NAN, -1.0, f64::INFINITY] {
@@ -328,7 +328,7 @@ fn cells_have_the_heights_of_their_centres() {
 }
 
 #[test]
-fn isolines_are_where_the_surface_has_the_height() {
+fn isolines_have_the_height_of_the_surface() {
     let cone = |x: f64, y: f64| 100.0 - (x - 50.0).hypot(y - 50.0);
     let (tin, _) = triangulate(&of_points(scattered(3000, 101, 11, &cone))).unwrap();
     let mut lines: Vec<Isoline> = Vec::new();
@@ -350,8 +350,8 @@ fn isolines_are_where_the_surface_has_the_height() {
             let long = (b[0] - a[0]).hypot(b[1] - a[1]);
             if long > 0.2 {
                 let right = [(b[1] - a[1]) / long, -(b[0] - a[0]) / long];
-                let beside = [0, 1].map(|axis| (a[axis] + b[axis]) / 2.0 + 1e-6 * right[axis]);
-                assert!(tin.height(beside).unwrap() >= line.level - 1e-9);
+                let right_of_line = [0, 1].map(|axis| (a[axis] + b[axis]) / 2.0 + 1e-6 * right[axis]);
+                assert!(tin.height(right_of_line).unwrap() >= line.level - 1e-9);
             }
         }
     }
@@ -393,7 +393,7 @@ fn isolines_are_where_the_surface_has_the_height() {
 }
 
 #[test]
-fn smoothing_keeps_lines_the_border_and_planes() {
+fn smoothing_keeps_lines_boundary_and_planes() {
     let plane = triangulate(&of_points(scattered(200, 50, 1, &|_, _| 7.0))).unwrap().0;
     assert!(plane.smoothed(9).vertices().all(|[_, _, z]| z == 7.0));
     let mut input =
@@ -417,7 +417,7 @@ fn smoothing_keeps_lines_the_border_and_planes() {
 }
 
 #[test]
-fn surfaces_of_others_are_over_the_plane() {
+fn surfaces_of_triangles_must_be_over_the_plane() {
     let [a, b, c, d] = [[0.0, 0.0, 1.0], [4.0, 0.0, 2.0], [0.0, 4.0, 3.0], [4.0, 4.0, 0.0]];
     let tin = Tin::from_triangles(&[[a, c, b], [b, d, c], [a, a, b]]).unwrap();
     assert_eq!((tin.vertices().len(), tin.triangles().len()), (4, 2));
@@ -429,11 +429,11 @@ fn surfaces_of_others_are_over_the_plane() {
 
 /// Builds layers and opens the model.
 fn layers(input: &LayerInput) -> (crate::LayerReport, ExactModel, tempfile::TempDir) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("layers.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("layers.goblin");
     let report = build_layers(input, &LayerOptions::new(), Output::create(&path).unwrap(), &()).unwrap();
     let model = ExactModel::open(&path, &Default::default()).unwrap();
-    (report, model, folder)
+    (report, model, directory)
 }
 
 /// A surface by its name and height function.
@@ -456,7 +456,7 @@ fn layers_of_planes_have_their_volumes() {
     let of: [Named<'_>; 3] =
         [("top", &|x, _| 30.0 + x / 4.0), ("coal", &|_, y| 10.0 + y / 8.0), ("base", &|_, _| 0.0)];
     let input = LayerInput { surfaces: surfaces(&of, 40), ..LayerInput::default() };
-    let (report, model, _folder) = layers(&input);
+    let (report, model, _directory) = layers(&input);
     let square = 64.0 * 64.0;
     let expected = [(30.0 + 8.0 - 10.0 - 4.0) * square, (10.0 + 4.0) * square];
     for (layer, expected) in report.layers.iter().zip(expected) {
@@ -470,12 +470,12 @@ fn layers_of_planes_have_their_volumes() {
 }
 
 #[test]
-fn upper_surfaces_lie_on_lower_ones_where_they_cross() {
+fn upper_surfaces_are_moved_up_to_lower_ones_where_they_cross() {
     // The upper plane is below the lower one where x < 32. What remains is a wedge over half of the
     // square.
     let of: [Named<'_>; 3] = [("top", &|x, _| x - 32.0), ("base", &|_, _| 0.0), ("deep", &|_, _| -5.0)];
     let input = LayerInput { surfaces: surfaces(&of, 60), ..LayerInput::default() };
-    let (report, model, _folder) = layers(&input);
+    let (report, model, _directory) = layers(&input);
     let wedge = 32.0 * 32.0 / 2.0 * 64.0;
     assert!((report.layers[0].volume - wedge).abs() < 1e-2, "{report:?}");
     assert!((report.layers[0].area - 32.0 * 64.0).abs() < 1e-2);
@@ -497,7 +497,7 @@ fn layers_with_outlines_and_waves_are_bodies() {
             vec![[5.0, 5.0], [60.0, 3.0], [61.0, 60.0], [30.0, 35.0], [8.0, 55.0]],
             vec![[20.0, 12.0], [30.0, 12.0], [25.0, 20.0]],
         ]];
-        let (report, model, _folder) = layers(&input);
+        let (report, model, _directory) = layers(&input);
         let sum: f64 = report.layers.iter().map(|layer| layer.volume).sum();
         let measured = MassProperties::of(&model, &()).unwrap().volume;
         assert!((measured - sum).abs() < 1e-6 * sum && report.clipped > 0, "{measured} {sum}");
@@ -505,9 +505,9 @@ fn layers_with_outlines_and_waves_are_bodies() {
 }
 
 #[test]
-fn layers_that_are_none_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("layers.goblin");
+fn invalid_layers_are_rejected() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("layers.goblin");
     let refused = |input: &LayerInput| {
         let output = Output::create(&path).unwrap();
         let error = build_layers(input, &LayerOptions::new(), output, &()).unwrap_err().to_string();
@@ -515,9 +515,9 @@ fn layers_that_are_none_are_refused() {
         error
     };
     let flat: Named<'_> = ("flat", &|_, _| 1.0);
-    assert!(refused(&LayerInput::default()).contains("two or more"));
+    assert!(refused(&LayerInput::default()).contains("at least 2"));
     let input = LayerInput { surfaces: surfaces(&[flat, flat], 30), ..LayerInput::default() };
-    assert!(refused(&input).contains("none with a thickness"));
+    assert!(refused(&input).contains("no layer with a thickness"));
     let mut input = LayerInput { surfaces: surfaces(&[flat, flat], 30), ..LayerInput::default() };
     input.surfaces[1].points.truncate(2);
     assert!(refused(&input).contains("surface flat"));

@@ -1,7 +1,7 @@
 //! Triangulated surfaces.
 
 use crate::mesh::{Mesh, NONE, neighbours, side};
-use crate::surface::{Duplicates, Places, SurfaceReport};
+use crate::surface::{DistinctPoints, Duplicates, SurfaceReport};
 use spinney_base::{Error, Result};
 
 /// A surface over the plane: triangles with a height at each vertex, linear in between.
@@ -20,12 +20,13 @@ impl Tin {
     /// triangles overlap along an edge.
     pub fn from_triangles(triangles: &[[[f64; 3]; 3]]) -> Result<Tin> {
         let corners: Vec<[f64; 3]> = triangles.iter().flatten().copied().collect();
-        let places = Places::of(&corners, Duplicates::Refuse, &mut SurfaceReport::default())?;
+        let distinct = DistinctPoints::of(&corners, Duplicates::Refuse, &mut SurfaceReport::default())?;
         let mut turned = Vec::with_capacity(triangles.len());
         for corners in triangles {
             let [a, b, c] = corners.map(|[x, y, _]| [x, y]);
             let area = side(a, b, c);
-            let (Some(a), Some(b), Some(c)) = (places.number(a), places.number(b), places.number(c)) else {
+            let (Some(a), Some(b), Some(c)) = (distinct.number(a), distinct.number(b), distinct.number(c))
+            else {
                 continue;
             };
             if area != 0.0 {
@@ -36,13 +37,14 @@ impl Tin {
             turned.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]).collect();
         edges.sort_unstable();
         if let Some(pair) = edges.windows(2).find(|pair| pair[0] == pair[1]) {
-            let [x, y] = places.places[pair[0][0] as usize];
-            let found = format!("triangles above each other at {x}, {y}");
-            return Err(Error::invalid("surface", found, "one height at each place"));
+            let [x, y] = distinct.positions[pair[0][0] as usize];
+            let found = format!("triangles that overlap at {x}, {y}");
+            return Err(Error::invalid("surface", found, "one height per position"));
         }
         let neighbours = neighbours(&turned);
-        let mesh = Mesh { points: places.places, neighbours, triangles: turned, constraints: Vec::new() };
-        Ok(Tin { mesh, heights: places.heights })
+        let mesh =
+            Mesh { points: distinct.positions, neighbours, triangles: turned, constraints: Vec::new() };
+        Ok(Tin { mesh, heights: distinct.heights })
     }
 
     /// Returns the vertices.
@@ -72,26 +74,31 @@ impl Tin {
 
     /// Returns the height at a position, or `None` outside of the surface. At a vertex it is
     /// exactly the vertex's height.
-    pub fn height(&self, place: [f64; 2]) -> Option<f64> {
-        self.height_near(place, &mut 0)
+    pub fn height(&self, position: [f64; 2]) -> Option<f64> {
+        self.height_near(position, &mut 0)
     }
 
     /// Returns the height at a position. The search starts at triangle `near`, which is set to the
     /// triangle found.
-    pub(crate) fn height_near(&self, place: [f64; 2], near: &mut usize) -> Option<f64> {
-        self.mesh.find(place, near).map(|triangle| self.height_in(triangle, place))
+    pub(crate) fn height_near(&self, position: [f64; 2], near: &mut usize) -> Option<f64> {
+        self.mesh.find(position, near).map(|triangle| self.height_in(triangle, position))
     }
 
     /// Returns the height at a position of a surface with a convex boundary. Outside, it is the
     /// height of the nearest point on the boundary. Also returns whether the position is outside.
-    pub(crate) fn extended(&self, place: [f64; 2], near: &mut usize, boundary: &[[u32; 2]]) -> (f64, bool) {
-        if let Some(triangle) = self.mesh.locate(place, near) {
-            return (self.height_in(triangle, place), false);
+    pub(crate) fn extended(
+        &self,
+        position: [f64; 2],
+        near: &mut usize,
+        boundary: &[[u32; 2]],
+    ) -> (f64, bool) {
+        if let Some(triangle) = self.mesh.locate(position, near) {
+            return (self.height_in(triangle, position), false);
         }
         let mut nearest = (f64::INFINITY, 0.0);
         for [a, b] in boundary {
             let ([ax, ay], [bx, by]) = (self.mesh.points[*a as usize], self.mesh.points[*b as usize]);
-            let (along, there) = ([bx - ax, by - ay], [place[0] - ax, place[1] - ay]);
+            let (along, there) = ([bx - ax, by - ay], [position[0] - ax, position[1] - ay]);
             let length = along[0] * along[0] + along[1] * along[1];
             let share = ((along[0] * there[0] + along[1] * there[1]) / length).clamp(0.0, 1.0);
             let away = (there[0] - share * along[0]).hypot(there[1] - share * along[1]);
@@ -104,10 +111,10 @@ impl Tin {
     }
 
     /// Returns the height of a triangle's plane at a position.
-    pub(crate) fn height_in(&self, triangle: usize, place: [f64; 2]) -> f64 {
+    pub(crate) fn height_in(&self, triangle: usize, position: [f64; 2]) -> f64 {
         let corners = self.mesh.corners(triangle);
         let heights = self.mesh.triangles[triangle].map(|corner| self.heights[corner as usize]);
-        plane_height(corners, heights, place)
+        plane_height(corners, heights, position)
     }
 
     /// Returns the horizontal area of the surface, and the integral of the heights over it.
@@ -129,13 +136,13 @@ impl Tin {
 }
 
 /// Returns the height at a position in a triangle's plane, exact at the corners.
-pub(crate) fn plane_height([a, b, c]: [[f64; 2]; 3], heights: [f64; 3], place: [f64; 2]) -> f64 {
-    if let Some(at) = [a, b, c].iter().position(|corner| *corner == place) {
+pub(crate) fn plane_height([a, b, c]: [[f64; 2]; 3], heights: [f64; 3], position: [f64; 2]) -> f64 {
+    if let Some(at) = [a, b, c].iter().position(|corner| *corner == position) {
         return heights[at];
     }
     let cross = |u: [f64; 2], v: [f64; 2]| u[0] * v[1] - u[1] * v[0];
     let from = |p: [f64; 2]| [p[0] - a[0], p[1] - a[1]];
-    let (u, v, w) = (from(b), from(c), from(place));
+    let (u, v, w) = (from(b), from(c), from(position));
     let all = cross(u, v);
     let (of_b, of_c) = (cross(w, v) / all, cross(u, w) / all);
     // (Clamped, so that rounding never yields a height outside of the corners' range.)

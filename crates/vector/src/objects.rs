@@ -11,16 +11,21 @@ use crate::export::{
 use crate::import::feature::FeatureAttribute;
 use crate::import::filter::{AttributeCondition, FeatureFilter};
 use spinney_base::io::Output;
-use spinney_base::{Progress, Result};
+use spinney_base::{Error, Progress, Result};
 use spinney_brep::query::PartMeasures;
 use spinney_brep::{ExactModel, Faces, ModelView};
+
+/// Properties of all parts that count as attributes.
+const OWN: [&str; 2] = ["id", "type"];
+/// Maximum number of known names in an error message.
+const MAX_REMEMBERED: usize = 200;
 
 /// Returns the numbers of the parts for which all conditions hold, and of the parts of these.
 /// Conditions apply to `id` (the name), `type`, and the attributes. `about` returns the metadata of
 /// a part, if any, as a JSON object in the form of [`Attributes`](spinney_brep::Attributes).
 ///
 /// # Errors
-/// Those of `about`.
+/// Those of `about`; if no part has an attribute of the conditions.
 pub fn choose_objects(
     filter: &FeatureFilter,
     names: &[String],
@@ -28,8 +33,15 @@ pub fn choose_objects(
 ) -> Result<BTreeSet<u32>> {
     let mut found = BTreeSet::new();
     let mut parents: Vec<(u32, Vec<String>)> = Vec::new();
+    let mut unknown: BTreeSet<&str> = filter.names().filter(|name| !OWN.contains(name)).collect();
+    let mut known: BTreeSet<String> = OWN.map(String::from).into();
     for (part, name) in (0..).zip(names) {
         let about = parsed(about(part)?);
+        if let Some(own) = about["attributes"].as_object().filter(|_| !unknown.is_empty()) {
+            unknown.retain(|name| !own.contains_key(*name));
+            let left = MAX_REMEMBERED.saturating_sub(known.len());
+            known.extend(own.keys().take(left).cloned());
+        }
         let holds = |condition: &AttributeCondition| {
             condition.holds(&match condition.name.as_str() {
                 "id" => FeatureAttribute::Text(name.clone()),
@@ -42,6 +54,11 @@ pub fn choose_objects(
         } else if let Some(list) = about["parents"].as_array() {
             parents.push((part, list.iter().filter_map(|name| name.as_str().map(String::from)).collect()));
         }
+    }
+    if let Some(name) = unknown.first() {
+        let known: Vec<String> = known.into_iter().collect();
+        let expected = format!("one of the objects' attributes: {}", known.join(", "));
+        return Err(Error::invalid("attribute", format!("{name}, which no object has"), expected));
     }
     let numbers: HashMap<&str, u32> = names.iter().map(String::as_str).zip(0..).collect();
     // Add parts of selected parts until there are no more.
@@ -87,8 +104,9 @@ pub fn export_objects(
     let mut columns: Vec<(String, AttributeType)> = FIXED.map(|(name, kind)| (name.into(), kind)).to_vec();
     let (own, left_out) = own_columns(model, &parts)?;
     if left_out > 0 {
-        let text =
-            format!("{left_out} attributes of objects are left out of the table, beyond {MAX_COLUMNS}");
+        let text = format!(
+            "{left_out} attributes of objects exceed the table's limit of {MAX_COLUMNS} and are dropped"
+        );
         progress.warn(output.path(), &text);
     }
     for (name, kind) in &own {

@@ -40,7 +40,7 @@ use spinney_base::{Error, Progress, Result, SetOperation};
 use spinney_crs::{Crs, PolygonParts, Transformation};
 use spinney_engine::ops::{CombineOperation, Prefer};
 pub use spinney_overlay::OverlaySummary;
-use spinney_overlay::{OverlayGrid, OverlayPart, PolygonOverlay};
+use spinney_overlay::{OverlayGrid, OverlayRegion, PolygonOverlay};
 
 /// Feature number of the region that limits a result.
 const WITHIN: u32 = u32::MAX;
@@ -167,15 +167,15 @@ pub fn overlay_features(
     let operation = request.operation;
     operation.check(layers.len())?;
     if operation.reaches_outside() && request.within.is_none() {
-        let expected = "a region, since the result has all that is in no polygon";
+        let expected = "a region, since the result includes the area outside all polygons";
         return Err(Error::invalid("region of the result (within)", "none", expected));
     }
     let layers = Layers::of(layers, progress)?;
     let bounds = layers.bounds(request.within.as_ref());
-    let greatest = bounds.as_flattened().iter().fold(0f64, |most, at| most.max(at.abs()));
+    let max_coordinate = bounds.as_flattened().iter().fold(0f64, |most, at| most.max(at.abs()));
     let grid = match request.snap {
         Some(width) => OverlayGrid::of_cells(width)?,
-        None => OverlayGrid::for_coordinates(greatest),
+        None => OverlayGrid::for_coordinates(max_coordinate),
     };
     let is_partition = operation == OverlayOperation::Partition;
     let attributes = layers.attributes(is_partition);
@@ -211,15 +211,15 @@ pub fn overlay_features(
         Some(key)
     };
     let mut written: Vec<Vec<u32>> = Vec::new();
-    let summary = overlay.parts(&mut key_of, progress, &mut |part: OverlayPart| {
+    let summary = overlay.regions(&mut key_of, progress, &mut |part: OverlayRegion| {
         progress.check()?;
-        let OverlayPart { key, polygons: own, area: own_area } = part;
+        let OverlayRegion { key, polygons: own, area: own_area } = part;
         parts += 1;
         polygons += own.len() as u64;
         area += own_area;
         let last = if is_partition { layers.last_of_each(&key) } else { key.clone() };
-        let told = if is_partition { layers.ids(&key) } else { Vec::new() };
-        let values = layers.values(&last, &told);
+        let ids = if is_partition { layers.ids(&key) } else { Vec::new() };
+        let values = layers.values(&last, &ids);
         let geometry = FeatureGeometry::Polygons(own);
         let geometry = FeatureParts::of(&geometry);
         let geometry = Some((geometry.kind(), &geometry as &dyn Geometry));
@@ -283,14 +283,13 @@ impl Layers {
             let next = u32::try_from(layer.features.len()).ok().and_then(|own| count.checked_add(own));
             // The last numbers are reserved for the region.
             count = next.filter(|next| *next < WITHIN - 1).ok_or_else(|| {
-                Error::unsupported(path, "more than 2^32 features of all files", "divide the files")
+                Error::unsupported(path, "an overlay of more than 2^32 features", "divide the files")
             })?;
         }
         for (path, layer) in &layers {
             let count = layer.features.iter().filter(|feature| feature.heights.any()).count();
             if count > 0 {
-                progress
-                    .warn(path, &format!("heights and measures of {count} features are not in the result"));
+                progress.warn(path, &format!("heights and measures of {count} features are dropped"));
             }
         }
         let target = layers[0].1.crs.clone();
@@ -302,10 +301,12 @@ impl Layers {
                     transform(path, layer, &transformation, target)?;
                 }
                 (None, Some(target)) => progress
-                    .warn(path, &format!("has no coordinate system: corners are taken to be in {target}")),
+                    .warn(path, &format!("has no coordinate system; vertices are assumed to be in {target}")),
                 (Some(own), None) => progress.warn(
                     path,
-                    &format!("the first file has no coordinate system: its corners are taken to be in {own}"),
+                    &format!(
+                        "the first file has no coordinate system; its vertices are assumed to be in {own}"
+                    ),
                 ),
                 _ => {}
             }
@@ -318,7 +319,7 @@ impl Layers {
         let parts: Vec<FeatureParts<'_>> =
             features.filter_map(|feature| feature.geometry.as_ref()).map(FeatureParts::of).collect();
         let limits = within.into_iter().flatten().flatten().flatten();
-        bounds_of(&mut parts.iter().flat_map(FeatureParts::corners).chain(limits))
+        bounds_of(&mut parts.iter().flat_map(FeatureParts::vertices).chain(limits))
     }
 
     /// Returns names and types of the results' attributes.
@@ -384,9 +385,8 @@ impl Layers {
         ids
     }
 
-    /// Returns the attributes of at most one feature per layer, and the additional strings of each
-    /// layer.
-    fn values<'a>(&'a self, last: &[u32], told: &'a [String]) -> Vec<AttributeValue<'a>> {
+    /// Returns the attributes of at most one feature per layer, and the lists of ids of each layer.
+    fn values<'a>(&'a self, last: &[u32], ids: &'a [String]) -> Vec<AttributeValue<'a>> {
         let mut values = Vec::new();
         for ((_, layer), number) in self.layers.iter().zip(last) {
             match number.checked_sub(1) {
@@ -397,7 +397,7 @@ impl Layers {
                 None => values.extend(layer.attributes.iter().map(|_| AttributeValue::None)),
             }
         }
-        values.extend(told.iter().map(|text| match text.is_empty() {
+        values.extend(ids.iter().map(|text| match text.is_empty() {
             true => AttributeValue::None,
             false => AttributeValue::Text(text),
         }));
@@ -423,7 +423,7 @@ fn transform(
                     path,
                     format!("feature {number}"),
                     found,
-                    format!("a place that {to} has, too"),
+                    format!("a position in the domain of {to}"),
                 )
             })?;
         }

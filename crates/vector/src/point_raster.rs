@@ -9,7 +9,7 @@ use spinney_base::{Error, Progress, Result, SilentProgress, TreeType};
 use spinney_container::Metadata;
 use spinney_crs::Frame;
 use spinney_engine::store::{BuildOptions, Packing, Slab, Slabs, build_slabs, depth_for};
-use spinney_points::{PointCondition, PointRegion, PointTree, Selection, position};
+use spinney_points::{PointCondition, PointRegion, PointTree, Selection, attribute_index};
 
 /// Rule for a cell's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,7 +61,7 @@ impl FromStr for PointRaster {
 
     fn from_str(text: &str) -> Result<PointRaster> {
         let wrong = |found: &str| {
-            let expected = "min, max, mean or count and the width of a cell, as in mean,cell=1; ,attribute=NAME for another number than z";
+            let expected = "min, max, mean or count, and the cell width: mean,cell=1; append ,attribute=NAME to use an attribute instead of z";
             Error::invalid("raster", format!("`{found}`"), expected)
         };
         let mut parts = text.split(',').map(str::trim);
@@ -99,8 +99,12 @@ impl Grid {
         let north = (most_y / cell).ceil() * cell;
         let mut grid = Grid { west, north, cell, columns: 0, rows: 0 };
         let (Some(column), Some(row)) = (grid.column(most_x), grid.row(least_y)) else {
-            let found = format!("{cell} for points from {least_x}, {least_y} to {most_x}, {most_y}");
-            return Err(Error::invalid("cell", found, "a width that leaves at most 2^29 cells along a side"));
+            let found = format!("{cell} for points from {least_x},{least_y} to {most_x},{most_y}");
+            return Err(Error::invalid(
+                "cell width",
+                found,
+                "a width that gives at most 2^29 cells per axis",
+            ));
         };
         (grid.columns, grid.rows) = (column + 1, row + 1);
         Ok(grid)
@@ -183,7 +187,7 @@ impl Blocks<'_> {
         let wanted: Vec<usize> = self.attribute.into_iter().collect();
         self.tree.select(&selection, Some(&wanted), &SilentProgress(self.progress), &mut |points| {
             for point in 0..points.len() {
-                let place = self.tree.grid().to_world(points.place(point));
+                let place = self.tree.grid().to_world(points.position(point));
                 let (Some(column), Some(row)) = (self.grid.column(place[0]), self.grid.row(place[1])) else {
                     continue;
                 };
@@ -248,7 +252,8 @@ pub fn rasterize_points(
     output: Output,
     progress: &dyn Progress,
 ) -> Result<[u64; 2]> {
-    let attribute = raster.attribute.as_deref().map(|name| position(tree.attributes(), name)).transpose()?;
+    let attribute =
+        raster.attribute.as_deref().map(|name| attribute_index(tree.attributes(), name)).transpose()?;
     let grid = Grid::new(tree, raster.cell)?;
     let extent = [grid.columns, grid.rows, 1];
     let depth = depth_for(extent);

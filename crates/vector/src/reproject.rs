@@ -10,7 +10,7 @@ use crate::import::feature::{Feature, FeatureOptions, open_features};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::{Crs, Transformation};
-use spinney_engine::ops::{ViewStep, WarpTarget};
+use spinney_engine::ops::{ViewOperation, WarpTarget};
 
 /// Operation on the coordinate system of features.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,20 +26,20 @@ impl SystemChange {
     ///
     /// # Errors
     /// If there are none, or one is not applicable to features.
-    pub fn of_view(path: &Path, steps: &[ViewStep]) -> Result<Vec<SystemChange>> {
-        let advice = "features have two steps: warp=DEF brings them to another coordinate system, crs=DEF says in which they are";
+    pub fn of_view(path: &Path, operations: &[ViewOperation]) -> Result<Vec<SystemChange>> {
+        let advice = "features have two operations: warp=DEF transforms to another coordinate system, crs=DEF declares their own";
         let refused = |found: String| Error::unsupported(path, found, advice);
-        let of = |step: &ViewStep| match step {
-            ViewStep::Crs(crs) => Ok(SystemChange::Declare(crs.clone())),
-            ViewStep::Warp(WarpTarget { crs, cell: None, resampling: None }) => {
+        let of = |operation: &ViewOperation| match operation {
+            ViewOperation::Crs(crs) => Ok(SystemChange::Declare(crs.clone())),
+            ViewOperation::Warp(WarpTarget { crs, cell: None, resampling: None }) => {
                 Ok(SystemChange::Transform(crs.clone()))
             }
-            ViewStep::Warp(_) => Err(refused("cell= or resampling= of a file of features".into())),
-            step => Err(refused(format!("the step {step} of a file of features"))),
+            ViewOperation::Warp(_) => Err(refused("cell= or resampling= for features".into())),
+            operation => Err(refused(format!("operation {operation} for features"))),
         };
-        match steps {
-            [] => Err(refused("a file of features without a step".into())),
-            steps => steps.iter().map(of).collect(),
+        match operations {
+            [] => Err(refused("a transformation of features without an operation".into())),
+            operations => operations.iter().map(of).collect(),
         }
     }
 }
@@ -48,7 +48,7 @@ impl SystemChange {
 #[derive(Clone, Debug, Default)]
 pub struct ReprojectOptions {
     /// The operations, in order.
-    pub steps: Vec<SystemChange>,
+    pub operations: Vec<SystemChange>,
     /// Whether a datum with an unknown or grid-based shift is taken for WGS 84.
     pub allow_ballpark: bool,
     /// Options of reading features.
@@ -74,7 +74,11 @@ pub fn reproject_features(
     format: VectorFormat,
     progress: &dyn Progress,
 ) -> Result<u64> {
-    let mut reader = open_features(input, &options.features)?;
+    // A declared coordinate system overrides that of the file.
+    let is_declared = matches!(options.operations.first(), Some(SystemChange::Declare(_)));
+    let check_degrees = options.features.check_degrees && !is_declared;
+    let reading = FeatureOptions { check_degrees, ..options.features.clone() };
+    let mut reader = open_features(input, &reading)?;
     let schema = reader.schema().clone();
     let chain = SystemChain::new(input, schema.crs.as_ref(), options)?;
     chain.remarks().for_each(|remark| progress.warn(input, &remark));
@@ -109,7 +113,7 @@ pub fn reproject_features(
         writer: VectorWriter::create(output, format, layer)?,
         losses: 0,
     };
-    let mut reader = open_features(input, &options.features)?;
+    let mut reader = open_features(input, &reading)?;
     let mut done = 0;
     while let Some(mut feature) = reader.next()? {
         done += 1;
@@ -121,7 +125,7 @@ pub fn reproject_features(
         }
     }
     if writer.losses > 0 {
-        progress.warn(&path, &format!("heights and measures of {} features are left out", writer.losses));
+        progress.warn(&path, &format!("heights and measures of {} features are dropped", writer.losses));
     }
     writer.writer.finish(progress)?;
     Ok(done)
@@ -146,13 +150,14 @@ struct SystemChain {
 impl SystemChain {
     fn new(path: &Path, own: Option<&Crs>, options: &ReprojectOptions) -> Result<SystemChain> {
         let mut chain = SystemChain { transformations: Vec::new(), crs: own.cloned() };
-        for step in &options.steps {
-            let target = match step {
+        for operation in &options.operations {
+            let target = match operation {
                 SystemChange::Declare(crs) => crs,
                 SystemChange::Transform(crs) => {
                     let Some(from) = &chain.crs else {
-                        let advice = "say which it is before the transformation, with crs=EPSG:NUMBER";
-                        return Err(Error::unsupported(path, "features without a coordinate system", advice));
+                        let advice = "declare it before the transformation, with crs=EPSG:NUMBER";
+                        let found = "a transformation of features without a coordinate system";
+                        return Err(Error::unsupported(path, found, advice));
                     };
                     let transformation = Transformation::new(from, crs, options.allow_ballpark)?;
                     chain.transformations.push((transformation, crs.clone()));
@@ -177,12 +182,12 @@ impl SystemChain {
                 let [x, y] = *vertex;
                 *vertex = transformation.forward(*vertex).ok_or_else(|| {
                     let found = format!(
-                        "feature {number}{id} with a vertex at {x},{y}, which is no position in {target},"
+                        "feature {number}{id} with a vertex at {x},{y}, which is outside the domain of {target},"
                     );
                     Error::unsupported(
                         path,
                         found,
-                        "leave it out with --where, or choose another coordinate system",
+                        "exclude it with --where, or choose another coordinate system",
                     )
                 })?;
             }

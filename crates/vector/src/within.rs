@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use crate::import::feature::{FeatureGeometry, FeatureOptions, open_features};
-use crate::zonal::{coordinates_in, in_file};
+use crate::import::feature::{FeatureGeometry, open_features};
+use crate::zonal::{coordinates_in, in_file, options_over};
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::PolygonParts;
 use spinney_points::{PointRegion, PointTree};
@@ -15,7 +15,7 @@ use spinney_points::{PointRegion, PointTree};
 /// If a feature is not a polygon, there are none, the file cannot be read, or one of the coordinate
 /// systems is not supported.
 pub fn region_of_polygons(tree: &PointTree, path: &Path, progress: &dyn Progress) -> Result<PointRegion> {
-    let mut reader = open_features(path, &FeatureOptions::default())?;
+    let mut reader = open_features(path, &options_over(&tree.metadata().frame))?;
     let coordinates = coordinates_in(&tree.metadata().frame, path, &*reader, progress);
     let locator = tree.locator(&coordinates).map_err(|error| in_file(path, error))?;
     locator.remarks().iter().for_each(|remark| progress.warn(path, remark));
@@ -30,17 +30,13 @@ pub fn region_of_polygons(tree: &PointTree, path: &Path, progress: &dyn Progress
             }
             None => {}
             Some(_) => {
-                let found = format!("feature {number}, which is no polygon,");
-                return Err(Error::unsupported(path, found, "points are requested within polygons alone"));
+                let found = format!("feature {number}, which is not a polygon,");
+                return Err(Error::unsupported(path, found, "regions of points are polygons"));
             }
         }
     }
     if polygons == 0 {
-        return Err(Error::unsupported(
-            path,
-            "a file without polygons",
-            "points are requested within polygons",
-        ));
+        return Err(Error::unsupported(path, "a region without polygons", "regions of points are polygons"));
     }
     Ok(PointRegion::Polygons(parts))
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::import::feature::FeatureReader;
+use crate::import::feature::{FeatureOptions, FeatureReader};
 use crate::import::zones::{PolygonLayer, PolygonReader, invalid_polygons};
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::{CellLocator, Coordinates, Frame};
@@ -21,7 +21,7 @@ pub struct FeatureZones<'a> {
     /// per grid.
     grids: Vec<usize>,
     coordinates: Coordinates,
-    places: Vec<(CellLocator, [u64; 3])>,
+    locators: Vec<(CellLocator, [u64; 3])>,
     /// Whether some polygons meet a tree; if not, the error for the first batch.
     is_met: bool,
     outside: Option<Error>,
@@ -31,8 +31,8 @@ pub struct FeatureZones<'a> {
 
 impl<'a> FeatureZones<'a> {
     /// Prepares the query for the features of a reader. Vertices are in `coordinates`, or else in
-    /// the file's own. In trees without a coordinate system, they are taken to be in the tree's own
-    /// coordinates, with a warning.
+    /// the file's own. In trees without a coordinate system, they are assumed to be in the tree's
+    /// own coordinates, with a warning.
     ///
     /// # Errors
     /// If there is no transformation from the coordinates to the cells of a tree.
@@ -50,7 +50,7 @@ impl<'a> FeatureZones<'a> {
             Some(given) => given,
             None if !has_system && own != Coordinates::World => {
                 let text =
-                    "the tree has no coordinate system: corners are taken to be in its own coordinates";
+                    "the tree has no coordinate system; vertices are assumed to be in its own coordinates";
                 progress.warn(&path, text);
                 &Coordinates::World
             }
@@ -58,16 +58,16 @@ impl<'a> FeatureZones<'a> {
         };
         let same = Dataset::same_cells(trees);
         let grids: Vec<usize> = (0..trees.len()).filter(|number| same[*number] == *number).collect();
-        let places = grids.iter().map(|grid| {
+        let locators = grids.iter().map(|grid| {
             let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
-            let places = CellLocator::new(coordinates, frame, header.extent)?;
+            let locator = CellLocator::new(coordinates, frame, header.extent)?;
             // Remarks on a coordinate system are reported once.
             if *grid == 0 {
-                places.remarks().iter().for_each(|remark| progress.warn(&path, remark));
+                locator.remarks().iter().for_each(|remark| progress.warn(&path, remark));
             }
-            Ok((places, header.extent))
+            Ok((locator, header.extent))
         });
-        let places = places.collect::<Result<Vec<_>>>()?;
+        let locators = locators.collect::<Result<Vec<_>>>()?;
         Ok(FeatureZones {
             trees,
             request,
@@ -75,7 +75,7 @@ impl<'a> FeatureZones<'a> {
             same,
             grids,
             coordinates: coordinates.clone(),
-            places,
+            locators,
             is_met: false,
             outside: None,
             invalid: 0,
@@ -93,8 +93,9 @@ impl<'a> FeatureZones<'a> {
         progress: &dyn Progress,
         take: &mut dyn FnMut(usize, &[ZoneStatistics]) -> Result<()>,
     ) -> Result<()> {
-        let found =
-            layer.in_cells_of(&self.coordinates, &self.places).map_err(|error| in_file(&self.path, error))?;
+        let found = layer
+            .in_cells_of(&self.coordinates, &self.locators)
+            .map_err(|error| in_file(&self.path, error))?;
         match found.outside {
             None => self.is_met = true,
             Some(error) => self.outside = self.outside.take().or(Some(error)),
@@ -103,9 +104,9 @@ impl<'a> FeatureZones<'a> {
         self.invalid += first.iter().flatten().filter(|polygon| polygon.was_invalid()).count() as u64;
         let of_grid =
             |first: &usize| &found.trees[self.grids.binary_search(first).expect("one of the list")][..];
-        let asked: Vec<_> = self.trees.iter().copied().zip(self.same.iter().map(of_grid)).collect();
+        let queried: Vec<_> = self.trees.iter().copied().zip(self.same.iter().map(of_grid)).collect();
         let mut numbers = 0..;
-        Dataset::zonal_layers(&asked, self.request, progress, &mut |zone| {
+        Dataset::zonal_layers(&queried, self.request, progress, &mut |zone| {
             numbers.next().map_or(Ok(()), |number| take(number, &zone))
         })
     }
@@ -126,11 +127,16 @@ impl<'a> FeatureZones<'a> {
 /// Adds the path to an error that does not contain it.
 pub(crate) fn in_file(path: &Path, error: Error) -> Error {
     match error {
-        Error::Invalid { what, found, expected } => {
+        Error::Invalid { what, found, expected } if !what.starts_with(&path.display().to_string()) => {
             Error::invalid(format!("{}: {what}", path.display()), found, expected)
         }
         other => other,
     }
+}
+
+/// Returns options for reading features whose coordinates are those of [`coordinates_in`].
+pub(crate) fn options_over(frame: &Frame) -> FeatureOptions {
+    FeatureOptions { check_degrees: frame.crs.is_some(), ..FeatureOptions::default() }
 }
 
 /// Returns the coordinates of a file's features, for transforming them to a frame. They are the
@@ -145,7 +151,7 @@ pub(crate) fn coordinates_in(
     match &reader.schema().crs {
         None => Coordinates::World,
         Some(_) if frame.crs.is_none() => {
-            let text = "the tree has no coordinate system: features are taken to be in its own coordinates";
+            let text = "the tree has no coordinate system; features are assumed to be in its own coordinates";
             progress.warn(path, text);
             Coordinates::World
         }

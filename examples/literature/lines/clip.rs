@@ -29,7 +29,7 @@ struct End {
 pub(super) fn passes<const N: usize>(
     [a, b]: Edge<N>,
     (low, high): ([i64; N], [i64; N]),
-    has_greatest: bool,
+    includes_max: bool,
 ) -> bool {
     let mut first = End { share: Share { above: 0, below: 1 }, has: true };
     let mut last = End { share: Share { above: 1, below: 1 }, has: true };
@@ -37,16 +37,16 @@ pub(super) fn passes<const N: usize>(
         let from = i64::from(a[axis]);
         let along = i64::from(b[axis]) - from;
         if along == 0 {
-            if from < low[axis] || from > high[axis] || from == high[axis] && !has_greatest {
+            if from < low[axis] || from > high[axis] || from == high[axis] && !includes_max {
                 return false;
             }
             continue;
         }
         let below = along.abs();
-        let least = End { share: Share { above: (low[axis] - from) * along.signum(), below }, has: true };
-        let greatest =
-            End { share: Share { above: (high[axis] - from) * along.signum(), below }, has: has_greatest };
-        let (enter, leave) = if along > 0 { (least, greatest) } else { (greatest, least) };
+        let min = End { share: Share { above: (low[axis] - from) * along.signum(), below }, has: true };
+        let max =
+            End { share: Share { above: (high[axis] - from) * along.signum(), below }, has: includes_max };
+        let (enter, leave) = if along > 0 { (min, max) } else { (max, min) };
         match enter.share.compare(first.share) {
             std::cmp::Ordering::Greater => first = enter,
             std::cmp::Ordering::Equal => first.has &= enter.has,

@@ -59,7 +59,7 @@ fn edges<const N: usize>(count: usize, depth: u8, seed: u64) -> Vec<Edge<N>> {
 fn passes_slowly<const N: usize>(
     [a, b]: Edge<N>,
     (low, high): ([i64; N], [i64; N]),
-    has_greatest: bool,
+    includes_max: bool,
 ) -> bool {
     let along: [i64; N] = std::array::from_fn(|axis| i64::from(b[axis]) - i64::from(a[axis]));
     let shares: i64 = 2 * along.iter().map(|along| along.abs().max(1)).product::<i64>();
@@ -67,7 +67,7 @@ fn passes_slowly<const N: usize>(
         (0..N).all(|axis| {
             let at = i64::from(a[axis]) * shares + along[axis] * share;
             let (low, high) = (low[axis] * shares, high[axis] * shares);
-            low <= at && (at < high || has_greatest && at == high)
+            low <= at && (at < high || includes_max && at == high)
         })
     })
 }
@@ -78,9 +78,9 @@ fn check_passes<const N: usize>(size: u64, seed: u64) {
         let mut place = || -> [i32; N] { std::array::from_fn(|_| random(size) as i32) };
         let (edge, corner, other) = ([place(), place()], place().map(i64::from), place());
         let high = std::array::from_fn(|axis| corner[axis] + i64::from(other[axis] % 3) + 1);
-        for has_greatest in [false, true] {
-            let expected = passes_slowly(edge, (corner, high), has_greatest);
-            assert_eq!(passes(edge, (corner, high), has_greatest), expected, "{edge:?} {corner:?} {high:?}");
+        for includes_max in [false, true] {
+            let expected = passes_slowly(edge, (corner, high), includes_max);
+            assert_eq!(passes(edge, (corner, high), includes_max), expected, "{edge:?} {corner:?} {high:?}");
         }
     }
 }
@@ -158,7 +158,7 @@ fn check_trees<const N: usize>(depth: u8, counts: &[usize]) {
             assert!(other.leaves() == expected);
             let (leaves, inner) = tree.counts();
             assert_eq!(leaves, inner * ((1 << N) - 1) + 1);
-            check_questions(&tree, &set, depth);
+            check_queries(&tree, &set, depth);
             // Removing some edges leaves the tree of the others.
             let (gone, stay) = set.split_at(set.len() / 2);
             assert!(gone.iter().all(|[a, b]| tree.remove([*b, *a]) && !tree.remove([*a, *b])));
@@ -169,7 +169,7 @@ fn check_trees<const N: usize>(depth: u8, counts: &[usize]) {
     }
 }
 
-fn check_questions<const N: usize>(tree: &EdgeTree<N>, all: &[Edge<N>], depth: u8) {
+fn check_queries<const N: usize>(tree: &EdgeTree<N>, all: &[Edge<N>], depth: u8) {
     let mut random = random(7);
     for _ in 0..40 {
         let mut place = || -> [i32; N] { std::array::from_fn(|_| random(1 << depth) as i32) };

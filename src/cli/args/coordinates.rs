@@ -11,8 +11,8 @@ use super::parse_crs;
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct CoordinatesOption {
     /// Coordinates in which positions are given: cells (of the deepest level), world (the tree's
-    /// own system), lonlat (longitude and latitude in degrees, WGS 84), EPSG:NUMBER or another
-    /// system as WKT, PROJJSON, '+proj=...' or @FILE
+    /// system), lonlat (WGS 84, degrees), EPSG:NUMBER, WKT, PROJJSON, '+proj=...' or @FILE
+    /// [default: cells for windows, world for points and polygons]
     #[arg(long = "in", value_name = "COORDINATES", value_parser = parse_coordinates)]
     given: Option<Coordinates>,
 }
@@ -22,7 +22,7 @@ fn parse_coordinates(text: &str) -> Result<Coordinates, String> {
         "cells" | "world" | "lonlat" => text.parse().map_err(|error: spinney::Error| error.to_string()),
         _ => parse_crs(text)
             .map(Coordinates::System)
-            .map_err(|error| format!("cells, world, lonlat or a coordinate system; {error}")),
+            .map_err(|error| format!("expected cells, world, lonlat or a coordinate system; {error}")),
     }
 }
 
@@ -39,12 +39,12 @@ impl CoordinatesOption {
 
     /// Returns the conversion from these coordinates (`usual` if none were given) to cells. Prints
     /// remarks on its accuracy as warnings.
-    pub(crate) fn places(&self, tree: &Dataset, usual: Coordinates) -> Result<CellLocator> {
+    pub(crate) fn locator(&self, tree: &Dataset, usual: Coordinates) -> Result<CellLocator> {
         let coordinates = self.given.as_ref().unwrap_or(&usual);
-        let places = CellLocator::new(coordinates, &tree.metadata().frame, tree.header().extent)?;
-        for remark in places.remarks() {
+        let locator = CellLocator::new(coordinates, &tree.metadata().frame, tree.header().extent)?;
+        for remark in locator.remarks() {
             warn(&remark);
         }
-        Ok(places)
+        Ok(locator)
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use spinney::Crs;
 
 /// Maximum number of bytes that are read from a file. Definitions are shorter.
-const MOST: u64 = 2 << 20;
+const MAX_BYTES: u64 = 2 << 20;
 
 /// Reads a definition, or the file that has it: after `@`, or the path of an existing file if the
 /// text is not a definition.
@@ -24,6 +24,7 @@ pub(crate) fn parse_crs(text: &str) -> Result<Crs, String> {
 fn read(path: &str) -> Result<String, String> {
     use std::io::Read as _;
     let mut definition = String::new();
-    let read = std::fs::File::open(path).and_then(|file| file.take(MOST).read_to_string(&mut definition));
-    read.map(|_| definition).map_err(|error| format!("{path}: cannot be read: {error}"))
+    let read =
+        std::fs::File::open(path).and_then(|file| file.take(MAX_BYTES).read_to_string(&mut definition));
+    read.map(|_| definition).map_err(|error| format!("{path}: cannot read: {error}"))
 }

@@ -46,7 +46,7 @@ impl GivenOptions {
     /// message.
     pub(crate) fn check(&self, what: &str, fitting: &[&str]) -> Result<()> {
         match self.other(fitting) {
-            Some(option) => bail!("{option}: means nothing for {what}"),
+            Some(option) => bail!("{option}: has no effect on {what}"),
             None => Ok(()),
         }
     }

@@ -11,6 +11,7 @@ use super::GivenOptions;
 
 /// Options of all subcommands.
 #[derive(clap::Args)]
+#[command(next_help_heading = "Options of all commands")]
 pub(crate) struct Global {
     /// Print errors only
     #[arg(short, long, global = true)]
@@ -18,43 +19,39 @@ pub(crate) struct Global {
     /// Number of threads [default: one per core]
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
-    /// Read files by positioned reads instead of mapping them: for network drives, and files that
-    /// other programs may truncate
+    /// Read files by positioned reads, not by mapping: for network drives
     #[arg(long, global = true)]
     positioned: bool,
-    /// Cache remote reads (https://, s3://, gs://, az://) in this directory
-    #[arg(long, global = true, value_name = "FOLDER")]
+    /// Cache remote reads (https, s3, gs, az) in this directory
+    #[arg(long, global = true, value_name = "DIRECTORY")]
     cache: Option<std::path::PathBuf>,
-    /// Maximum bytes of unpacked segments to cache in memory [default: 64M]
+    /// Maximum bytes of unpacked segments to cache [default: 64M]
     #[arg(long, global = true, value_name = "BYTES", value_parser = super::memory::parse_bytes)]
     cache_memory: Option<u64>,
-    /// Merge remote reads that are at most this many bytes apart into one request [default: 32K]
+    /// Merge remote reads that are at most this many bytes apart [default: 32K]
     #[arg(long, global = true, value_name = "BYTES", value_parser = super::memory::parse_bytes)]
     request_gap: Option<u64>,
-    /// Seconds that a request for a remote file may take, including retries; one attempt may take
-    /// half of them
+    /// Seconds that a request for a remote file may take
     #[arg(
         long,
         global = true,
         value_name = "SECONDS",
         env = "SPINNEY_REMOTE_TIMEOUT",
+        hide_env_values = true,
         default_value_t = 60.0
     )]
     #[arg(value_parser = super::parse_seconds)]
     remote_timeout: f64,
-    /// File of complete URLs, one a line, with the queries (signatures, tokens) and passwords that
-    /// manifests and job plans do not store
-    #[arg(long, global = true, value_name = "FILE", env = "SPINNEY_SIGNED_URLS")]
+    /// File of complete URLs of inputs, with their signatures
+    #[arg(long, global = true, value_name = "FILE", env = "SPINNEY_SIGNED_URLS", hide_env_values = true)]
     signed_urls: Option<std::path::PathBuf>,
-    /// Refuse remote files, including those that other files refer to: for input of unknown origin
+    /// Refuse remote files: for input of unknown origin
     #[arg(long, global = true)]
     no_remote: bool,
-    /// Refuse VRT, NRRD and views files and manifests whose data are in other files: for input of
-    /// unknown origin
+    /// Refuse VRT, NRRD and views files and manifests of other files
     #[arg(long, global = true)]
     no_external: bool,
-    /// Report how files were read: requests for remote files and their bytes, files that were
-    /// mapped or read at positions, unpacked bytes in the cache, and threads
+    /// Report how files were read: requests, bytes, mapping, threads
     #[arg(short, long, global = true)]
     verbose: bool,
     /// Access to files, once the program has [started](Global::start).
@@ -68,7 +65,7 @@ pub(crate) struct Global {
 /// Returns the nonempty lines of a text file.
 #[cfg(feature = "remote")]
 fn lines_of(path: &std::path::Path) -> spinney::Result<Vec<String>> {
-    let text = std::fs::read_to_string(path).map_err(spinney::Error::io(path, "read the URLs of"))?;
+    let text = std::fs::read_to_string(path).map_err(spinney::Error::io(path, "read the URLs"))?;
     Ok(text.lines().map(|line| line.trim().to_string()).filter(|line| !line.is_empty()).collect())
 }
 
@@ -89,7 +86,7 @@ impl Global {
     /// Fails if a given option has no meaning for a file of the kind `what`.
     pub(crate) fn check_options(&self, file: &Path, what: &str, fitting: &[&str]) -> anyhow::Result<()> {
         match self.given.other(fitting) {
-            Some(option) => bail!("{}: is {what}, for which {option} means nothing", file.display()),
+            Some(option) => bail!("{}: is {what}, on which {option} has no effect", file.display()),
             None => Ok(()),
         }
     }
@@ -119,7 +116,7 @@ impl Global {
         #[cfg(feature = "remote")]
         if !self.no_remote {
             let mut options = spinney::remote::RemoteOptions::default();
-            options.folder.clone_from(&self.cache);
+            options.cache_directory.clone_from(&self.cache);
             options.gap = self.request_gap.unwrap_or(options.gap);
             options.limit = Duration::from_secs_f64(self.remote_timeout);
             options.timeout = options.limit / 2;
@@ -142,9 +139,9 @@ impl Global {
     pub(crate) fn finish(&self) {
         if self.verbose {
             let [mapped, positioned] = self.access.opened();
-            let (kept, threads) = (self.access.unpacked().most_held(), rayon::current_num_threads());
+            let (cached, threads) = (self.access.unpacked().max_held(), rayon::current_num_threads());
             eprintln!(
-                "{mapped} files mapped, {positioned} read at positions; at most {kept} unpacked bytes kept; {threads} threads"
+                "{mapped} files mapped, {positioned} read by position; at most {cached} unpacked bytes cached; {threads} threads"
             );
             eprintln!("{}", self.access.traffic());
         }

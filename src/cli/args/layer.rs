@@ -11,9 +11,8 @@ use super::Global;
 /// One or several layers of a file.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct LayerOption {
-    /// Layer of a file that has several, by its name or its number from 0; comma-separated layers
-    /// become the colours of an image, two to four (B04,B03,B02: red, green, blue). FILE:LAYER
-    /// names one as well, wherever a file is named [default: all, where possible]
+    /// Layer of a file that has several: by name or number from 0, also as FILE:LAYER; two to four
+    /// (B04,B03,B02) become the colours of an image [default: all, where possible]
     #[arg(long = "layer", value_name = "LAYER,...")]
     names: Option<String>,
 }
@@ -23,10 +22,10 @@ impl LayerOption {
     pub(crate) fn paths(&self, file: &Path, global: &Global) -> spinney::Result<Vec<PathBuf>> {
         let all = layer_paths(file, global.access())?;
         let Some(names) = &self.names else { return Ok(all) };
-        let place = FileReference::of(file);
+        let reference = FileReference::of(file);
         // (A layer's name may contain commas.)
         let is_name = all.iter().any(|path| FileReference::of(path).layer.as_ref() == Some(names));
-        let named = |name: &str| place.of_layer(name);
+        let named = |name: &str| reference.of_layer(name);
         Ok(if is_name {
             vec![named(names)]
         } else {
@@ -38,11 +37,9 @@ impl LayerOption {
     pub(crate) fn path(&self, file: &Path, global: &Global) -> spinney::Result<PathBuf> {
         match &self.paths(file, global)?[..] {
             [path] => Ok(path.clone()),
-            _ if self.is_given() => Err(spinney::Error::unsupported(
-                file,
-                "several layers where one is read,",
-                "name one: --layer NAME",
-            )),
+            _ if self.is_given() => {
+                Err(spinney::Error::invalid(format!("{}: --layer", file.display()), "several layers", "one"))
+            }
             _ => {
                 only_layer(file, global.access())?;
                 Ok(file.into())

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 
 /// Maximum size of a list, in bytes.
-const MOST: u64 = 64 << 20;
+const MAX_BYTES: u64 = 64 << 20;
 
 /// Replaces each `@file` by the paths in that file: one a line, relative to the file's directory.
 /// Lines that begin with # are comments.
@@ -23,19 +23,19 @@ pub(crate) fn expand_lists(inputs: Vec<PathBuf>) -> Result<Vec<PathBuf>> {
 }
 
 fn read(list: &Path, paths: &mut Vec<PathBuf>) -> Result<()> {
-    let about = || format!("{}: the list of inputs", list.display());
+    let about = || format!("{}: cannot read the list of inputs", list.display());
     let mut text = String::new();
     let file = File::open(list).with_context(about)?;
-    let length = file.take(MOST + 1).read_to_string(&mut text).with_context(about)?;
-    if length as u64 > MOST {
-        bail!("{} has more than {MOST} bytes", about());
+    let length = file.take(MAX_BYTES + 1).read_to_string(&mut text).with_context(about)?;
+    if length as u64 > MAX_BYTES {
+        bail!("{}: the list of inputs is longer than {MAX_BYTES} bytes", list.display());
     }
-    let folder = list.parent().unwrap_or(Path::new(""));
+    let directory = list.parent().unwrap_or(Path::new(""));
     let before = paths.len();
     let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
-    paths.extend(lines.map(|line| folder.join(line)));
+    paths.extend(lines.map(|line| directory.join(line)));
     if paths.len() == before {
-        bail!("{} names no file", about());
+        bail!("{}: the list of inputs is empty", list.display());
     }
     Ok(())
 }

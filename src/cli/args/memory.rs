@@ -23,11 +23,11 @@ pub(crate) fn parse_bytes(text: &str) -> Result<u64, String> {
         "m" | "mb" | "mib" => 2,
         "g" | "gb" | "gib" => 3,
         "t" | "tb" | "tib" => 4,
-        _ => return Err("the unit should be K, M, G or T".into()),
+        _ => return Err("expected the unit K, M, G or T, as in 256M".into()),
     };
-    let number: f64 = number.parse().map_err(|_| "expected a number such as 256M or 1G")?;
+    let number: f64 = number.parse().map_err(|_| "expected a number of bytes, such as 256M or 1G")?;
     let bytes = number * 1024f64.powi(power);
-    if !(1.0..=1e18).contains(&bytes) { Err("out of range".into()) } else { Ok(bytes as u64) }
+    if !(1.0..=1e18).contains(&bytes) { Err("expected 1 to 1e18 bytes".into()) } else { Ok(bytes as u64) }
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Options that several subcommands share, and the parsers of arguments.
 
+mod class;
 mod commit;
 mod coordinates;
 mod crs;
@@ -12,7 +13,7 @@ mod operation;
 mod output;
 mod packing;
 mod part;
-mod places;
+mod positions;
 mod reconcile;
 mod seconds;
 mod size;
@@ -27,6 +28,7 @@ use std::str::FromStr;
 use anyhow::{Result, ensure};
 use spinney::Dataset;
 
+pub(crate) use class::class_value;
 pub(crate) use commit::{CommitOptions, EditOptions};
 pub(crate) use coordinates::CoordinatesOption;
 pub(crate) use crs::parse_crs;
@@ -37,11 +39,12 @@ pub(crate) use list::expand_lists;
 pub(crate) use memory::{DEFAULT_MEMORY, Memory, parse_bytes};
 pub(crate) use operation::{OperationName, parse_operation};
 pub(crate) use output::{
-    OutputFile, OutputLimit, VECTOR_FORMATS, check_output, picture_format, same_file, vector_format,
+    OutputFile, OutputLimit, VECTOR_ENDINGS, VECTOR_FORMATS, check_output, raster_format, same_file,
+    vector_format, vector_format_of,
 };
 pub(crate) use packing::{Packing, packing};
 pub(crate) use part::PartOptions;
-pub(crate) use places::places;
+pub(crate) use positions::positions;
 pub(crate) use reconcile::{MeaningArgs, ReconcileArgs};
 pub(crate) use seconds::parse_seconds;
 pub(crate) use size::{Size, parse_size};
@@ -62,10 +65,10 @@ pub(crate) fn numbers<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> 
 }
 
 /// Returns the level of `--level`, or the deepest if it was not given.
-pub(crate) fn level_of(tree: &Dataset, asked: Option<u8>) -> Result<u8> {
+pub(crate) fn level_of(tree: &Dataset, level_option: Option<u8>) -> Result<u8> {
     let depth = tree.depth();
-    let level = asked.unwrap_or(depth);
-    ensure!(level <= depth, "--level: {level}, the tree's levels are 0 to {depth}");
+    let level = level_option.unwrap_or(depth);
+    ensure!(level <= depth, "--level: got {level}, expected 0 to {depth}, the tree's levels");
     Ok(level)
 }
 

@@ -28,5 +28,5 @@ impl OperationName {
 pub(crate) fn parse_operation(text: &str) -> Result<OperationName, String> {
     let name = OperationName(text.into());
     let is_known = name.is_table() || name.is_partition() || name.operation(Prefer::First).is_some();
-    is_known.then_some(name).ok_or_else(|| "no such operation; see the list in --help".into())
+    is_known.then_some(name).ok_or_else(|| "unknown operation; `spinney help combine` lists them".into())
 }

@@ -15,7 +15,7 @@ use super::memory::parse_bytes;
 #[derive(clap::Args, Clone, Debug)]
 #[group(required = true, multiple = false)]
 pub(crate) struct OutputFile {
-    /// File to write, whose name says the format; - is standard output
+    /// File to write; its name determines the format, - is standard output
     #[arg(short = 'o', long = "output", value_name = "FILE")]
     named: Option<PathBuf>,
     /// File to write, as the last argument
@@ -33,8 +33,8 @@ impl OutputFile {
 /// Maximum size of an output.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub(crate) struct OutputLimit {
-    /// Fail, and leave no file, if the output would have more bytes, such as 500M or 20G [default:
-    /// the free space of its file system]
+    /// Fail, and leave no file, if the output exceeds this size, such as 500M or 20G [default: free
+    /// space of the file system]
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     max_bytes: Option<u64>,
 }
@@ -64,16 +64,22 @@ impl OutputLimit {
 /// Formats of lines and polygons.
 pub(crate) const VECTOR_FORMATS: [&str; 8] = ["geojson", "csv", "svg", "gpkg", "fgb", "shp", "obj", "ply"];
 
+/// Their file name extensions, for messages.
+pub(crate) const VECTOR_ENDINGS: &str = ".geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply";
+
 /// Returns the format of lines and polygons by the argument of `--format`, or else by the output's
 /// name.
 pub(crate) fn vector_format(named: Option<&str>, output: &Path) -> Result<VectorFormat> {
     match named.map(str::parse).transpose()?.or_else(|| VectorFormat::of(output)) {
         Some(format) => Ok(format),
-        None => bail!(
-            "{}: unknown format; use .geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply, or --format",
-            output.display()
-        ),
+        None => bail!("{}: unknown format; use {VECTOR_ENDINGS}, or --format", output.display()),
     }
+}
+
+/// Returns the format of lines and polygons by the output's name, for commands without `--format`.
+pub(crate) fn vector_format_of(output: &Path) -> Result<VectorFormat> {
+    VectorFormat::of(output)
+        .with_context(|| format!("{}: unknown format; use {VECTOR_ENDINGS}", output.display()))
 }
 
 /// Fails if one of the inputs is the output.
@@ -90,10 +96,10 @@ pub(crate) fn same_file(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
-/// Returns the format of an image or array by `asked`, or else by the output's name. `known` lists
-/// formats for the error message.
-pub(crate) fn picture_format(output: &Path, asked: Option<&str>, known: &str) -> Result<Format> {
-    let name = asked.map(|format| Path::new("x").with_extension(format));
+/// Returns the format of an image or array by `format_option`, or else by the output's name.
+/// `known` lists formats for the error message.
+pub(crate) fn raster_format(output: &Path, format_option: Option<&str>, known: &str) -> Result<Format> {
+    let name = format_option.map(|format| Path::new("x").with_extension(format));
     let format = format_of(name.as_deref().unwrap_or(output));
     format.with_context(|| format!("{}: unknown format; use {known}, or --format", output.display()))
 }

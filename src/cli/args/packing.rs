@@ -12,14 +12,13 @@ use super::Memory;
 /// Packing of output trees.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub(crate) struct Packing {
-    /// Packing of the output's segments, and of exact models' blocks and tables: plain ones are
-    /// mapped and used in place, packed ones take fewer bytes and are unpacked when they are used;
-    /// for .goblin files
+    /// Packing of the output's segments: plain (mapped and read in place) or packed (smaller,
+    /// unpacked when read); for .goblin files; in exact models of blocks and tables
     #[arg(long, value_name = "plain|packed", default_value = "plain")]
     codec: Codec,
-    /// Maximum error of cell samples: they are rounded to multiples of a power of two, which makes
-    /// packed segments smaller; coarser levels and statistics are those of the rounded cells. Not
-    /// for classes
+    /// Maximum error of cell samples: they are rounded to multiples of a power of two, so that
+    /// packed segments are smaller. Coarser levels and statistics are computed from the rounded
+    /// cells. Not for classes
     #[arg(long, value_name = "E")]
     max_error: Option<f64>,
 }

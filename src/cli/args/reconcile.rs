@@ -5,12 +5,12 @@ use spinney::raw::ops::{ClassMatching, OutputExtent, ReconcileOptions};
 /// Options for matching classes and units.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(crate) struct MeaningArgs {
-    /// Classes of several files are matched by name (by colour where they have no names), or by
+    /// Classes of several files: match them by name (by colour where they have no names) or by
     /// number [default: name]
     #[arg(long, value_name = "HOW")]
     classes: Option<ClassMatching>,
-    /// Numbers of several files are converted by scale, offset and unit, or used as stored: convert
-    /// or number [default: convert]
+    /// Numbers of several files: convert (by scale, offset and unit) or number (as stored)
+    /// [default: convert]
     #[arg(long, value_name = "HOW", value_parser = ["convert", "number"])]
     units: Option<String>,
 }
@@ -35,9 +35,9 @@ impl MeaningArgs {
 /// The result's extent, and the options for matching classes and units.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(crate) struct ReconcileArgs {
-    /// Extent of the result, on the first file's cells: that of the first (a), of the others (b),
-    /// of all (union) or what all share (intersection) [default: union]
-    #[arg(long, value_name = "PART")]
+    /// Extent of the result, on the first file's cells: of the first (a), of the others (b), of all
+    /// (union) or common to all (intersection) [default: union]
+    #[arg(long, value_name = "EXTENT")]
     extent: Option<OutputExtent>,
     #[command(flatten)]
     meaning: MeaningArgs,

@@ -5,5 +5,5 @@ pub(crate) fn parse_seconds(text: &str) -> Result<f64, String> {
     let seconds: Option<f64> = text.trim().parse().ok();
     seconds
         .filter(|seconds| (0.001..=1e6).contains(seconds))
-        .ok_or_else(|| "expected seconds, as in 30 or 0.5".into())
+        .ok_or_else(|| "expected 0.001 to 1000000 seconds, such as 30 or 0.5".into())
 }

@@ -17,7 +17,7 @@ pub(crate) fn parse_size(text: &str) -> Result<Size, String> {
         }
         None => number(text).map(Size::Longer),
     };
-    size.ok_or_else(|| "expected WxH, as in 1024x512, or the longer side".into())
+    size.ok_or_else(|| "expected WxH, such as 1024x512, or the longer side".into())
 }
 
 impl Size {

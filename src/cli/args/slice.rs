@@ -19,7 +19,7 @@ pub(crate) fn parse_slice(text: &str) -> Result<Slice, String> {
     let coordinate = coordinate.trim().parse().ok().filter(|coordinate: &f64| coordinate.is_finite());
     axis.zip(coordinate)
         .map(|(axis, coordinate)| Slice { axis, coordinate })
-        .ok_or_else(|| "expected z=12, x=3 or y=5".into())
+        .ok_or_else(|| "expected an axis and a coordinate, such as z=12".into())
 }
 
 impl Slice {
@@ -36,22 +36,24 @@ impl Slice {
             let others = (0..3).filter(|other| *other != axis).any(|other| row[other] != 0.0);
             ensure!(
                 !others && row[axis] != 0.0,
-                "--slice: the tree's {name} is not along the world's: give a cell"
+                "--slice: the tree's {name} axis is not parallel to the world's; give a cell, without --in"
             );
             ((coordinate - row[3]) / row[axis]).floor()
         } else {
             ensure!(
                 coordinate.fract() == 0.0,
-                "--slice: {coordinate} is no cell; with --in world it is a place in the world"
+                "--slice: got {coordinate}, expected an integer cell; for a world coordinate, add --in world"
             );
             coordinate
         };
         if !(0.0..cells as f64).contains(&cell) {
             let last = cells - 1;
             if world {
-                bail!("--slice: {name}={coordinate} is outside the tree, in cell {cell} of 0 to {last}");
+                bail!(
+                    "--slice: world {name}={coordinate} is outside of the tree: cell {cell}, expected 0 to {last}"
+                );
             }
-            bail!("--slice: {coordinate} is outside the tree, which has slices 0 to {last}");
+            bail!("--slice: cell {name}={coordinate} is outside of the tree, expected 0 to {last}");
         }
         Ok(cell as u64)
     }

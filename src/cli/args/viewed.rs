@@ -6,7 +6,7 @@ use clap::Args;
 use spinney::raw::brep::ModelView;
 use spinney::raw::ops::{Calculation, LayerInfo, WarpTarget};
 use spinney::raw::store::FileReference;
-use spinney::{Dataset, ViewStep};
+use spinney::{Dataset, ViewOperation};
 
 use super::super::{Global, exact, open};
 use super::{LayerOption, parse_crs};
@@ -16,11 +16,11 @@ use super::{LayerOption, parse_crs};
 pub(crate) struct ViewedTree {
     /// Tree file
     pub(crate) file: PathBuf,
-    /// View the file through an operation of `transform`, such as rotate=30; may be given several
-    /// times. Nothing is built in advance. (Exact models: any affine map for numeric queries, and
-    /// translate= and scale= with one factor for drawing and exporting)
-    #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
-    steps: Vec<ViewStep>,
+    /// View the file through an operation of `transform`, such as rotate=30; repeatable. (Exact
+    /// models: affine maps for numeric queries; only translate= and scale= with one factor for the
+    /// rest)
+    #[arg(long = "view", value_name = "OPERATION", value_parser = parse_step)]
+    steps: Vec<ViewOperation>,
     #[command(flatten)]
     layer: LayerOption,
 }
@@ -51,7 +51,7 @@ impl ViewedTree {
 
     /// Whether the operations calculate one tree from all layers.
     fn is_calculated(&self) -> bool {
-        !self.layer.is_given() && self.steps.iter().any(|step| matches!(step, ViewStep::Calculation(_)))
+        !self.layer.is_given() && self.steps.iter().any(|step| matches!(step, ViewOperation::Calculation(_)))
     }
 
     /// Opens the only chosen layer, viewed through the operations.
@@ -89,8 +89,8 @@ impl ViewedTree {
         // Use the cells of the layer with the smallest cells.
         let depth = named.iter().map(|layer| layer.header.depth()).max();
         let finest = named.iter().find(|layer| Some(layer.header.depth()) == depth).map(|layer| &layer.name);
-        let composite = ViewStep::Calculation(Box::new(Calculation::composite(&names)?));
-        let steps: Vec<ViewStep> = [composite].into_iter().chain(self.steps.iter().cloned()).collect();
+        let composite = ViewOperation::Calculation(Box::new(Calculation::composite(&names)?));
+        let steps: Vec<ViewOperation> = [composite].into_iter().chain(self.steps.iter().cloned()).collect();
         Ok(file.layer(finest.unwrap_or(&names[0]))?.view(&steps)?)
     }
 
@@ -119,13 +119,13 @@ impl ViewedTree {
 }
 
 /// Parses a view operation. A coordinate system may be in a file.
-pub(crate) fn parse_step(text: &str) -> Result<ViewStep, String> {
+pub(crate) fn parse_step(text: &str) -> Result<ViewOperation, String> {
     if let Some(definition) = text.strip_prefix("crs=") {
-        return parse_crs(definition).map(ViewStep::Crs);
+        return parse_crs(definition).map(ViewOperation::Crs);
     }
     if let Some(target) = text.strip_prefix("warp=") {
         let (definition, cell, resampling) = WarpTarget::split(target).map_err(|error| error.to_string())?;
-        return parse_crs(definition).map(|crs| ViewStep::Warp(WarpTarget { crs, cell, resampling }));
+        return parse_crs(definition).map(|crs| ViewOperation::Warp(WarpTarget { crs, cell, resampling }));
     }
     text.parse().map_err(|error: spinney::Error| error.to_string())
 }

@@ -7,7 +7,7 @@ use spinney::raw::partitions::Bintree;
 use spinney::tree::{Source, build_source};
 use spinney::{BuildOptions, DataKind, Output, Progress};
 
-use super::pictures::PictureArgs;
+use super::rasters::RasterArgs;
 use super::{Common, Lines};
 
 /// A bintree that was read, and the options for its tree.
@@ -24,30 +24,31 @@ impl BintreeImport {
     }
 
     /// Reads the bintree. It must be the only input.
-    pub(super) fn plan(inputs: &[PathBuf], pictures: &PictureArgs, common: &Common) -> Result<BintreeImport> {
+    pub(super) fn plan(inputs: &[PathBuf], rasters: &RasterArgs, common: &Common) -> Result<BintreeImport> {
         let [input] = inputs else {
-            bail!("a bintree as an input is the only one; `spinney combine` lays trees over each other")
+            bail!("got {} inputs, expected one bintree; `spinney combine over` merges trees", inputs.len())
         };
         let name = input.display();
-        let of_places = [
-            ("--transform", pictures.transform.is_some()),
+        let of_positions = [
+            ("--transform", rasters.transform.is_some()),
             ("--crs", common.crs.is_some()),
             ("--depth", common.depth.is_some()),
             ("--grid", common.grid.is_some()),
         ];
-        let of_places = of_places.into_iter().find(|(_, given)| *given).map(|(option, _)| option);
+        let of_positions = of_positions.into_iter().find(|(_, given)| *given).map(|(option, _)| option);
         if let Some(option) =
-            pictures.of_cells().or(pictures.of_warping()).or(pictures.of_stacks()).or(of_places)
+            rasters.of_cells().or(rasters.of_warping()).or(rasters.of_stacks()).or(of_positions)
         {
             bail!(
-                "{option}: {name} is a bintree, whose cells are taken as they are; `spinney build` of the tree that it becomes takes more"
+                "{option}: has no effect on {name}, which is a bintree; use it when building from the resulting tree"
             )
         }
         let tree = Bintree::read(input, common.memory.bytes)?;
-        let (kind, rule) = pictures.kind_and_rule();
+        let (kind, rule) = rasters.kind_and_rule();
         let mut options =
             BuildOptions::new(kind.unwrap_or(DataKind::Continuous), tree.depth()).memory(common.memory.bytes);
         options.rule = rule.unwrap_or(options.rule);
+        options.kind.check_rule(options.rule, input)?;
         (options.share, options.time) = (common.share, common.time);
         options.packing = common.packing.choice();
         let description = vec![

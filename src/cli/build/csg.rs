@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use spinney::raw::csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
 use spinney::{Output, Progress};
 
-use super::pictures::PictureArgs;
+use super::rasters::RasterArgs;
 use super::solids::{OF_CELLS, SolidArgs};
 use super::{Common, Grid, Lines};
 
@@ -21,27 +21,26 @@ impl PrimitivesImport {
     pub(super) fn plan(
         inputs: &[PathBuf],
         output: &Path,
-        (pictures, solids, common): (&PictureArgs, &SolidArgs, &Common),
+        (rasters, solids, common): (&RasterArgs, &SolidArgs, &Common),
     ) -> Result<PrimitivesImport> {
         let [input] = inputs else {
-            bail!(
-                "a text of primitives (.csg) is the only input; solids that stand behind each other in one are united"
-            )
+            bail!("got {} inputs, expected one .csg file; consecutive solids in it are united", inputs.len())
         };
-        if pictures.are_given() || common.grid == Some(Grid::Xyz) {
-            bail!("{}: is a solid; the options for pictures and --grid xyz are not for it", input.display());
+        rasters.refuse(input)?;
+        if common.grid == Some(Grid::Xyz) {
+            bail!("--grid xyz: works only with rasters, {} is a model of a solid", input.display());
         }
         let csg = Csg::open(input)?;
         if !solids.brep {
             if let Some(option) = solids.of_exact_models() {
-                bail!("{option} is for exact models: add --brep, without --cells, --cell and --grid");
+                bail!("{option}: works only with --brep, without --cells, --cell and --grid");
             }
             common.given.check("cells of primitives", &OF_CELLS)?;
             let options = solids.options(csg.unit(), output, common)?;
             return Ok(PrimitivesImport::Cells(Box::new(CsgImport::plan(csg, &options)?)));
         }
         if let Some(option) = solids.of_meshes() {
-            bail!("{option} is for the faces of models; {} has primitives", input.display());
+            bail!("{option}: works only with models that have faces; {} has primitives", input.display());
         }
         let fitting = ["--brep", "--deviation", "--snap", "--unit", "--crs", "--codec"];
         common.given.check("an exact model of primitives", &fitting)?;
@@ -78,7 +77,7 @@ impl PrimitivesImport {
         match self {
             PrimitivesImport::Cells(import) => {
                 let is_empty = import.build(output, progress)? == 0;
-                let text = "the tree is empty: the solid has nothing inside, or is thinner than a cell";
+                let text = "the tree is empty: the solid is empty, or thinner than a cell";
                 Ok(is_empty.then(|| ("warning", text.into())).into_iter().collect())
             }
             PrimitivesImport::Exact(csg, options, _) => Ok(lines(
@@ -95,19 +94,19 @@ fn lines(report: &CsgExactReport, unit: Option<String>) -> Lines {
     let CsgExactReport { curved, deviation, facets, displacement, model, ends, .. } = report;
     let mut lines: Lines = ends.iter().map(|ends| ("ends", ends.clone())).collect();
     lines.push(match curved {
-        0 => ("facets", format!("{facets}; all primitives are planar, and exact but for their corners")),
+        0 => ("facets", format!("{facets}; all primitives are planar, and exact except for rounded vertices")),
         _ => (
             "facets",
-            format!("{facets}, with corners on the surfaces; those of the {curved} curved primitives are within {deviation}{unit} of them (--deviation)"),
+            format!("{facets}, with vertices on the surfaces; those of the {curved} curved primitives deviate by at most {deviation}{unit} (--deviation)"),
         ),
     });
     let moved = match *displacement {
-        0.0 => "no corner was moved".into(),
-        most => format!("corners moved by at most {most:e}{unit}"),
+        0.0 => "no vertex was moved".into(),
+        most => format!("vertices moved by at most {most:e}{unit}"),
     };
     let grid = &model.grid;
-    lines.push(("grid", format!("steps of {}{unit}, {} bits; {moved}", grid.width(), grid.bits)));
-    let nothing = if model.after == 0 { ": the solid has nothing inside" } else { "" };
+    lines.push(("grid", format!("units of {}{unit}, {} bits; {moved}", grid.width(), grid.bits)));
+    let nothing = if model.after == 0 { ": the solid is empty" } else { "" };
     lines.push(("faces", format!("{} of the solid{nothing}", model.after)));
     let nodes = model.built.nodes.named();
     let nodes: Vec<String> =

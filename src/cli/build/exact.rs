@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use spinney::import::feature::FeatureFilter;
 use spinney::import::mesh::ExactOptions;
 use spinney::raw::brep::Repair;
@@ -30,7 +30,7 @@ impl ExactImport {
         common: &Common,
     ) -> Result<ExactImport> {
         if solids.deviation.is_some() {
-            bail!("--deviation is for the curved surfaces of primitives (.csg); models have planar faces");
+            bail!("--deviation: works only with primitives (.csg); models have planar faces");
         }
         let fitting = [
             "--brep",
@@ -83,9 +83,11 @@ impl ExactImport {
 /// Returns the indices of the model parts that satisfy the conditions.
 fn chosen_parts(models: &[Box<dyn Model>], filter: &FeatureFilter) -> Result<BTreeSet<u32>> {
     let (names, about) = mesh::parts_of(models);
-    let found = choose_objects(filter, &names, &|part| Ok(about[part as usize].clone()))?;
+    let files = || models.iter().map(|model| model.info().path.display().to_string()).collect::<Vec<_>>();
+    let found = choose_objects(filter, &names, &|part| Ok(about[part as usize].clone()))
+        .with_context(|| files().join(", "))?;
     if found.is_empty() {
-        bail!("--where {filter}: no object is such");
+        bail!("{}: --where {filter}: no object satisfies the conditions", files().join(", "));
     }
     Ok(found)
 }
@@ -93,7 +95,7 @@ fn chosen_parts(models: &[Box<dyn Model>], filter: &FeatureFilter) -> Result<BTr
 /// Returns lines about a repair.
 fn repaired(done: &Repair, unit: &str) -> Lines {
     if done.is_nothing() {
-        return vec![("repaired", "nothing: the surface is in order".into())];
+        return vec![("repaired", "nothing: the surface is valid".into())];
     }
     let Repair { faces, turned, pairs, divided, removed, outside, outside_share, .. } = done;
     let mut lines = vec![];
@@ -105,17 +107,17 @@ fn repaired(done: &Repair, unit: &str) -> Lines {
     lines.push((
         "repaired",
         format!(
-            "{pairs} pairs of faces that met; {divided} faces divided and {removed} removed; new corners are exact, at most \
+            "{pairs} pairs of faces that met; {divided} faces divided and {removed} removed; new vertices are exact, at most \
              {:e}{unit} from the grid",
             done.displacement
         ),
     ));
     let Repair { volume, volume_before, .. } = done;
     let cubic = if unit.is_empty() { String::new() } else { format!("{unit}^3") };
-    lines.push(("volume", format!("{volume:.9}{cubic}; of the surface as it came, with what it goes around twice counted twice, {volume_before:.9}{cubic}")));
+    lines.push(("volume", format!("{volume:.9}{cubic}; before the repair {volume_before:.9}{cubic}, counting space enclosed twice as double")));
     if *outside > 0 {
         let share = outside_share * 100.0;
-        let text = format!("{outside} of the faces removed, {share:.2} percent of the area, bounded nothing");
+        let text = format!("{outside} of the removed faces, {share:.2} percent of the area, bounded nothing");
         lines.push(("left out", text));
     }
     lines
@@ -125,17 +127,17 @@ fn lines(report: &ExactReport, stats: bool) -> Lines {
     let unit = report.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
     let grid = &report.grid;
     let moved = match report.displacement {
-        0.0 => "no corner was moved".into(),
-        most => format!("corners moved by at most {most:e}{unit}"),
+        0.0 => "no vertex was moved".into(),
+        most => format!("vertices moved by at most {most:e}{unit}"),
     };
     let mut lines = vec![
-        ("grid", format!("steps of {}{unit}, {} bits; {moved}", grid.width(), grid.bits)),
-        ("faces", format!("{} of {} read", report.faces, report.read)),
+        ("grid", format!("units of {}{unit}, {} bits; {moved}", grid.width(), grid.bits)),
+        ("faces", format!("{} of the result, {} read", report.faces, report.read)),
     ];
     let counts = [
-        ("cut", report.cut, "faces that the grid has bent, into triangles"),
-        ("fanned", report.fanned, "faces that cross themselves, into triangles"),
-        ("slivers", report.slivers, "faces have no area on the grid; they stay, and bound nothing"),
+        ("cut", report.cut, "faces that are not planar on the grid, into triangles"),
+        ("fanned", report.fanned, "faces that intersect themselves, into triangles"),
+        ("slivers", report.slivers, "faces have no area on the grid; they are kept, and bound nothing"),
         ("collapsed", report.collapsed, "faces are points or lines on the grid, and are left out"),
     ];
     lines.extend(
@@ -147,7 +149,7 @@ fn lines(report: &ExactReport, stats: bool) -> Lines {
     if report.objects + report.skipped.len() as u64 > 1 {
         let left_out = match report.skipped.len() {
             0 => String::new(),
-            count => format!("; {count} LEFT OUT, which are no bodies:"),
+            count => format!("; {count} LEFT OUT, which are not valid bodies:"),
         };
         lines.push(("objects", format!("{}{left_out}", report.objects)));
         lines.extend(
@@ -166,7 +168,9 @@ fn lines(report: &ExactReport, stats: bool) -> Lines {
     }
     if let Some([volume, error]) = report.cells {
         let cubic = if unit.is_empty() { String::new() } else { format!("{unit}^3") };
-        let text = format!("of the models, 128 along the longest side: {volume:.9}{cubic} +- {error:.1e}");
+        let text = format!(
+            "volume of the models by 128 cells along the longest side: {volume:.9}{cubic} +- {error:.1e}"
+        );
         lines.push(("cells", text));
     }
     let nodes = report.built.nodes.named();

@@ -11,13 +11,12 @@ use spinney::raw::import::feature::is_feature_file;
 use spinney::raw::import::rasterize::{FeatureGrid, LineWidth, Overlaps};
 
 use super::super::{args::check_output, open};
-use super::pictures::PictureArgs;
+use super::rasters::RasterArgs;
 use super::solids::SolidArgs;
 use super::{Common, Grid, grid_of};
 
 /// Options for features only.
 #[derive(clap::Args, Clone, Debug)]
-#[command(next_help_heading = "Features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV)")]
 pub(super) struct FeatureArgs {
     /// Value that features give their cells: a number, or an attribute, whose strings become
     /// classes with names [default: 1]
@@ -36,20 +35,20 @@ pub(super) struct FeatureArgs {
     /// points]
     #[arg(long, value_name = "NUMBER|ATTRIBUTE")]
     width: Option<LineWidth>,
-    /// Give each cell the fraction of its area that features cover, from 0 to 1: where polygons
-    /// overlap, their union counts
+    /// Give each cell the fraction of its area that features cover: from 0 to 1; overlapping
+    /// polygons count once
     #[arg(long)]
     fractions: bool,
-    /// Only features for which all conditions hold, as in 'type=Building,lod>=2': =, !=, <, <=, >
-    /// or >= between an attribute and a value; with --brep objects of models, and their parts: id
-    /// and type count as attributes
+    /// Only features for which all conditions hold, as in 'type=Building,height>=10': an
+    /// attribute, one of =, !=, <, <=, > and >=, and a value; with --brep objects of models, and
+    /// their parts: id and type count as attributes
     #[arg(long = "where", value_name = "CONDITION,...")]
     pub(super) filter: Option<FeatureFilter>,
-    /// Attribute with the height of polygons, which are sections of a solid: makes an octree,
-    /// interpolating between sections by their shape
+    /// Attribute with the height of polygons (sections of a solid): make an octree, interpolating
+    /// between sections by their shape
     #[arg(long, value_name = "ATTRIBUTE", conflicts_with = "tin")]
     pub(super) heights: Option<String>,
-    /// Keep features unchanged, in a tree of points or of lines, instead of rasterizing them
+    /// Keep features unchanged, in a tree of points or lines: instead of rasterizing them
     #[arg(long, value_name = "KIND")]
     pub(super) index: Option<Index>,
 }
@@ -100,7 +99,7 @@ impl FeatureArgs {
         &self,
         inputs: &[PathBuf],
         output: &Path,
-        (common, pictures, solids): (&Common, &PictureArgs, &SolidArgs),
+        (common, rasters, solids): (&Common, &RasterArgs, &SolidArgs),
     ) -> Result<FeatureImport> {
         let fitting = [
             "--cells",
@@ -129,8 +128,8 @@ impl FeatureArgs {
         let (cells, cell, edge) = solids.of_features()?;
         let grid = match (grid, cells, cell) {
             (Some(Grid::Xyz), ..) => {
-                let Some(zoom) = pictures.max_zoom else {
-                    bail!("--grid xyz: of features say the deepest zoom, with --max-zoom");
+                let Some(zoom) = rasters.max_zoom else {
+                    bail!("--grid xyz: needs --max-zoom, the deepest zoom, for features");
                 };
                 FeatureGrid::web_mercator(zoom)?
             }
@@ -141,24 +140,24 @@ impl FeatureArgs {
             (None, _, Some(cell)) => FeatureGrid::Cell(cell),
             (None, Some(cells), None) => FeatureGrid::Cells(cells),
             (None, None, None) => bail!(
-                "{}: features need cells: say their width with --cell, in units of the features' coordinates, their number along the longer side with --cells, or another tree's with --grid",
+                "{}: features need cells: give their width with --cell, in units of the features' coordinates, their number along the longer side with --cells, or another tree's with --grid",
                 inputs[0].display()
             ),
         };
-        if !matches!(grid, FeatureGrid::Like(_)) && pictures.max_zoom.is_some() {
-            bail!("--max-zoom is for --grid xyz");
+        if !matches!(grid, FeatureGrid::Like(_)) && rasters.max_zoom.is_some() {
+            bail!("--max-zoom: works only with --grid xyz");
         }
         let mut options = RasterizeOptions::new(grid);
         options.value = self.value.clone().unwrap_or_default();
         options.overlaps = self.overlaps.unwrap_or_default();
         (options.width, options.sample) = (self.width.clone(), self.sample);
         (options.edge, options.fractions) = (edge.unwrap_or_default(), self.fractions);
-        (options.kind, options.rule) = pictures.kind_and_rule();
+        (options.kind, options.rule) = rasters.kind_and_rule();
         (options.depth, options.crs, options.share, options.time) = (*depth, crs.clone(), *share, *time);
         options.packing = common.packing.choice();
         options.memory = memory.bytes;
         options.features = FeatureOptions {
-            layer: pictures.layer.clone(),
+            layer: rasters.layer.clone(),
             filter: self.filter.clone().unwrap_or_default(),
             ..FeatureOptions::default()
         };

@@ -8,19 +8,20 @@ use spinney::lines::LineBuildOptions;
 use super::super::lines::{LineImport, names};
 use super::Common;
 use super::features::FeatureArgs;
-use super::pictures::PictureArgs;
+use super::rasters::RasterArgs;
 use super::solids::SolidArgs;
 
 /// Reads the features' schema, and plans the tree of their lines.
 pub(super) fn plan(
     inputs: &[PathBuf],
-    (common, pictures, solids, features): (&Common, &PictureArgs, &SolidArgs, &FeatureArgs),
+    (common, rasters, solids, features): (&Common, &RasterArgs, &SolidArgs, &FeatureArgs),
 ) -> Result<LineImport> {
     let fitting = ["--crs", "--leaf-size", "--attribute", "--where", "--index", "--layer"];
     common.given.check("lines", &fitting)?;
     let mut options = LineBuildOptions { memory: common.memory.bytes, ..LineBuildOptions::default() };
     options.leaf_size = solids.leaf_size.unwrap_or(options.leaf_size);
-    let mut read = features.kept(pictures.layer.clone());
+    let mut read = features.kept(rasters.layer.clone());
+    read.check_degrees = common.crs.is_none();
     read.attributes = names(solids.attribute.as_deref());
     LineImport::plan(inputs, &read, common.crs.clone(), options)
 }

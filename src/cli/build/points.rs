@@ -11,7 +11,7 @@ use spinney::raw::shards::JobSpec;
 
 use super::Common;
 use super::features::{FeatureArgs, Index};
-use super::pictures::PictureArgs;
+use super::rasters::RasterArgs;
 use super::solids::SolidArgs;
 
 /// Whether to build a tree of points: always for point clouds, for features if `--index points` is
@@ -23,15 +23,19 @@ pub(super) fn are_points(inputs: &[PathBuf], features: &FeatureArgs) -> bool {
 /// Reads the points' schema, and plans the import.
 pub(super) fn plan(
     inputs: &[PathBuf],
-    (common, pictures, solids, features): (&Common, &PictureArgs, &SolidArgs, &FeatureArgs),
+    (common, rasters, solids, features): (&Common, &RasterArgs, &SolidArgs, &FeatureArgs),
 ) -> Result<PointImport> {
     let is_of_features = inputs.iter().all(|input| is_feature_file(input));
     if let Some(other) = inputs.iter().find(|input| !is_of_features && !has_points(input)) {
-        bail!("{}: has no points, as other files have; build a tree of each kind", other.display());
+        let advice = match inputs {
+            [_] => "expected LAS, LAZ, PLY, NPY or features",
+            _ => "unlike other inputs; build a tree of each kind",
+        };
+        bail!("{}: has no points, {advice}", other.display());
     }
     let of_files: &[&str] = if is_of_features { &["--index", "--layer"] } else { &["--index"] };
     let options = import_options(common, solids, of_files)?;
-    let of_features = features.kept(pictures.layer.clone());
+    let of_features = features.kept(rasters.layer.clone());
     Ok(plan_point_files(inputs, &of_features, &options)?)
 }
 

@@ -7,20 +7,20 @@ use spinney::raw::import::feature::is_feature_file;
 use spinney::raw::reconstruction::{ReconstructionImport, plan_outlines, plan_views};
 
 use super::features::FeatureArgs;
-use super::pictures::PictureArgs;
+use super::rasters::RasterArgs;
 use super::solids::{OF_CELLS, SolidArgs};
 use super::{Common, Grid};
 
 /// Fails for options that have no meaning for such solids.
 fn check(input: &Path, solids: &SolidArgs, common: &Common) -> Result<()> {
     if common.grid == Some(Grid::Xyz) {
-        bail!("{}: becomes a solid; --grid xyz is for pictures", input.display());
+        bail!("{}: becomes a solid; --grid xyz works only with rasters", input.display());
     }
     if solids.brep || solids.stats {
-        bail!("{}: becomes cells; --brep and --stats are for models with faces", input.display());
+        bail!("{}: becomes cells; --brep and --stats work only with models that have faces", input.display());
     }
     if let Some(option) = solids.of_exact_models() {
-        bail!("{option} is for exact models, which views and outlines do not become");
+        bail!("{option}: works only with exact models, not with views and outlines");
     }
     Ok(())
 }
@@ -29,14 +29,12 @@ fn check(input: &Path, solids: &SolidArgs, common: &Common) -> Result<()> {
 pub(super) fn views(
     inputs: &[PathBuf],
     output: &Path,
-    (common, pictures, solids): (&Common, &PictureArgs, &SolidArgs),
+    (common, rasters, solids): (&Common, &RasterArgs, &SolidArgs),
 ) -> Result<ReconstructionImport> {
     let [input] = inputs else {
-        bail!("a text that tells views (.views) is the only input; it names the pictures")
+        bail!("got {} inputs, expected one .views file, which names the images", inputs.len())
     };
-    if pictures.are_given() {
-        bail!("{}: becomes a solid; the options for pictures and volumes are not for it", input.display());
-    }
+    rasters.refuse(input)?;
     check(input, solids, common)?;
     common.given.check("views of a solid", &OF_CELLS)?;
     Ok(plan_views(input, &solids.options(None, output, common)?, &common.access)?)
@@ -47,15 +45,15 @@ pub(super) fn outlines(
     inputs: &[PathBuf],
     output: &Path,
     height: &str,
-    (common, pictures, solids, features): (&Common, &PictureArgs, &SolidArgs, &FeatureArgs),
+    (common, rasters, solids, features): (&Common, &RasterArgs, &SolidArgs, &FeatureArgs),
 ) -> Result<ReconstructionImport> {
-    let [input] = inputs else { bail!("--heights: the outlines of a solid are those of one file") };
+    let [input] = inputs else { bail!("--heights: got {} inputs, expected one file", inputs.len()) };
     if !is_feature_file(input) {
-        bail!("--heights is for features that are polygons, {} has none", input.display());
+        bail!("--heights: works only with polygon features, {} has none", input.display());
     }
     check(input, solids, common)?;
     let of_outlines = &["--heights", "--where", "--layer"];
     common.given.check("the outlines of a solid", &[&OF_CELLS[..], of_outlines].concat())?;
     let options = solids.options(None, output, common)?;
-    Ok(plan_outlines(input, height, &features.kept(pictures.layer.clone()), &options)?)
+    Ok(plan_outlines(input, height, &features.kept(rasters.layer.clone()), &options)?)
 }

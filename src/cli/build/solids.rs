@@ -14,23 +14,19 @@ use spinney::raw::space::Up;
 
 use super::super::args::{UNITS, check_output};
 use super::super::open;
-use super::{Common, Grid, Lines, NOT_OF_MODELS, PictureArgs, grid_of};
+use super::{Common, Grid, Lines, RasterArgs, grid_of};
 
 /// Options for models only.
 #[derive(clap::Args, Debug)]
-#[command(
-    next_help_heading = "Solids (PLY, OBJ, STL, OFF, CityJSON, CSG); --cells, --cell and --edge are for features, too"
-)]
 pub(in crate::cli) struct SolidArgs {
-    /// Cells along the longest side of the model, or of the box around features [default: 256 of
-    /// models]
+    /// Cells along the longest side of the model or of all features [default: 256 of models]
     #[arg(long, value_name = "N", conflicts_with_all = ["depth", "grid"])]
     cells: Option<u64>,
     /// Width of a cell, such as 0.5 or 0.5mm; trees with the same width are aligned
     #[arg(long, value_name = "WIDTH", conflicts_with_all = ["cells", "depth", "grid"], value_parser = parse_width)]
     cell: Option<Width>,
-    /// Only the cells that the surface cuts, instead of all that it encloses; a face exactly in a
-    /// wall between cells belongs to those on its inner side
+    /// Only the cells that the surface cuts, not those that it encloses; a face exactly between
+    /// cells cuts those on its inner side
     #[arg(long)]
     shell: bool,
     /// Cells at the edge, which the surface or a polygon's side cuts: centre (those whose centre is
@@ -38,9 +34,9 @@ pub(in crate::cli) struct SolidArgs {
     /// the largest share) [default: centre]
     #[arg(long, value_name = "RULE")]
     edge: Option<EdgeRule>,
-    /// Attribute that cells have: occupancy (255 is full), colour, or part (the number of an
-    /// object, group or material) [default: occupancy]; of points names of those that are kept, as
-    /// in intensity,classification [default: all]
+    /// Attribute of the cells: occupancy (255 is full), colour, or part (the number of an object,
+    /// group or material) [default: occupancy]; for points, names of attributes to keep, as in
+    /// intensity,classification [default: all]
     #[arg(long, value_name = "NAME,...")]
     pub(super) attribute: Option<String>,
     /// Axis that points up in the model, y or z; y is rotated to z [default: z]
@@ -52,26 +48,26 @@ pub(in crate::cli) struct SolidArgs {
     /// Print how the surface was read and what it encloses
     #[arg(long)]
     pub(super) stats: bool,
-    /// Keep the faces unchanged, on a fine grid, instead of making cells: an exact model
+    /// Keep the faces unchanged, on a fine grid: an exact model instead of cells
     #[arg(long, conflicts_with_all = ["cells", "cell", "grid", "depth", "shell", "edge", "attribute", "share", "max_error"])]
     pub(super) brep: bool,
     /// Faces that a leaf may have, whatever their planes have in common; 0 splits nodes until their
-    /// faces have a common point, as in the literature [default: 12]; or points in a leaf node
-    /// [default: 50000], or line segments [default: 1024]
+    /// faces have a common point, as in the literature [default: 12]. For points and lines: points
+    /// [default: 50000] or line segments [default: 1024] of a leaf
     #[arg(long, value_name = "N")]
     pub(super) leaf_size: Option<usize>,
     /// Width of the grid units that vertices are moved to, such as 0.001 [default: the file's own
     /// grid, or the smallest power of two that leaves about 2^24 units along the longest side]
     #[arg(long, value_name = "WIDTH", requires = "brep")]
     pub(super) snap: Option<f64>,
-    /// Maximum distance of facets from the curved surfaces of primitives (.csg), such as 0.01
-    /// [default: a thousandth of the longest side]
+    /// Maximum distance of facets from curved surfaces of primitives (.csg), such as 0.01 [default:
+    /// a thousandth of the longest side]
     #[arg(long, value_name = "DISTANCE", requires = "brep")]
     pub(super) deviation: Option<f64>,
     /// Close an open surface with triangles over its boundaries
     #[arg(long, requires = "brep")]
     pub(super) close: bool,
-    /// Repair a surface that intersects itself, overlaps itself, or is inside out: bodies that are
+    /// Repair a surface that intersects or overlaps itself, or is inside out: bodies that are
     /// inside out are reversed, and faces that bound nothing are removed. Its faces are held in
     /// memory
     #[arg(long, requires = "brep")]
@@ -96,9 +92,9 @@ struct Width(f64, Option<String>);
 fn parse_width(text: &str) -> Result<Width, String> {
     let end = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e').unwrap_or(text.len());
     let (number, unit) = text.split_at(end);
-    let number: f64 = number.trim().parse().map_err(|_| "expected a width such as 0.5 or 0.5mm")?;
+    let number: f64 = number.trim().parse().map_err(|_| "expected a width, such as 0.5 or 0.5mm")?;
     if !unit.is_empty() && metres(unit).is_none() {
-        return Err("the unit should be mm, cm, m, km, in or ft".into());
+        return Err("expected the unit mm, cm, m, km, in or ft".into());
     }
     Ok(Width(number, (!unit.is_empty()).then(|| unit.to_string())))
 }
@@ -128,36 +124,33 @@ pub(super) const OF_CELLS: [&str; 14] = [
 ];
 
 impl SolidArgs {
-    /// Whether any of these options was given: rasters reject them.
-    pub(in crate::cli) fn are_given(&self) -> bool {
-        let SolidArgs {
-            cells,
-            cell,
-            shell,
-            edge,
-            attribute,
-            up,
-            unit,
-            stats,
-            brep,
-            close: _,
-            repair: _,
-            inside: _,
-            skip_bad: _,
-            leaf_size,
-            snap: _,
-            deviation: _,
-        } = self;
-        cells.is_some()
-            || cell.is_some()
-            || *shell
-            || edge.is_some()
-            || attribute.is_some()
-            || leaf_size.is_some()
-            || up.is_some()
-            || unit.is_some()
-            || *stats
-            || *brep
+    /// Fails if one of these options was given for a raster or tree, which has its own cells.
+    pub(in crate::cli) fn refuse(&self, input: &Path) -> Result<()> {
+        let given = [
+            ("--cells", self.cells.is_some()),
+            ("--cell", self.cell.is_some()),
+            ("--shell", self.shell),
+            ("--edge", self.edge.is_some()),
+            ("--attribute", self.attribute.is_some()),
+            ("--leaf-size", self.leaf_size.is_some()),
+            ("--up", self.up.is_some()),
+            ("--unit", self.unit.is_some()),
+            ("--stats", self.stats),
+            // (The other options require it.)
+            ("--brep", self.brep),
+        ];
+        let Some((option, _)) = given.into_iter().find(|(_, given)| *given) else { return Ok(()) };
+        let advice = match option {
+            "--cells" | "--cell" => {
+                "; the input has its own cells: for larger or smaller ones, use scale= of `spinney transform` on the tree, or for rasters --grid TREE"
+            }
+            _ => "",
+        };
+        bail!(
+            "{}: is not a model (PLY, OBJ, STL, OFF, CityJSON, CSG){}, which {option} needs{advice}",
+            input.display(),
+            if ["--cells", "--cell", "--edge"].contains(&option) { " or feature file" } else { "" }
+        )
     }
 
     /// Returns the options that are for features, too: cells along the longer side, their width,
@@ -169,7 +162,7 @@ impl SolidArgs {
         let cell = match &self.cell {
             Some(Width(_, Some(unit))) => {
                 bail!(
-                    "--cell: features' coordinates have the units of their system; say the width without {unit}"
+                    "--cell: got a width in {unit}, expected units of the features' coordinates; leave out {unit}"
                 )
             }
             Some(Width(width, None)) => Some(*width),
@@ -216,16 +209,16 @@ impl SolidArgs {
         &self,
         inputs: Vec<PathBuf>,
         job: &Path,
-        pictures: &PictureArgs,
+        rasters: &RasterArgs,
         common: &Common,
     ) -> Result<JobSpec> {
-        if pictures.are_given() {
-            bail!("{NOT_OF_MODELS}");
+        if let Some(input) = inputs.first() {
+            rasters.refuse(input)?;
         }
         let given = [("--brep", self.brep), ("--stats", self.stats)];
         let given = given.into_iter().find(|(_, is_given)| *is_given).map(|(name, _)| name);
         if let Some(option) = given.or(self.of_exact_models()) {
-            bail!("{option} is not for shards, which make cells of closed models: `spinney build` has it");
+            bail!("{option}: works only with `spinney build`; shards make cells of closed models");
         }
         let models = spinney::raw::import::mesh::open_all_with(&inputs, common.memory.bytes, &common.access)?;
         let unit = models.iter().find_map(|model| model.info().unit.clone());
@@ -253,7 +246,7 @@ impl SolidArgs {
         options.memory = memory.bytes;
         (options.share, options.time) = (*share, *time);
         if self.shell && self.edge.is_some() {
-            bail!("--edge: says which cells belong to a solid; with --shell all that the surface cuts do");
+            bail!("--edge: has no effect with --shell, which keeps all cells that the surface cuts");
         }
         Ok(options)
     }
@@ -268,7 +261,7 @@ impl SolidArgs {
         if let Some(Width(width, given)) = &self.cell {
             let Some(given) = given else { return Ok(Resolution::Cell(*width)) };
             let unit = self.unit.as_deref().or(unit);
-            let unit = unit.context("--cell: the model's unit is not known; tell it with --unit")?;
+            let unit = unit.context("--cell: the model's unit is unknown; set it with --unit")?;
             let of = |unit: &str| metres(unit).with_context(|| format!("unknown unit {unit}; use --unit"));
             return Ok(Resolution::Cell(width * of(given)? / of(unit)?));
         }
@@ -289,8 +282,8 @@ impl SolidArgs {
                      another --cell"
                 }
                 _ => {
-                    "the tree is empty: the surface encloses no cell, as it is open, flat, there twice in \
-                     opposite senses or thinner than a cell; --shell builds the cells that it cuts"
+                    "the tree is empty: the surface encloses no cell, as it is open, flat, doubled with \
+                     opposite orientations or thinner than a cell; --shell builds the cells that it cuts"
                 }
             };
             lines.push(("warning", text.into()));
@@ -309,9 +302,7 @@ impl SolidArgs {
             let (collapsed, all) = (report.collapsed, report.faces);
             lines.push((
                 "collapsed",
-                format!(
-                    "{collapsed} of {all} faces are points or lines on the cells' grid, and count for nothing"
-                ),
+                format!("{collapsed} of {all} faces are points or lines on the cells' grid, and are ignored"),
             ));
         }
         if report.duplicates > 0 {
@@ -319,8 +310,7 @@ impl SolidArgs {
         }
         if self.stats {
             let (faces, degenerate, triangles) = (report.faces, report.degenerate, report.triangles);
-            let text =
-                format!("{faces} read, {triangles} triangles; {degenerate} left out that cover nothing");
+            let text = format!("{faces} read, {triangles} triangles; {degenerate} without area left out");
             lines.push(("faces", text));
             let unit = report.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
             lines.push(("moved", format!("vertices by at most {:e}{unit}", report.displacement)));
@@ -332,8 +322,8 @@ impl SolidArgs {
 
 /// Returns lines about the filter stages of the tests between faces and octants.
 pub(super) fn stage_lines(stages: &Stages) -> Lines {
-    let line = |(name, apart, cutting)| {
-        (name, format!("decided {apart} times that an octant is not cut, {cutting} times that it is"))
+    let line = |(name, missed, cut)| {
+        (name, format!("decided {missed} times that an octant is not cut, {cut} times that it is"))
     };
     stages.named().map(line).collect()
 }

@@ -13,13 +13,12 @@ use spinney::raw::tin::{
 use spinney::{Frame, Output, Progress};
 
 use super::features::FeatureArgs;
-use super::pictures::PictureArgs;
+use super::rasters::RasterArgs;
 use super::solids::SolidArgs;
 use super::{Common, Lines};
 
 /// Options for surfaces only.
 #[derive(clap::Args, Debug)]
-#[command(next_help_heading = "Surfaces of points (features)")]
 pub(super) struct SurfaceArgs {
     /// Triangulated surface (TIN) of points whose heights are an attribute, as a raster (--cell);
     /// with --brep the layers between the surfaces of several attributes, from the top down
@@ -54,11 +53,13 @@ impl SurfaceArgs {
     pub(super) fn plan(
         &self,
         inputs: &[PathBuf],
-        (common, pictures, solids, features): (&Common, &PictureArgs, &SolidArgs, &FeatureArgs),
+        (common, rasters, solids, features): (&Common, &RasterArgs, &SolidArgs, &FeatureArgs),
     ) -> Result<SurfaceImport> {
-        let [input] = inputs else { bail!("--tin: a surface is of the points of one file") };
+        let [input] = inputs else {
+            bail!("--tin: got {} inputs, expected one file of points", inputs.len())
+        };
         if !is_feature_file(input) {
-            bail!("--tin is for features that are points, {} has none", input.display());
+            bail!("--tin: works only with point features, {} has none", input.display());
         }
         let of_both = ["--tin", "--breaklines", "--outline", "--crs", "--where", "--layer", "--codec"];
         let (what, of_one): (_, &[&str]) = match solids.brep {
@@ -72,17 +73,20 @@ impl SurfaceArgs {
         let target = match solids.brep {
             false => {
                 let (None, Some(cell), None) = solids.of_features()? else {
-                    bail!("--tin: say the width of the raster's cells with --cell, or --brep for layers");
+                    bail!("--tin: needs --cell, the width of the raster's cells, or --brep for layers");
                 };
                 if names.len() != 1 {
-                    bail!("--tin: a raster has one height; the layers between several are made with --brep");
+                    bail!(
+                        "--tin: got {} attributes, expected one for a raster; --brep makes the layers between several",
+                        names.len()
+                    );
                 }
                 Target::Raster(cell, common.memory.bytes, packing)
             }
             true => {
                 if names.len() < 2 {
                     bail!(
-                        "--tin: layers lie between two heights or more, from the top down, as in --tin top,base"
+                        "--tin: got one attribute, expected at least two for layers, from the top down, as in --tin top,base"
                     );
                 }
                 let mut options = LayerOptions::new();
@@ -97,8 +101,9 @@ impl SurfaceArgs {
             points: input.clone(),
             heights: names.clone(),
             options: FeatureOptions {
-                layer: pictures.layer.clone(),
+                layer: rasters.layer.clone(),
                 filter: features.filter.clone().unwrap_or_default(),
+                check_degrees: common.crs.is_none(),
                 ..FeatureOptions::default()
             },
             breaklines: self.breaklines.clone(),
@@ -107,10 +112,11 @@ impl SurfaceArgs {
         let mut points = read_surfaces(&files)?;
         if common.crs.is_some() {
             points.crs.clone_from(&common.crs);
+            points.crs_file = None;
         }
         let mut description = vec![("input", input.display().to_string())];
         for ((name, found), without) in names.iter().zip(&points.points).zip(&points.without) {
-            let none = if *without > 0 { format!(", {without} without") } else { String::new() };
+            let none = if *without > 0 { format!(", {without} without a height") } else { String::new() };
             description.push(("heights", format!("{name}: {} points{none}", found.len())));
         }
         Ok(SurfaceImport { points, names, target, provenance, description })
@@ -118,19 +124,19 @@ impl SurfaceArgs {
 }
 
 /// Returns lines about points and breaklines.
-fn told(report: &SurfaceReport) -> Lines {
+fn count_lines(report: &SurfaceReport) -> Lines {
     let counts = [
-        ("duplicates", report.duplicates, "points are where another one is"),
-        ("averaged", report.averaged, "places have several heights, and get their mean"),
+        ("duplicates", report.duplicates, "points have the position of another one"),
+        ("averaged", report.averaged, "positions have several heights, and get their mean"),
         (
             "extended",
             report.extended,
-            "points and corners lie outside of the convex hull of a surface's points; it has the height of its nearest place there",
+            "points and vertices are outside of the convex hull of a surface's points, and get the height of its nearest point",
         ),
         ("crossings", report.crossings, "points were made where the outline crosses a breakline"),
     ];
-    let told = counts.into_iter().filter(|(_, count, _)| *count > 0);
-    told.map(|(name, count, text)| (name, format!("{count} {text}"))).collect()
+    let count_lines = counts.into_iter().filter(|(_, count, _)| *count > 0);
+    count_lines.map(|(name, count, text)| (name, format!("{count} {text}"))).collect()
 }
 
 impl SurfaceImport {
@@ -141,7 +147,7 @@ impl SurfaceImport {
     /// Builds the file. Returns lines about it.
     pub(super) fn build(self, output: Output, progress: &dyn Progress) -> Result<Lines> {
         let SurfaceImport { points, names, target, provenance, .. } = self;
-        let SurfacePoints { points, breaklines, outlines, crs, .. } = points;
+        let SurfacePoints { points, breaklines, outlines, crs, crs_file, .. } = points;
         // (The report counts points whose heights differ.)
         let duplicates = Duplicates::Mean;
         match target {
@@ -152,7 +158,7 @@ impl SurfaceImport {
                 let name = names.into_iter().next().unwrap_or_default();
                 let raster = SurfaceRaster { cell, name, crs, provenance, memory, packing };
                 let [columns, rows] = write_surface(&tin, raster, output, progress)?;
-                let mut lines = told(&report);
+                let mut lines = count_lines(&report);
                 lines.push((
                     "surface",
                     format!("{} triangles, {columns} x {rows} cells", tin.triangles().len()),
@@ -169,18 +175,20 @@ impl SurfaceImport {
                     duplicates,
                 };
                 let frame = Frame { crs: crs.clone(), ..Frame::identity() };
-                let unknown = frame.cell_volume().err();
+                let unknown = frame.cell_volume().err().map(|reason| match (&crs, crs_file) {
+                    (Some(crs), Some(file)) => format!("{}, in {crs}: {reason}", file.display()),
+                    _ => reason.to_owned(),
+                });
                 options.crs = crs;
                 let report = build_layers(&input, &options, output, progress)?;
-                let mut lines = told(&report.surface);
+                let mut lines = count_lines(&report.surface);
                 if report.clipped > 0 {
-                    let text =
-                        "heights of upper surfaces were below the next one, which stays: they lie on it";
+                    let text = "heights of upper surfaces were below the next one, and are raised to it";
                     lines.push(("clipped", format!("{} {text}", report.clipped)));
                 }
                 for layer in &report.layers {
                     let nothing = if layer.volume > 0.0 { "" } else { "; not in the model" };
-                    let measures = match unknown {
+                    let measures = match &unknown {
                         Some(reason) => format!("volume and area unknown: {reason}"),
                         None => format!("volume {}, area {}", layer.volume, layer.area),
                     };

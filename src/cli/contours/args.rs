@@ -16,29 +16,27 @@ const EXAMPLES: &str = "Examples:
   spinney contours scan.goblin --at 127.5 -o bone.ply
   spinney contours scan.goblin --at 300,1200 --ends close --level 7 -o parts.obj
 
-Values go straight from one cell's centre to the next. One that is equal to a level counts as above it;
-four cells that make a saddle, by their mean. Lines of a level never touch: they stay a millionth of a
-cell away from the centres of cells. Higher values are to the right of a line. At the edge of the
-picture lines go on to the edge of its cells.
+Values are interpolated between the centres of cells. A value that is equal to a level counts as
+above it; saddles of four cells are resolved by their mean. Lines of a level never touch: they keep
+a distance of a millionth of a cell from the centres of cells. Higher values are to the right of a
+line. At the edge of the raster, lines continue to the edge of its cells.
 
-Of an octree the surfaces are triangles, counterclockwise seen from where values are lower, and end at
-the centres of the last cells unless they are closed there. Of whole numbers, take a level between two
-of them. Several levels are objects in OBJ, and a property \"level\" of faces in PLY.
+Isosurfaces of an octree are triangles, counterclockwise seen from where values are lower. They end
+at the centres of the last cells unless --ends is close. For integers, use a level between two of
+them. Several levels are objects in OBJ, and a property \"level\" of faces in PLY.
 
-GeoJSON has the coordinates of the file's own coordinate system; if that is not WGS 84, it is named in
-a member \"crs\", as in the format's version of 2008.";
+GeoJSON has the coordinates of the file's own coordinate system; if that is not WGS 84, a member
+\"crs\" names it, as in the format's version of 2008.";
 
-/// Write contour lines of a raster at any level of detail, the areas between them, or isosurfaces
-/// of an octree
+/// Write contour lines of a raster, the areas between them, or isosurfaces
 ///
-/// Isolines of a triangulated surface (TIN: a PLY, OBJ or OFF file, such as `export --tin` writes)
-/// are exact.
+/// Rasters are read at any level of detail. Octrees have isosurfaces. Isolines of a triangulated
+/// surface (TIN: a PLY, OBJ or OFF file, such as `export --tin` writes) are exact.
 ///
 /// The values are those of the first channel. Subtrees whose extremes exclude all levels are not
 /// read. Lines have the attribute value; areas, which are polygons with holes, min and max. Memory
 /// does not grow with the raster's area; with --filled it grows with the number of holes in
-/// polygons that are not complete yet. Incomplete lines are kept in a temporary file next to the
-/// output.
+/// incomplete polygons. Incomplete lines are kept in a temporary file next to the output.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -50,10 +48,10 @@ pub(crate) struct Args {
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true, requires = "every")]
     pub(super) base: f64,
     /// File to write: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp, .obj or .ply, of
-    /// an octree .ply, .obj, .stl or .off; with - standard output
+    /// an octree .ply, .obj, .stl or .off; - is standard output
     #[arg(short, long, value_name = "FILE")]
     pub(super) output: PathBuf,
-    /// Format, if the output's name does not say
+    /// Format [default: by the output's extension]
     #[arg(long, value_parser = ["geojson", "csv", "svg", "gpkg", "fgb", "shp", "obj", "ply", "stl", "off"])]
     pub(super) format: Option<String>,
     /// Areas between neighbouring levels instead of lines
@@ -86,7 +84,7 @@ pub(crate) struct Args {
 #[group(required = true, multiple = false)]
 pub(super) struct LevelOptions {
     /// Distance between neighbouring levels
-    #[arg(long, value_name = "STEP")]
+    #[arg(long, value_name = "INTERVAL")]
     pub(super) every: Option<f64>,
     /// At which values
     #[arg(long, value_name = "V,...", value_delimiter = ',', allow_hyphen_values = true, value_parser = number::<f64>)]

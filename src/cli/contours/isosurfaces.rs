@@ -22,7 +22,7 @@ pub(super) fn run(
     let given = [("--filled", args.filled), ("--smooth", args.smooth > 0), ("--3d", args.has_z)];
     if let Some((option, _)) = given.iter().find(|(_, is_given)| *is_given) {
         let file = args.tree.file.display();
-        bail!("{option}: is for contours of pictures; {file} is an octree, which has isosurfaces");
+        bail!("{option}: works only with contours of rasters; {file} is an octree, which has isosurfaces");
     }
     let format = mesh_format(args)?;
     let work = Work::start(global, "cells")?;
@@ -30,7 +30,7 @@ pub(super) fn run(
         .limit
         .create(&args.output, global)
         .and_then(|output| export_isosurfaces(tree, request, output, format, &work))
-        .with_context(|| format!("cannot write {}", args.output.display()))?;
+        .with_context(|| format!("{}: cannot write", args.output.display()))?;
     work.finish();
     global.report(
         "contours",
@@ -41,10 +41,10 @@ pub(super) fn run(
     );
     report_output(global, &args.output, start);
     if summary.triangles == 0
-        && let Some((least, greatest)) = tree.value_bounds()?.first()
+        && let Some((min, max)) = tree.value_bounds()?.first()
     {
-        let found = format!("has no triangles: values go from {least} to {greatest}");
-        let advice = "and surfaces end where VOID is near, unless --ends is close";
+        let found = format!("has no triangles: values are {min} to {max}");
+        let advice = "and surfaces end near VOID cells unless --ends is close";
         warn(&format!("{}: {found}, {advice}", args.output.display()));
     }
     Ok(())
@@ -55,7 +55,7 @@ fn mesh_format(args: &Args) -> Result<MeshFormat> {
     let named = args.format.as_deref().map(|name| name.parse().ok());
     match named.unwrap_or_else(|| MeshFormat::of(&args.output)) {
         None | Some(MeshFormat::CityJson) => bail!(
-            "{}: no format for isosurfaces of an octree; use .ply, .obj, .stl or .off, or --format",
+            "{}: unknown format for isosurfaces; use .ply, .obj, .stl or .off, or --format",
             args.output.display()
         ),
         Some(format) => Ok(format),

@@ -17,7 +17,7 @@ use spinney::raw::query::ContourEnds;
 pub(crate) use self::args::Args;
 use self::args::Ends;
 use super::args::{check_output, level_of, vector_format};
-use super::report::{Work, report_output};
+use super::report::{Work, report_output, warn};
 use super::{Global, exact};
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -27,7 +27,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         (None, levels) => ContourLevels::At(levels.clone().unwrap_or_default()),
     };
     if exact::open(&args.tree.file, global)?.is_some() {
-        exact::refuse(&args.tree.file, &[("contours", true)])?;
+        exact::refuse(&args.tree.file, &[("`spinney contours`", true)])?;
     }
     if is_model(&args.tree.file, global.access())? {
         return surface::run(args, &levels, global, start);
@@ -55,7 +55,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         .limit
         .create(&args.output, global)
         .and_then(|output| export_contours(&tree, &request, &features, output, format, &work))
-        .with_context(|| format!("cannot write {}", args.output.display()))?;
+        .with_context(|| format!("{}: cannot write", args.output.display()))?;
     work.finish();
     let what = if args.filled { "polygons" } else { "lines" };
     global.report(
@@ -66,5 +66,11 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         ),
     );
     report_output(global, &args.output, start);
+    if summary.count == 0
+        && !args.tree.is_viewed()
+        && let Some((min, max)) = tree.value_bounds()?.first()
+    {
+        warn(&format!("{}: has no {what}: values are {min} to {max}", args.output.display()));
+    }
     Ok(())
 }

@@ -12,7 +12,7 @@ use spinney::raw::tin::{Tin, export_isolines};
 use super::args::Args;
 use crate::cli::Global;
 use crate::cli::args::{check_output, vector_format};
-use crate::cli::report::{Work, report_output};
+use crate::cli::report::{Work, report_output, warn};
 
 /// Bytes per triangle: its vertices, and its entry in the surface, whose triangles store their
 /// neighbours.
@@ -25,7 +25,7 @@ fn check_memory(file: &Path, triangles: u64, memory: u64) -> spinney::Result<()>
     }
     Err(spinney::Error::TooLarge {
         path: file.to_path_buf(),
-        what: "isolines of a surface, of which all triangles are held".into(),
+        what: "isolines of a surface, with all triangles in memory,".into(),
         needed,
         limit: memory,
         advice: "allow more memory (--memory)".into(),
@@ -45,7 +45,7 @@ pub(super) fn run(args: &Args, levels: &ContourLevels, global: &Global, start: I
         crs.clone_from(&model.info().crs);
         model.faces(&mut |face| {
             let [a, b, c] = face.points else {
-                let found = format!("a face of {} corners", face.points.len());
+                let found = format!("a face of {} vertices", face.points.len());
                 return Err(spinney::Error::unsupported(file, found, "contours of a mesh need triangles"));
             };
             triangles.push([*a, *b, *c]);
@@ -53,7 +53,7 @@ pub(super) fn run(args: &Args, levels: &ContourLevels, global: &Global, start: I
         })?;
     }
     let tin = Tin::from_triangles(&triangles).with_context(|| {
-        format!("{}: is no surface over the plane, which has one height at each place", file.display())
+        format!("{}: is not a surface over the plane, which has one height at each position", file.display())
     })?;
     let mut features = ContourFeatures::new();
     (features.smooth, features.has_z) = (args.smooth, args.has_z);
@@ -61,12 +61,18 @@ pub(super) fn run(args: &Args, levels: &ContourLevels, global: &Global, start: I
         .limit
         .create(&args.output, global)
         .and_then(|output| export_isolines(&tin, crs, levels, &features, output, format, &work))
-        .with_context(|| format!("cannot write {}", args.output.display()))?;
+        .with_context(|| format!("{}: cannot write", args.output.display()))?;
     work.finish();
     global.report(
         "contours",
         format_args!("{lines} lines of {points} points, {} triangles", tin.triangles().len()),
     );
     report_output(global, &args.output, start);
+    if lines == 0 {
+        let heights = || triangles.iter().flatten().map(|[_, _, z]| *z);
+        let (min, max) =
+            (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
+        warn(&format!("{}: has no lines: heights are {min} to {max}", args.output.display()));
+    }
     Ok(())
 }

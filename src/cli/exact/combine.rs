@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
-use spinney::raw::brep::{CombineReport, boundary_parts};
+use spinney::raw::brep::{CombineReport, boundary_classes};
 use spinney::raw::io::any_file;
 use spinney::{Codec, CombineOperation, ExactModel, SetOperation};
 
 use super::super::Global;
 use super::super::args::OutputLimit;
 use super::super::report::{Work, print_text, report_output};
-use super::{open, tell_result};
+use super::{open, report_result};
 
 /// Merges several models into one by a set operation.
 pub(in crate::cli) fn combine(
@@ -26,19 +26,19 @@ pub(in crate::cli) fn combine(
     let start = Instant::now();
     let CombineOperation::Set { operation, .. } = operation else {
         bail!(
-            "{}: is an exact model, which has no values: set operations (0 to 15) are for it",
+            "{}: is an exact model, which has no values; use a set operation (0 to 15)",
             files[0].display()
         );
     };
     let models = models(files, global)?;
-    ensure!(!explain || models.len() == 2, "--explain is for two models, not for {}", models.len());
-    ensure!(!explain || path != Path::new("-"), "--explain prints a table: name a file with --output");
+    ensure!(!explain || models.len() == 2, "--explain: got {} models, expected 2", models.len());
+    ensure!(!explain || path != Path::new("-"), "--explain: prints a table; name a file with --output");
     let work = Work::start(global, "faces")?;
     let output = limit.create_tree(path, global)?;
     let models = models.iter().collect::<Vec<_>>();
     let report = spinney::brep::combine(operation, &models, output, codec, memory, &work)?;
     work.finish();
-    tell(&report, files, global);
+    report_combined(&report, files, global);
     report_output(global, path, start);
     if explain { print_text(&table(operation)?) } else { Ok(()) }
 }
@@ -52,16 +52,16 @@ fn table(operation: SetOperation) -> Result<String> {
     for (index, name) in SETS.iter().enumerate() {
         writeln!(text, "{index:5}  {name:7}  {}", has(index))?;
     }
-    text.push_str("index  boundary                               behind   front    bits  taken\n");
-    for part in boundary_parts(operation) {
-        let [behind, front] = part.sets.map(|set| SETS[usize::from(set)]);
+    text.push_str("index  boundary                               back     front    bits  kept\n");
+    for part in boundary_classes(operation) {
+        let [back, front] = part.sets.map(|set| SETS[usize::from(set)]);
         let [a, b] = part.is_inside.map(u8::from);
         let taken = match (part.is_taken(), part.is_turned()) {
             (false, _) => "no",
             (true, false) => "yes",
-            (true, true) => "turned",
+            (true, true) => "reversed",
         };
-        writeln!(text, "{:5}  {:37}  {behind:7}  {front:7}  {a} {b}   {taken}", part.index(), part.name)?;
+        writeln!(text, "{:5}  {:37}  {back:7}  {front:7}  {a} {b}   {taken}", part.index(), part.name)?;
     }
     Ok(text)
 }
@@ -75,7 +75,7 @@ fn models(files: &[PathBuf], global: &Global) -> Result<Vec<ExactModel>> {
             // (A missing file gets its own message.)
             None if !file.exists() => bail!("{}: no such file", file.display()),
             None => bail!(
-                "{}: is no exact model, but others of the files are: make cells of those (`spinney build MODEL.goblin -o \
+                "{}: is not an exact model, but other files are: make cells of those (`spinney build MODEL.goblin -o \
                  CELLS.goblin`), or build it with --brep",
                 file.display()
             ),
@@ -84,17 +84,17 @@ fn models(files: &[PathBuf], global: &Global) -> Result<Vec<ExactModel>> {
     Ok(models)
 }
 
-fn tell(report: &CombineReport, files: &[PathBuf], global: &Global) {
+fn report_combined(report: &CombineReport, files: &[PathBuf], global: &Global) {
     for (file, faces) in files.iter().zip(&report.before) {
         global.report("input", format_args!("{}: {faces} faces", file.display()));
     }
     let CombineReport { near, pairs, divided, after, displacement, .. } = report;
-    global.report("near", format_args!("{near} faces near other bodies; all others go as they are"));
+    global.report("near", format_args!("{near} faces near other bodies; the others are not divided"));
     global.report("contacts", format_args!("{pairs} pairs of faces; {divided} faces divided"));
     if *displacement > 0.0 {
         global.report("moved", format_args!("new vertices, by {displacement} at most, to the grid"));
     }
-    tell_result(*after, report.is_unbounded, &report.built, global);
+    report_result(*after, report.is_unbounded, &report.built, global);
 }
 
 /// Whether any of the files is an exact model.

@@ -37,24 +37,23 @@ pub(crate) fn export(
     let work = Work::start(global, "faces")?;
     let output = global.access().create(path)?;
     let summary = export_exact(faces, format, output, &work)
-        .with_context(|| format!("cannot write {}", path.display()))?;
+        .with_context(|| format!("{}: cannot write", path.display()))?;
     work.finish();
     global.report("mesh", format_args!("{} faces, {} vertices", summary.faces, summary.vertices));
     let (exact, _) = model.exact_faces();
     if exact > 0 {
-        let thin = model.metadata().tag(Tag::ModelThinPlaces);
+        let thin = model.metadata().tag(Tag::ModelIntersections);
         let thin = thin.map_or(String::new(), |count| {
-            format!(", where the surface passes through itself in {count} places")
+            format!(", where the surface intersects itself in {count} positions")
         });
-        global
-            .report("rounded", format_args!("{exact} faces with corners beside the grid, to the grid{thin}"));
+        global.report("rounded", format_args!("{exact} faces with off-grid vertices, to the grid{thin}"));
     }
     if model.is_unbounded() {
-        global.report("far", format_args!("all that is far away is inside: faces look inwards"));
+        global.report("unbounded", format_args!("infinity is inside: faces point inwards"));
     }
     if summary.moved > 0 {
         let moved = summary.moved;
-        global.report("moved", format_args!("{moved} corners, since the format has single precision"));
+        global.report("moved", format_args!("{moved} vertices, since the format has single precision"));
     }
     if summary.collapsed > 0 {
         let collapsed = summary.collapsed;

@@ -73,17 +73,14 @@ fn as_text(model: &ExactModel) -> Result<String> {
     let unit = unit(model);
     writeln!(text, "{}", shown(model.path()))?;
     writeln!(text, "  format      Goblin, exact model")?;
-    let far = if model.is_unbounded() { ", and all that is far away is inside" } else { "" };
+    let far = if model.is_unbounded() { ", unbounded: infinity is inside" } else { "" };
     writeln!(text, "  faces       {}{far}", model.len())?;
-    let (exact, stand_ins) = model.exact_faces();
+    let (exact, proxies) = model.exact_faces();
     if exact > 0 {
-        writeln!(
-            text,
-            "  exact       {exact} faces with corners beside the grid, for which {stand_ins} stand in"
-        )?;
+        writeln!(text, "  exact       {exact} faces with off-grid vertices, {proxies} proxies")?;
     }
-    let steps = format!("steps of {}{unit}, {} bits", grid.width(), grid.bits);
-    writeln!(text, "  grid        {steps}, from {}", list(grid.to_world([0; 3])))?;
+    let units = format!("units of {}{unit}, {} bits", grid.width(), grid.bits);
+    writeln!(text, "  grid        {units}, from {}", list(grid.to_world([0; 3])))?;
     writeln!(text, "  octree      depth {}, {} segments", model.depth(), model.segments())?;
     let nodes = model.nodes();
     let kinds: Vec<String> = nodes.named().iter().map(|(name, count)| format!("{count} {name}")).collect();
@@ -94,7 +91,7 @@ fn as_text(model: &ExactModel) -> Result<String> {
     writeln!(text, "  parts       {}: {}{more}", parts.len(), names.join(", "))?;
     let described = model.parts_with_attributes()?;
     if described > 0 {
-        writeln!(text, "  attributes  of {described} parts (told with --json)")?;
+        writeln!(text, "  attributes  of {described} parts (printed with --json)")?;
     }
     let columns = model.value_columns()?;
     if !columns.is_empty() {

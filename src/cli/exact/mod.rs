@@ -12,13 +12,13 @@ mod transform;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use spinney::brep::Faces;
 use spinney::import::feature::FeatureFilter;
 use spinney::raw::brep::{BuildReport, ModelView, is_model_file};
 use spinney::raw::import::feature::choose_objects;
 use spinney::raw::store::Tag;
-use spinney::{ExactModel, ViewStep};
+use spinney::{ExactModel, ViewOperation};
 
 use super::Global;
 
@@ -27,7 +27,7 @@ pub(super) use export::export;
 pub(super) use find::{LeafKind, find};
 pub(super) use info::info;
 pub(super) use objects::{find_contacts, find_object};
-pub(super) use point::{PointQuestion, points, rays};
+pub(super) use point::{PointQuery, points, rays};
 pub(super) use stats::{each, stats};
 pub(super) use transform::{Moving, transform};
 
@@ -41,7 +41,11 @@ pub(super) fn open(path: &Path, global: &Global) -> Result<Option<ExactModel>> {
 
 /// Opens the exact model in a file, viewed through operations; `None` if the file has anything
 /// else.
-pub(super) fn open_viewed(path: &Path, steps: &[ViewStep], global: &Global) -> Result<Option<ModelView>> {
+pub(super) fn open_viewed(
+    path: &Path,
+    steps: &[ViewOperation],
+    global: &Global,
+) -> Result<Option<ModelView>> {
     let Some(model) = open(path, global)? else { return Ok(None) };
     if steps.is_empty() {
         return Ok(Some(model.into()));
@@ -52,7 +56,7 @@ pub(super) fn open_viewed(path: &Path, steps: &[ViewStep], global: &Global) -> R
         global.report(
             "view",
             format_args!(
-                "places are rounded on the way to the model and back, by less than {most:.0e}{unit}"
+                "positions are rounded when mapped to the model and back, by less than {most:.0e}{unit}"
             ),
         );
     }
@@ -64,9 +68,10 @@ pub(super) fn open_viewed(path: &Path, steps: &[ViewStep], global: &Global) -> R
 /// # Errors
 /// If there is none.
 fn chosen(model: &ExactModel, filter: &FeatureFilter) -> Result<BTreeSet<u32>> {
-    let found = choose_objects(filter, model.parts(), &|part| model.part_attributes(part))?;
+    let found = choose_objects(filter, model.parts(), &|part| model.part_attributes(part))
+        .with_context(|| model.path().display().to_string())?;
     if found.is_empty() {
-        bail!("{}: --where {filter}: no object is such", model.path().display());
+        bail!("{}: --where {filter}: no object satisfies the conditions", model.path().display());
     }
     Ok(found)
 }
@@ -76,26 +81,26 @@ pub(super) const KIND: &str = "an exact model";
 
 /// Fails for options that have no meaning for exact models.
 pub(super) fn refuse(path: &Path, options: &[(&str, bool)]) -> Result<()> {
+    let file = path.display();
     if let Some((name, _)) = options.iter().find(|(_, is_given)| *is_given) {
         bail!(
-            "{}: is an exact model, for which {name} means nothing; make cells of it first",
-            path.display()
+            "{file}: is an exact model, not a tree of cells, which {name} needs; make one: `spinney build {file} -o CELLS.goblin`"
         );
     }
     Ok(())
 }
 
 /// Reports a result's face count, and where its surface intersects itself.
-fn tell_result(faces: u64, is_unbounded: bool, built: &BuildReport, global: &Global) {
+fn report_result(faces: u64, is_unbounded: bool, built: &BuildReport, global: &Global) {
     let count = built.defect_count;
     if count > 0 {
         global.report(
             "thin",
-            format_args!("{count} places where the surface passes through itself on the grid, as"),
+            format_args!("{count} positions where the surface intersects itself on the grid, such as"),
         );
         built.defects.iter().take(5).for_each(|defect| global.report("", format_args!("{defect}")));
     }
-    let far = if is_unbounded { ", around all that is far away" } else { "" };
+    let far = if is_unbounded { ", unbounded: infinity is inside" } else { "" };
     global.report("result", format_args!("{faces} faces{far}"));
 }
 

@@ -25,8 +25,12 @@ pub(crate) fn find_object(
     let parts: Vec<u32> =
         (0..).zip(model.parts()).filter(|(_, own)| *own == name).map(|(part, _)| part).collect();
     if parts.is_empty() {
-        let near = near_names(model.parts(), name).join(", ");
-        bail!("{}: has no object {name}; there are {near}", model.path().display());
+        let (file, near) = (model.path().display(), near_names(model.parts(), name).join(", "));
+        if near.is_empty() {
+            let count = model.parts().len();
+            bail!("{file}: has no object {name} among its {count}; `spinney stats --each {file}` lists them");
+        }
+        bail!("{file}: has no object {name}; similar names are {near}");
     }
     let work = Work::start(global, "faces")?;
     let measures = view.part_measures(memory, &work)?;
@@ -47,21 +51,28 @@ pub(crate) fn find_object(
     Ok(())
 }
 
-/// Returns the names that are most similar to one: first those that contain it or that it contains,
-/// then those with the longest common prefix.
+/// Returns the names that are most similar to one: first those that contain it or that make up most
+/// of it, then those that have at least half of their characters in common with it, at the start
+/// and at the end.
 fn near_names<'a>(names: &'a [String], name: &str) -> Vec<&'a str> {
     /// Maximum number of names.
-    const MOST: usize = 5;
+    const MAX_NAMES: usize = 5;
     let name = name.to_lowercase();
     let likeness = |other: &String| {
         let other = other.to_lowercase();
-        let has = !name.is_empty() && (other.contains(&name) || !other.is_empty() && name.contains(&other));
-        let same = other.chars().zip(name.chars()).take_while(|(a, b)| a == b).count();
-        (has, same)
+        let (most, least) = (other.len().max(name.len()), other.len().min(name.len()));
+        let has = !name.is_empty()
+            && (other.contains(&name) || 2 * other.len() >= name.len() && name.contains(&other));
+        let same = |(a, b): &(u8, u8)| a == b;
+        let start = other.bytes().zip(name.bytes()).take_while(same).count();
+        let end = other.bytes().rev().zip(name.bytes().rev()).take_while(same).count();
+        let common = (start + end).min(least);
+        (has || 2 * common >= most).then_some((has, common))
     };
-    let mut near: Vec<&String> = names.iter().collect();
-    near.sort_by_key(|other| std::cmp::Reverse(likeness(other)));
-    near.into_iter().take(MOST).map(String::as_str).collect()
+    let likely = names.iter().filter_map(|own| likeness(own).map(|likeness| (likeness, own.as_str())));
+    let mut near: Vec<((bool, usize), &str)> = likely.collect();
+    near.sort_by_key(|(likeness, _)| std::cmp::Reverse(*likeness));
+    near.into_iter().take(MAX_NAMES).map(|(_, own)| own).collect()
 }
 
 /// Formats an object as a line of text; without its volume if the unit is unknown.
@@ -119,7 +130,10 @@ pub(crate) fn find_contacts(
     };
     if let Some(view) = view {
         if snap.is_some() {
-            bail!("{}: is an exact model, which has a grid: --snap is for mesh files", file.display());
+            bail!(
+                "{}: is an exact model, which has a grid; --snap works only with mesh files",
+                file.display()
+            );
         }
         let work = Work::start(global, "objects")?;
         let name = |part: u32| view.file().parts().get(part as usize).map_or("", String::as_str);
@@ -134,7 +148,7 @@ pub(crate) fn find_contacts(
             take(&found.contact, [&found.names[0], &found.names[1]])
         })?;
     } else {
-        bail!("{}: is no exact model and no mesh, which --contacts is for", file.display());
+        bail!("{}: is not an exact model or a mesh file, which --contacts needs", file.display());
     }
     Ok(())
 }

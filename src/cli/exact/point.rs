@@ -14,9 +14,9 @@ const BATCH: usize = 1 << 16;
 
 /// A query of points.
 #[derive(Clone, Copy)]
-pub(crate) enum PointQuestion {
+pub(crate) enum PointQuery {
     /// Their location: inside, boundary or outside.
-    Place,
+    Position,
     /// Their location, and the object with the nearest face.
     Object,
     /// Their distance from the surface.
@@ -25,11 +25,11 @@ pub(crate) enum PointQuestion {
 
 /// Prints a result for each point, given in the world: points of the command line, or of standard
 /// input if there are none.
-pub(crate) fn points(view: &ModelView, points: &[String], question: PointQuestion) -> Result<()> {
-    each_batch(view, points, "X,Y,Z", &mut |points, _, out| match question {
-        PointQuestion::Place => answer(view, points, out),
-        PointQuestion::Object => answer_objects(view, points, out),
-        PointQuestion::Distance => answer_distances(view, points, out),
+pub(crate) fn points(view: &ModelView, points: &[String], query: PointQuery) -> Result<()> {
+    each_batch(view, points, "X,Y,Z", &mut |points, _, out| match query {
+        PointQuery::Position => print_locations(view, points, out),
+        PointQuery::Object => print_objects(view, points, out),
+        PointQuery::Distance => print_distances(view, points, out),
     })
 }
 
@@ -43,7 +43,7 @@ pub(crate) fn rays(view: &ModelView, rays: &[String], is_all: bool) -> Result<()
         let parts: Vec<spinney::Result<Vec<u8>>> = rays
             .par_chunks(1 << 10)
             .enumerate()
-            .map(|(part, rays)| answer_rays(view, rays, first + (part << 10) as u64, is_all))
+            .map(|(part, rays)| format_rays(view, rays, first + (part << 10) as u64, is_all))
             .collect();
         parts.into_iter().try_for_each(|part| Ok(out.write_all(&part?)?))
     })
@@ -51,7 +51,7 @@ pub(crate) fn rays(view: &ModelView, rays: &[String], is_all: bool) -> Result<()
 
 /// Function that prints results for lines of `N` numbers. The second argument is the first line's
 /// number.
-type Answer<'a, const N: usize> = dyn FnMut(&[[f64; N]], u64, &mut dyn Write) -> Result<()> + 'a;
+type LinePrinter<'a, const N: usize> = dyn FnMut(&[[f64; N]], u64, &mut dyn Write) -> Result<()> + 'a;
 
 /// Reads lines of numbers of the command line, or of standard input if there are none, and
 /// processes them in batches.
@@ -59,12 +59,12 @@ fn each_batch<const N: usize>(
     view: &ModelView,
     lines: &[String],
     wanted: &str,
-    answer: &mut Answer<'_, N>,
+    print: &mut LinePrinter<'_, N>,
 ) -> Result<()> {
     let mut out = PrintableWriter::new(io::BufWriter::with_capacity(1 << 20, io::stdout().lock()));
     if !lines.is_empty() {
         let lines = lines.iter().zip(1..).map(|(text, number)| parse(text, "point", number, wanted));
-        answer(&lines.collect::<Result<Vec<_>>>()?, 1, &mut out)?;
+        print(&lines.collect::<Result<Vec<_>>>()?, 1, &mut out)?;
     } else {
         let (mut batch, mut first) = (Vec::with_capacity(BATCH), 1);
         for (line, number) in io::stdin().lock().lines().zip(1..) {
@@ -74,19 +74,19 @@ fn each_batch<const N: usize>(
             }
             batch.push(parse(&line, "standard input, line", number, wanted)?);
             if batch.len() == BATCH {
-                answer(&batch, first, &mut out)?;
+                print(&batch, first, &mut out)?;
                 first += batch.len() as u64;
                 batch.clear();
             }
         }
-        answer(&batch, first, &mut out)?;
+        print(&batch, first, &mut out)?;
     }
     out.flush()?;
     Ok(view.file().check_unchanged()?)
 }
 
 fn parse<const N: usize>(line: &str, from: &str, number: u64, wanted: &str) -> Result<[f64; N]> {
-    let wrong = || anyhow!("{from} {number}: `{}` is not {wanted}", line.trim());
+    let wrong = || anyhow!("{from} {number}: got `{}`, expected {wanted}", line.trim());
     let words = line.split([',', ' ', '\t', ';']).map(str::trim).filter(|word| !word.is_empty());
     let numbers: Vec<f64> = words
         .map(|word| word.parse().ok().filter(|number: &f64| number.is_finite()))
@@ -97,7 +97,7 @@ fn parse<const N: usize>(line: &str, from: &str, number: u64, wanted: &str) -> R
     if N == 6 && numbers[3..].iter().all(|along| *along == 0.0) { Err(wrong()) } else { Ok(numbers) }
 }
 
-fn answer(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
+fn print_locations(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
     let parts: Vec<_> = points
         .par_chunks(1 << 12)
         .map(|part| {
@@ -121,7 +121,7 @@ fn name_of(location: Location) -> &'static str {
     }
 }
 
-fn answer_objects(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
+fn print_objects(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
     let object = |point: &[f64; 3]| -> spinney::Result<(Location, Option<u32>)> {
         let location = view.locate(*point)?;
         let nearest = if location == Location::Outside { None } else { view.nearest(*point)? };
@@ -140,14 +140,14 @@ fn answer_objects(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) ->
     Ok(())
 }
 
-fn answer_distances(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
+fn print_distances(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
     let distances: Vec<spinney::Result<f64>> =
         points.par_iter().with_min_len(1 << 6).map(|point| view.signed_distance(*point)).collect();
     distances.into_iter().try_for_each(|distance| Ok(writeln!(out, "{}", distance?)?))
 }
 
 /// Formats the hits of rays. `first` is the first ray's number.
-fn answer_rays(view: &ModelView, rays: &[[f64; 6]], first: u64, is_all: bool) -> spinney::Result<Vec<u8>> {
+fn format_rays(view: &ModelView, rays: &[[f64; 6]], first: u64, is_all: bool) -> spinney::Result<Vec<u8>> {
     let (mut text, mut caster) = (Vec::new(), view.rays());
     for ([x, y, z, u, v, w], ray) in rays.iter().zip(first..) {
         let (from, along) = ([*x, *y, *z], [*u, *v, *w]);

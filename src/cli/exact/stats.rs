@@ -17,7 +17,7 @@ use spinney::raw::io::shown;
 use spinney::raw::store::Tag;
 
 use super::super::Global;
-use super::super::args::{check_output, vector_format};
+use super::super::args::{check_output, vector_format_of};
 use super::super::report::{Work, print_json, print_text, printed_output, report_output, warn};
 use super::{chosen, list, unit};
 
@@ -59,7 +59,7 @@ pub(crate) fn each(
     };
     let (format, output) = match path {
         Some(path) => {
-            let format = vector_format(None, path)?;
+            let format = vector_format_of(path)?;
             check_output([model.path()], path)?;
             (format, global.access().create(path)?)
         }

@@ -7,17 +7,17 @@ use anyhow::Result;
 use spinney::brep::{Faces, Motion, TransformOptions};
 use spinney::raw::brep::TransformReport;
 use spinney::raw::ops::AffineMap;
-use spinney::{ExactModel, ViewStep};
+use spinney::{ExactModel, ViewOperation};
 
 use super::super::Global;
 use super::super::args::OutputLimit;
 use super::super::report::{Work, report_output};
-use super::{tell_result, unit};
+use super::{report_result, unit};
 
 /// A model, and the operations that transform it.
 pub(in crate::cli) struct Moving<'a> {
     pub(in crate::cli) model: &'a ExactModel,
-    pub(in crate::cli) steps: &'a [ViewStep],
+    pub(in crate::cli) steps: &'a [ViewOperation],
     pub(in crate::cli) options: TransformOptions,
 }
 
@@ -33,54 +33,54 @@ pub(in crate::cli) fn transform(
     let mut maps = Vec::new();
     for step in steps {
         match step {
-            ViewStep::Crs(crs) => options.crs = Some(crs.clone()),
+            ViewOperation::Crs(crs) => options.crs = Some(crs.clone()),
             step => maps.push(step.clone()),
         }
     }
     let motion = motion(&maps)?;
-    let texts: Vec<String> = steps.iter().map(ViewStep::to_string).collect();
-    options.note = (!texts.is_empty()).then(|| texts.join(", "));
+    let operations: Vec<String> = steps.iter().map(ViewOperation::to_string).collect();
+    options.note = (!operations.is_empty()).then(|| operations.join(", "));
     let work = Work::start(global, "faces")?;
     let output = limit.create_tree(path, global)?;
     let report = spinney::brep::transform(model, &motion, &options, output, &work)?;
     work.finish();
     global.report("input", format_args!("{}: {} faces", model.path().display(), report.before));
     let unit = options.unit.map_or_else(|| unit(model), |unit| format!(" {unit}"));
-    tell(&report, &unit, model.is_unbounded(), global);
+    report_transformed(&report, &unit, model.is_unbounded(), global);
     report_output(global, path, start);
     Ok(())
 }
 
 /// Returns the composition of the operations as a map of the world.
-pub(super) fn motion(steps: &[ViewStep]) -> Result<Motion> {
+pub(super) fn motion(steps: &[ViewOperation]) -> Result<Motion> {
     let map =
         steps.iter().try_fold(AffineMap::IDENTITY, |map, step| step.as_map().map(|next| map.then(&next)))?;
     Ok(Motion::from_rows(map.to_rows())?)
 }
 
-fn tell(report: &TransformReport, unit: &str, is_unbounded: bool, global: &Global) {
+fn report_transformed(report: &TransformReport, unit: &str, is_unbounded: bool, global: &Global) {
     let TransformReport { is_exact, displacement, grid, cut, collapsed, rounded, after, .. } = report;
     let moved = match (is_exact, displacement) {
         (true, 0.0) => "exactly".into(),
         (true, _) => {
-            format!("exactly, but to a place {displacement}{unit} beside: the nearest whole number of steps")
+            format!("exactly, but {displacement}{unit} off: translations are rounded to grid units")
         }
-        (false, 0.0) => "onto points of a new grid, all of them exactly".into(),
-        (false, _) => format!("onto points of a new grid, by at most {displacement}{unit}"),
+        (false, 0.0) => "to a new grid, exactly".into(),
+        (false, _) => format!("to a new grid, which rounds by at most {displacement}{unit}"),
     };
-    global.report("corners", format_args!("moved {moved}"));
-    global.report("grid", format_args!("steps of {}{unit}, {} bits", grid.width(), grid.bits));
+    global.report("vertices", format_args!("moved {moved}"));
+    global.report("grid", format_args!("units of {}{unit}, {} bits", grid.width(), grid.bits));
     if *cut > 0 {
         global.report(
             "cut",
-            format_args!("{cut} faces into triangles: their corners lie in no plane on the grid"),
+            format_args!("{cut} faces into triangles: their vertices are not coplanar on the grid"),
         );
     }
     if *collapsed > 0 {
         global.report("left out", format_args!("{collapsed} faces that are points or lines on the grid"));
     }
     if *rounded > 0 {
-        global.report("ROUNDED", format_args!("{rounded} faces with corners beside the grid, to the grid"));
+        global.report("ROUNDED", format_args!("{rounded} faces with off-grid vertices, to the grid"));
     }
-    tell_result(*after, is_unbounded, &report.built, global);
+    report_result(*after, is_unbounded, &report.built, global);
 }

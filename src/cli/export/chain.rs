@@ -17,14 +17,13 @@ use super::Args;
 
 /// Options of chain codes.
 #[derive(clap::Args)]
-#[command(next_help_heading = "Chain codes (.chain)")]
 pub(super) struct ChainOptions {
-    /// Chain directions: 4, along the sides of cells, or 8, from cell to cell at the borders of
-    /// regions [default: 4; of lines 8]
+    /// Chain directions: 4 (along the sides of cells) or 8 (from cell to cell along the borders of
+    /// regions) [default: 4; for lines 8]
     #[arg(long, value_name = "4|8")]
     directions: Option<ChainDirections>,
     /// Lines of a feature file instead of regions, as chains of their nearest cells, of class 1;
-    /// the tree has the grid of the cells
+    /// the tree defines the grid
     #[arg(long, value_name = "FILE")]
     lines: Option<PathBuf>,
 }
@@ -41,7 +40,7 @@ impl ChainOptions {
 pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     if exact::open(&args.tree.file, global)?.is_some() {
-        exact::refuse(&args.tree.file, &[("a chain code", true)])?;
+        exact::refuse(&args.tree.file, &[(".chain", true)])?;
     }
     let tree = args.tree.open(global)?;
     let ChainOptions { directions, lines } = &args.chain;
@@ -49,7 +48,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output(inputs.into_iter().flatten().map(PathBuf::as_path), args.output.path())?;
     let level = level_of(&tree, args.mesh.level)?;
     if let Some(file) = lines {
-        ensure!(args.polygons.given().is_none(), "--class and --connect are for regions, not for --lines");
+        ensure!(args.polygons.given().is_none(), "--class and --connect: have no effect on --lines");
         let writer = |work: &Work| -> Result<ChainWriter> {
             let output = global.access().create(args.output.path())?;
             let directions = directions.unwrap_or(ChainDirections::Eight);
@@ -58,12 +57,12 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
         let (count, chains) = write_lines(file, &tree, level, writer, global)?;
         global.report("chains", format_args!("{chains} of {count} lines"));
     } else {
-        let request = args.polygons.request(level)?;
+        let request = args.polygons.request(&tree, level)?;
         let work = Work::start(global, "cells")?;
         let output = global.access().create(args.output.path())?;
         let directions = directions.unwrap_or(ChainDirections::Four);
         let summary = export_chain_code(&tree, &request, directions, output, &work)
-            .with_context(|| format!("cannot write {}", args.output.path().display()))?;
+            .with_context(|| format!("{}: cannot write", args.output.path().display()))?;
         work.finish();
         global.report("chains", format_args!("{} of {} regions", summary.rings, summary.count));
     }
@@ -80,15 +79,16 @@ fn write_lines(
     global: &Global,
 ) -> Result<(u64, u64)> {
     check_features(file, "--lines")?;
-    let mut reader =
-        open_features(file, &FeatureOptions { attributes: Some(Vec::new()), ..FeatureOptions::default() })?;
     let frame = tree.metadata().frame.coarser(tree.depth() - level);
+    let (attributes, check_degrees) = (Some(Vec::new()), frame.crs.is_some());
+    let options = FeatureOptions { attributes, check_degrees, ..FeatureOptions::default() };
+    let mut reader = open_features(file, &options)?;
     // (If one of both has no coordinate system, both are assumed to have the same.)
-    let told = reader.schema().crs.clone().filter(|_| frame.crs.is_some());
-    let coordinates = told.map_or(Coordinates::World, Coordinates::System);
-    let places = CellLocator::new(&coordinates, &frame, tree.extent_at(level).max)?;
+    let crs_of_lines = reader.schema().crs.clone().filter(|_| frame.crs.is_some());
+    let coordinates = crs_of_lines.map_or(Coordinates::World, Coordinates::System);
+    let locator = CellLocator::new(&coordinates, &frame, tree.extent_at(level).max)?;
     let work = Work::start(global, "features")?;
-    places.remarks().iter().for_each(|remark| work.warn(file, remark));
+    locator.remarks().iter().for_each(|remark| work.warn(file, remark));
     let mut writer = writer(&work)?;
     let (mut count, mut chains, mut others) = (0, 0, 0u64);
     let total = reader.schema().count.unwrap_or(0);
@@ -101,7 +101,7 @@ fn write_lines(
                     for line in lines {
                         count += 1;
                         // (A line is split where the tree's system cannot represent its points.)
-                        let cells: Vec<_> = line.iter().map(|[x, y]| places.cell([*x, *y, 0.0])).collect();
+                        let cells: Vec<_> = line.iter().map(|[x, y]| locator.cell([*x, *y, 0.0])).collect();
                         for part in cells.split(Option::is_none).filter(|part| !part.is_empty()) {
                             let corners: Vec<[f64; 2]> =
                                 part.iter().flatten().map(|[x, y, _]| [*x, *y]).collect();
@@ -116,7 +116,7 @@ fn write_lines(
         work.advance(1, total);
     }
     if others > 0 {
-        work.warn(file, &format!("{others} of its points and polygons are no lines, and are left out"));
+        work.warn(file, &format!("{others} points and polygons are ignored: chains are made of lines"));
     }
     writer.finish()?;
     work.finish();

@@ -14,7 +14,6 @@ use super::Args;
 
 /// Options of cloud-optimized GeoTIFF.
 #[derive(clap::Args)]
-#[command(next_help_heading = "Cloud-optimized GeoTIFF")]
 pub(super) struct CogOptions {
     /// Compression of tiles, always lossless [default: deflate]
     #[arg(long, value_name = "METHOD")]
@@ -62,7 +61,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let work = Work::start(global, "cells")?;
     let output = global.access().create(args.output.path())?;
     let summary = export_cog(&tree, &request, output, &work)
-        .with_context(|| format!("cannot write {}", args.output.path().display()))?;
+        .with_context(|| format!("{}: cannot write", args.output.path().display()))?;
     work.finish();
     let masks = if summary.has_masks { ", with masks" } else { "" };
     let sparse = summary.sparse_tiles;

@@ -16,16 +16,16 @@ use super::Args;
 pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     if args.tree.is_viewed() {
-        bail!("--view: the text is that of the whole solid, as it was built");
+        bail!("--view: has no effect on .csg, the text that the whole solid was built from");
     }
     let (file, path) = (&args.tree.file, args.output.path());
     check_output([file.as_path()], path)?;
     let write = |metadata: &Metadata| -> Result<()> {
         let Some(text) = metadata.tag(Tag::Csg) else {
-            bail!("{}: was not built of a text of primitives (.csg)", file.display());
+            bail!("{}: has no CSG text; only solids built from .csg files have one", file.display());
         };
         let mut output = global.access().create(path)?;
-        output.write_all(text.as_bytes()).map_err(spinney::Error::io(path, "write the text"))?;
+        output.write_all(text.as_bytes()).map_err(spinney::Error::io(path, "write"))?;
         output.commit()?;
         // (Operations and edits keep tags unchanged, and add to the provenance.)
         if let [_, later @ ..] = &metadata.provenance[..]
@@ -34,13 +34,13 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
             let later = later.join("; ");
             global.report(
                 "warning",
-                format_args!("the text is that of the solid as it was built, before: {later}"),
+                format_args!("the CSG text is that of the solid as built, before: {later}"),
             );
         }
         Ok(())
     };
     match args.tree.open_model(global)? {
-        Some(view) => write(view.as_model("the text")?.metadata())?,
+        Some(view) => write(view.as_model("the CSG text")?.metadata())?,
         None => write(args.tree.open(global)?.metadata())?,
     }
     report_output(global, path, start);

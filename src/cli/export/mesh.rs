@@ -1,8 +1,10 @@
 //! The surface of a solid as a mesh.
 
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
+use spinney::Dataset;
 use spinney::export::{MeshFormat, MeshRequest, export_mesh};
 use spinney::import::feature::FeatureFilter;
 
@@ -13,7 +15,6 @@ use super::Args;
 
 /// Options of meshes.
 #[derive(clap::Args)]
-#[command(next_help_heading = "Meshes of octrees")]
 pub(super) struct MeshOptions {
     /// Level of detail: the file's depth (the default) is the original cells. A coarser cell is
     /// solid if it is at least half full (rule occupancy), or if any cell below it is not VOID
@@ -27,9 +28,9 @@ pub(super) struct MeshOptions {
     /// Triangles only, in PLY, OBJ and OFF too; also of exact models
     #[arg(long)]
     pub(super) triangles: bool,
-    /// Only features for which all conditions hold, as in 'type=Building,lod>=2': =, !=, <, <=, >
-    /// or >= between an attribute and a value; of exact models objects, with their parts, where id
-    /// and type count as attributes
+    /// Only features for which all conditions hold, as in 'type=Building,height>=10': an
+    /// attribute, one of =, !=, <, <=, > and >=, and a value; of exact models objects, with their
+    /// parts, where id and type count as attributes
     #[arg(long = "where", value_name = "CONDITION,...")]
     pub(super) filter: Option<FeatureFilter>,
 }
@@ -45,6 +46,16 @@ impl MeshOptions {
         ];
         given.iter().find(|(_, is_given)| *is_given).map(|(name, _)| *name)
     }
+}
+
+/// Fails for a raster, whose surface is a TIN.
+pub(super) fn check_octree(tree: &Dataset, file: &Path) -> Result<()> {
+    ensure!(
+        tree.header().form.axes() == 3,
+        "{}: is a quadtree, expected an octree of a solid; for the surface of a raster (.ply, .obj, .off), add --tin ERROR",
+        file.display()
+    );
+    Ok(())
 }
 
 /// Writes a mesh of an octree or of an exact model.
@@ -63,15 +74,16 @@ pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()
             global,
         );
     }
-    ensure!(filter.is_none(), "--where is for exact models, which have objects");
+    ensure!(filter.is_none(), "--where: works only with exact models, which have objects");
     let tree = args.tree.open(global)?;
+    check_octree(&tree, &args.tree.file)?;
     check_output([args.tree.file.as_path()], args.output.path())?;
     let mut request = MeshRequest::new();
     (request.level, request.smooth, request.triangles) = (level, smooth, triangles);
     let work = Work::start(global, "cells")?;
     let output = global.access().create(args.output.path())?;
     let summary = export_mesh(&tree, &request, output, format, &work)
-        .with_context(|| format!("cannot write {}", args.output.path().display()))?;
+        .with_context(|| format!("{}: cannot write", args.output.path().display()))?;
     work.finish();
     global.report("mesh", format_args!("{} faces, {} vertices", summary.faces, summary.vertices));
     report_output(global, args.output.path(), start);

@@ -14,59 +14,18 @@ mod tin;
 use std::path::Path;
 use std::str::FromStr;
 
-use anyhow::{Result, bail, ensure};
-use spinney::export::MeshFormat;
+use anyhow::{Result, anyhow, bail, ensure};
+use spinney::export::{MeshFormat, VectorFormat};
+use spinney::raw::export::image::format_of;
 use spinney::raw::export::tiles::TileTarget;
+use spinney::raw::points::PointFormat;
 
 use super::Global;
-use super::args::{OutputFile, PartOptions, ViewedTree};
+use super::args::{OutputFile, PartOptions, VECTOR_ENDINGS, VECTOR_FORMATS, ViewedTree};
 
-/// Write a tree in the format of other programs: tiles or a cloud-optimized GeoTIFF of a raster,
-/// polygons or chain codes of classes, a mesh of a solid
+/// Write a tree in other formats: web tiles, GeoTIFF, polygons, meshes, pages
 ///
-/// The output's name selects the format, or else --format: .tif, .pmtiles, .mbtiles or a pattern
-/// such as 'map/{z}/{x}/{y}.png' for rasters; .ply, .obj, .stl, .off, .glb or 'x/tileset.json' (3D
-/// Tiles) for solids, for exact models .city.json, too; .csg is the CSG text that a solid was built
-/// from; .html is a page that shows any of them.
-///
-/// A cloud-optimized GeoTIFF (.tif) has the tree's own levels as its overviews, in tiles, with the
-/// tree's statistics, palette, names and coordinate system.
-///
-/// Tiles are squares of the world in web mercator, zoom by zoom: an archive (.pmtiles, .mbtiles),
-/// or a directory with a file for each, by a pattern with {z}, {x} and {y}. Empty tiles are left
-/// out, and equal ones are stored once. Memory does not grow with their number. A cancelled export
-/// leaves nothing, or, with --resume, what the next one continues from.
-///
-/// With --polygons the regions of a tree of classes become polygons (.geojson, .gpkg, .fgb, .shp,
-/// .csv or .svg), exactly along the sides of cells, with holes: one for each connected region,
-/// whose cells share edges, of any level and view.
-///
-/// Freeman chain codes (.chain) of the same regions are a text format: the class of each region,
-/// the start of its chain, the chain, and the chains of its holes; `build` makes the tree again.
-/// docs/chain_codes.md has the grammar.
-///
-/// With --tin a raster becomes a surface of few triangles (.ply, .obj or .off) whose height error
-/// at each cell is limited; `contours` has its isolines.
-///
-/// A mesh of an octree is closed, its faces are counterclockwise seen from outside, and its
-/// coordinates are those of the world. By default it has the outer faces of the cells, merged to
-/// rectangles; where rectangles of different sizes meet, a face has its neighbours' corners as
-/// vertices of its own. Memory does not grow with the mesh.
-///
-/// For viewers, x/tileset.json is 3D Tiles 1.1: the octree in tiles of 64 cells, level by level, in
-/// a new directory; x.glb is one level as binary glTF. Both have normals, colours, and classes as
-/// features; the tiles lie on the globe if the file's coordinate system is known.
-///
-/// The faces of an exact model are written unchanged, including polygons with holes, and as
-/// CityJSON (.city.json) as well.
-///
-/// A page (.html) shows the file in a browser: maps with legends, styles and the exact statistics
-/// of polygons, solids and exact models in three dimensions. It needs only a web server with range
-/// requests, which has the page, a directory `assets` and a copy of the file next to each other.
-/// With --self-contained it is one file.
-///
-/// PLY is binary and has colours and classes as properties of faces; OBJ is text; OFF is text and
-/// has colours of faces; STL is binary, in single precision.
+/// The output's name selects the format, unless --format does.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -74,8 +33,8 @@ pub(crate) struct Args {
     tree: ViewedTree,
     #[command(flatten)]
     output: OutputFile,
-    /// Format, if the output's name does not say: tif, chain, ply, obj, stl, off, glb, city.json,
-    /// csg or html
+    /// Format: tif, chain, ply, obj, stl, off, glb, city.json, csg or html; of --polygons geojson,
+    /// csv, svg, gpkg, fgb, shp, obj or ply [default: by the output's extension]
     #[arg(long)]
     format: Option<Target>,
     #[command(flatten)]
@@ -102,7 +61,6 @@ pub(crate) struct Args {
 
 /// Options of all tiled rasters.
 #[derive(clap::Args)]
-#[command(next_help_heading = "Pictures in tiles")]
 struct TileOptions {
     /// Columns and rows of a tile: 256 or 512 [default: 512 in .tif, else 256]
     #[arg(long, value_name = "PIXELS", value_parser = parse_tile_size)]
@@ -125,25 +83,13 @@ fn parse_tile_size(text: &str) -> Result<u32, &'static str> {
     }
 }
 
-const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "\
+Examples:
   spinney export world.goblin world.tif
-  spinney export world.goblin world.tif --tile-size 256 --compression zstd
-  spinney export world.goblin world.pmtiles --attribution '(c) Survey'
-  spinney export world.goblin alps.mbtiles --zoom 4..12 --in lonlat --window 5.9,45.8,10.5,47.8 --tile-format webp
-  spinney export dem.goblin 'map/{z}/{x}/{y}.png' --style hillshade
+  spinney export world.goblin world.pmtiles
   spinney export landcover.goblin regions.gpkg --polygons
-  spinney export landcover.goblin woods.geojson --polygons --class 3,4 --simplify 20
-  spinney export landcover.goblin woods.chain --class 3 --directions 8
-  spinney export dem.goblin relief.ply --tin 2
-  spinney export landcover.goblin site/index.html
-  spinney export bunny.goblin bunny.html --self-contained
   spinney export bunny.goblin bunny.ply
-  spinney export bunny.goblin small.obj --level 6
-  spinney export bunny.goblin print.stl --smooth
-  spinney export bunny.goblin bunny-tiles/tileset.json --smooth --meshopt
-  spinney export bunny.goblin bunny.glb --level 7
-  spinney export city.goblin quarter.ply --view window=0,256,0,512,512,64
-  spinney export bunny.goblin - --format stl > bunny.stl";
+  spinney export landcover.goblin site/index.html";
 
 /// Output formats. A new one is a module, a variant here, an arm in [`Target::of`] and [`FromStr`],
 /// and one in [`run`].
@@ -160,6 +106,8 @@ enum Target {
     Csg,
     /// A page that shows it in a browser.
     Page,
+    /// Features: only polygons of regions.
+    Vector(VectorFormat),
 }
 
 impl Target {
@@ -173,22 +121,59 @@ impl Target {
 }
 
 impl FromStr for Target {
-    type Err = spinney::Error;
+    type Err = &'static str;
 
-    fn from_str(name: &str) -> spinney::Result<Target> {
+    fn from_str(name: &str) -> Result<Target, &'static str> {
         match name.to_ascii_lowercase().as_str() {
             "tif" | "tiff" | "cog" => Ok(Target::Cog),
             "chain" => Ok(Target::Chain),
             "glb" => Ok(Target::Glb),
             "csg" => Ok(Target::Csg),
             "html" | "htm" => Ok(Target::Page),
-            _ => name.parse().map(Target::Mesh),
+            other => match (other.parse::<MeshFormat>(), other.parse::<VectorFormat>()) {
+                (Ok(format), _) => Ok(Target::Mesh(format)),
+                (_, Ok(format)) => Ok(Target::Vector(format)),
+                _ => Err(
+                    "expected tif, chain, ply, obj, stl, off, glb, city.json, csg or html, or with --polygons geojson, csv, svg, gpkg, fgb, shp, obj or ply; tiles are named x.pmtiles, x.mbtiles, x/{z}/{x}/{y}.png or x/tileset.json, without --format",
+                ),
+            },
         }
     }
 }
 
+impl Target {
+    /// Returns the format of polygons with this name.
+    fn of_polygons(self) -> Result<VectorFormat> {
+        match self {
+            Target::Vector(format) => Ok(format),
+            Target::Mesh(MeshFormat::Ply) => Ok(VectorFormat::Ply),
+            Target::Mesh(MeshFormat::Obj) => Ok(VectorFormat::Obj),
+            _ => bail!("--format: works with --polygons only as {}", VECTOR_FORMATS.join(", ")),
+        }
+    }
+}
+
+/// Returns the error for an output that no format of this command fits. Names the option or the
+/// command that writes it.
+fn unknown(args: &Args) -> anyhow::Error {
+    let (name, file) = (args.output.path().display(), args.tree.file.display());
+    let is_points = |format| matches!(format, PointFormat::Las | PointFormat::Laz);
+    if format_of(args.output.path()).is_some() || PointFormat::of(args.output.path()).is_some_and(is_points) {
+        return anyhow!(
+            "{name}: `spinney export` does not write this format; use `spinney get {file} {name}`, or for images of solids `spinney render`"
+        );
+    }
+    anyhow!(
+        "{name}: unknown format; use .tif, .chain, .pmtiles, .mbtiles, a pattern with {{z}}, {{x}} and {{y}}, .ply, .obj, .stl, \
+         .off, .glb, x/tileset.json, .city.json, .csg or .html, with --polygons {VECTOR_ENDINGS}, or --format"
+    )
+}
+
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
-    ensure!(args.part.is_given() || args.part.coordinates().given().is_none(), "--in is for --window");
+    ensure!(
+        args.part.is_given() || args.part.coordinates().given().is_none(),
+        "--in: works only with --window"
+    );
     if args.polygons.polygons {
         let others = [
             args.tiles.given(),
@@ -201,42 +186,39 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         ];
         let of_part = args.part.is_given().then_some("--window");
         let of_mesh = args.mesh.given().filter(|option| *option != "--level");
-        let format = args.format.map(|_| "--format");
-        if let Some(option) = others.into_iter().chain([of_part, of_mesh, format]).flatten().next() {
-            bail!("{option} is not for --polygons; a window is a step: --view window=...");
+        if let Some(option) = others.into_iter().chain([of_part, of_mesh]).flatten().next() {
+            bail!("{option}: has no effect on --polygons; for a window, add --view window=...");
         }
         return polygons::run(args, global);
     }
     let tiles = if args.format.is_none() { TileTarget::of(args.output.path())? } else { None };
     let target = args.format.or_else(|| Target::of(args.output.path()));
     if tiles.is_none() && target.is_none() {
+        return Err(unknown(args));
+    }
+    let target = target.filter(|_| tiles.is_none());
+    if let Some(Target::Vector(_)) = target {
         bail!(
-            "{}: unknown format; use .tif, .chain, .pmtiles, .mbtiles, a pattern with {{z}}, {{x}} and {{y}}, .ply, .obj, .stl, \
-             .off, .glb, x/tileset.json, .csg or .html, or --format",
+            "{}: is a format of features; add --polygons for regions of classes",
             args.output.path().display()
         );
     }
-    let target = target.filter(|_| tiles.is_none());
     let is_solid = matches!(target, Some(Target::Mesh(_) | Target::Tileset | Target::Glb));
     let is_chain = target == Some(Target::Chain);
     let is_page = target == Some(Target::Page);
     let of_mesh = args.mesh.given().filter(|option| !(is_chain && *option == "--level"));
     let misplaced = [
-        (is_chain, args.polygons.given().or(args.chain.given()), "regions: --polygons, or .chain"),
-        (tiles.is_some() || target == Some(Target::Cog), args.tiles.given(), "pictures in tiles"),
+        (is_chain, args.polygons.given().or(args.chain.given()), "--polygons or .chain"),
+        (tiles.is_some() || target == Some(Target::Cog), args.tiles.given(), "tiled rasters"),
         (
             tiles.is_some(),
             args.archive.given().filter(|option| !(is_page && ["--style", "--name"].contains(option))),
             "tiles of web maps",
         ),
-        (is_page, args.page.given(), "pages"),
-        (
-            tiles.is_some(),
-            args.part.is_given().then_some("--window"),
-            "tiles of web maps; see --view window=...",
-        ),
+        (is_page, args.page.given(), ".html"),
+        (tiles.is_some(), args.part.is_given().then_some("--window"), "tiles of web maps"),
         (target == Some(Target::Cog), args.cog.given(), "cloud-optimized GeoTIFF"),
-        (is_solid, of_mesh, "solids"),
+        (is_solid, of_mesh, "meshes of solids"),
         (
             matches!(target, Some(Target::Mesh(_))),
             args.tin.tin.map(|_| "--tin"),
@@ -246,7 +228,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     ];
     if let Some((_, Some(option), whose)) = misplaced.iter().find(|(fits, given, _)| !fits && given.is_some())
     {
-        bail!("{option} is for {whose}; {} is none", args.output.path().display());
+        let advice = if *option == "--window" { "; otherwise, add --view window=..." } else { "" };
+        bail!("{}: {option} works only with {whose}{advice}", args.output.path().display());
     }
     match (tiles, target) {
         (Some(tiles), _) => tiles::run(args, &tiles, global),

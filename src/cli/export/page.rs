@@ -15,7 +15,6 @@ use super::Args;
 
 /// Options of pages only.
 #[derive(clap::Args)]
-#[command(next_help_heading = "Pages")]
 pub(super) struct PageOptions {
     /// Put everything into one file, including the data (at most 64 MiB), so that it opens from a
     /// disk
@@ -34,7 +33,9 @@ impl PageOptions {
 pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     if args.tree.is_viewed() {
-        bail!("--view: a page shows a file as it is; `spinney transform` makes one of a view");
+        bail!(
+            "--view: has no effect on pages, which show a stored file; write the view with `spinney transform` first"
+        );
     }
     let (file, path) = (&args.tree.file, args.output.path());
     check_output([file.as_path()], path)?;
@@ -42,12 +43,12 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     if args.tree.open_model(global)?.is_none() {
         args.tree.open_any_layer(global)?;
     }
-    let place = FileReference::of(file);
-    let layer = args.tree.layer_text().map(str::to_owned).or(place.layer);
+    let reference = FileReference::of(file);
+    let layer = args.tree.layer_text().map(str::to_owned).or(reference.layer);
     let style = args.archive.style().map(|style| style.json().to_owned());
     let files = vec![PageFile {
-        path: place.file.into_owned(),
-        start: PageStart { layer, commit: place.commit, style },
+        path: reference.file.into_owned(),
+        start: PageStart { layer, commit: reference.commit, style },
     }];
     let title = args.archive.name().map(str::to_owned);
     let title =

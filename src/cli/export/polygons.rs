@@ -3,31 +3,28 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
-use spinney::Number;
 use spinney::export::export_polygons;
 use spinney::query::PolygonRequest;
 use spinney::raw::ops::Connectivity;
+use spinney::{Dataset, Number};
 
-use super::super::args::{check_output, level_of, vector_format};
-use super::super::report::{Work, report_output};
+use super::super::args::{check_output, class_value, level_of, vector_format};
+use super::super::report::{Work, report_output, warn};
 use super::super::{Global, exact};
 use super::Args;
 
 /// Options of polygons.
 #[derive(clap::Args)]
-#[command(
-    next_help_heading = "Regions of classes: polygons (GeoJSON, GeoPackage, FlatGeobuf, shapefile, CSV, SVG) and chain codes (.chain)"
-)]
 pub(super) struct PolygonOptions {
     /// Connected regions of one class, whose cells share edges, as polygons with class, name,
     /// colour, number of cells and area
     #[arg(long)]
     pub(super) polygons: bool,
-    /// Values equal to these only, as in 3,4
+    /// Values equal to these only, as in 3,4; also names of classes
     #[arg(long = "class", value_name = "VALUE,...", value_delimiter = ',')]
-    pub(super) classes: Option<Vec<Number>>,
-    /// Neighbours of a cell in its region: 4, those that share an edge, or 8, also across corners,
-    /// which makes several polygons of a region that touch there [default: 4]
+    pub(super) classes: Option<Vec<String>>,
+    /// Neighbours of a cell in its region: 4 (across edges) or 8 (also across corners, where a
+    /// region becomes several polygons that touch) [default: 4]
     #[arg(long, value_name = "N")]
     connect: Option<Connectivity>,
     /// Maximum distance for simplifying borders, in units of the tree's coordinates; neighbours
@@ -44,15 +41,18 @@ impl PolygonOptions {
     }
 
     /// Returns the request for regions of a tree at a level.
-    pub(super) fn request(&self, level: u8) -> Result<PolygonRequest> {
+    pub(super) fn request(&self, tree: &Dataset, level: u8) -> Result<PolygonRequest> {
         let mut request = PolygonRequest::new();
         let connect = self.connect.map_or(4, Connectivity::neighbours);
         ensure!(
             [4, 8].contains(&connect),
-            "--connect {connect}: regions are of cells of quadtrees, which have 4 or 8 neighbours"
+            "--connect: got {connect}, expected 4 or 8, the neighbours of a quadtree's cell"
         );
         request.across_corners = connect == 8;
-        request.classes.clone_from(&self.classes);
+        let values = |classes: &Vec<String>| -> Result<Vec<Number>> {
+            classes.iter().map(|class| class_value(tree, "--class", class)).collect()
+        };
+        request.classes = self.classes.as_ref().map(values).transpose()?;
         request.simplify = self.simplify;
         request.level = Some(level);
         Ok(request)
@@ -67,15 +67,22 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     let tree = args.tree.open(global)?;
     check_output([args.tree.file.as_path()], args.output.path())?;
-    let format = vector_format(None, args.output.path())?;
-    let request = args.polygons.request(level_of(&tree, args.mesh.level)?)?;
+    let format = match args.format {
+        Some(format) => format.of_polygons()?,
+        None => vector_format(None, args.output.path())?,
+    };
+    let request = args.polygons.request(&tree, level_of(&tree, args.mesh.level)?)?;
     let work = Work::start(global, "cells")?;
     let output = global.access().create(args.output.path())?;
     let summary = export_polygons(&tree, &request, output, format, &work)
-        .with_context(|| format!("cannot write {}", args.output.path().display()))?;
+        .with_context(|| format!("{}: cannot write", args.output.path().display()))?;
     work.finish();
     let (count, rings, points) = (summary.count, summary.rings, summary.points);
     global.report("polygons", format_args!("{count} of {rings} rings and {points} points"));
     report_output(global, args.output.path(), start);
+    if count == 0 {
+        let name = args.output.path().display();
+        warn(&format!("{name}: has no polygons: no cell has a value, or one of those of --class"));
+    }
     Ok(())
 }

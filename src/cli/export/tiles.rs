@@ -6,7 +6,9 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
 use spinney::export::{TileEncoding, TileFormat, TileRequest};
-use spinney::raw::export::tiles::{TilePart, TileTarget, UpdateOptions, degrees_of, draw_tiles, tile_source};
+use spinney::raw::export::tiles::{
+    TileShard, TileTarget, UpdateOptions, degrees_of, draw_tiles, tile_source,
+};
 use spinney::style::Style;
 use spinney::{Dataset, Resampling, WarpOptions};
 
@@ -17,12 +19,11 @@ use super::Args;
 
 /// Options of tiles only.
 #[derive(clap::Args)]
-#[command(next_help_heading = "Tiles of web maps")]
 pub(super) struct ArchiveOptions {
     /// Zooms, the first and the last: 0..6 [default: up to that with about the file's own cells]
     #[arg(long, value_parser = parse_zooms, value_name = "A..B")]
     zoom: Option<RangeInclusive<u8>>,
-    /// Colours: a style's name (viridis, hillshade ...), its JSON, or a file of that [default: the
+    /// Colours: a style's name (viridis, hillshade ...), its JSON, or a file with it [default: the
     /// file's own]
     #[arg(long, value_name = "STYLE", value_parser = parse_style)]
     style: Option<Style>,
@@ -42,7 +43,7 @@ pub(super) struct ArchiveOptions {
     /// than 1.5 times as large as cells]
     #[arg(long, value_name = "WAY")]
     resampling: Option<Resampling>,
-    /// Treat datums whose shift to WGS 84 is unknown or needs a grid as WGS 84
+    /// Treat datums as WGS 84 if their shift is unknown or needs a grid
     #[arg(long)]
     allow_ballpark: bool,
     /// Name of the map [default: the file's]
@@ -54,22 +55,22 @@ pub(super) struct ArchiveOptions {
     /// Keep the state of an incomplete export as X.partial, and continue from it
     #[arg(long)]
     resume: bool,
-    /// Update an export of an older commit of the file: only tiles that edits have changed are
-    /// drawn. The output itself, or of .pmtiles another archive to copy the other tiles from
+    /// Update an export of an older commit of the file: draw only tiles that edits have changed.
+    /// OLD is an archive to copy the other tiles from, for .pmtiles [default: the output itself]
     #[arg(long, value_name = "OLD", num_args = 0..=1, conflicts_with = "resume")]
     update: Option<Option<PathBuf>>,
     /// File that the archive was made from, if it is not a commit of the same file
     #[arg(long, value_name = "FILE", requires = "update")]
     since: Option<PathBuf>,
-    /// Draw all tiles of an update again, with the current style and percentiles; without this
-    /// option, colours keep the numbers of the percentiles at the time when the archive was made
+    /// Draw all tiles of an update again, with the current style and percentiles; otherwise,
+    /// colours keep the percentiles of the archive
     #[arg(long, requires = "update")]
     restyle: bool,
-    /// Write only one of N shards of the tiles, with index K from 0, to an archive (.pmtiles), so
-    /// that other processes write the others
+    /// Write only one of N shards of the tiles, with index K from 0, to an archive (.pmtiles);
+    /// other processes write the others
     #[arg(long, value_name = "K/N", conflicts_with_all = ["update", "parts"])]
-    part: Option<TilePart>,
-    /// Archives of all shards, in any order: their tiles are merged, and none is drawn
+    part: Option<TileShard>,
+    /// Archives of all shards, in any order, whose tiles are merged; none is drawn
     #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with_all = ["update"])]
     parts: Vec<PathBuf>,
 }
@@ -79,7 +80,7 @@ fn parse_zooms(text: &str) -> Result<RangeInclusive<u8>, String> {
     let number = |text: &str| text.trim().trim_start_matches('=').parse::<u8>();
     match (number(first), number(last)) {
         (Ok(first), Ok(last)) if first <= last => Ok(first..=last),
-        _ => Err("two zooms such as 0..6, or one".into()),
+        _ => Err("expected two zooms, such as 0..6, or one".into()),
     }
 }
 
@@ -122,7 +123,7 @@ fn degrees(args: &Args, tree: &Dataset) -> Result<Option<[f64; 4]>> {
     if let Some(degrees) = args.part.degrees() {
         return Ok(Some(degrees));
     }
-    let Some(bounds) = args.part.bounds(tree, "tiles of the two are two archives")? else { return Ok(None) };
+    let Some(bounds) = args.part.bounds(tree, "write an archive of each")? else { return Ok(None) };
     let frame = tree.metadata().frame.shifted(bounds.min.map(|cell| cell as f64));
     Ok(Some(degrees_of(&frame, bounds.size(), args.archive.allow_ballpark)?))
 }
@@ -135,10 +136,10 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
     check_output([args.tree.file.as_path()], target.path())?;
     let mut request = TileRequest::new(&tree)?;
     let format = match (options.tile_format, target.format()) {
-        (Some(asked), Some(named)) if asked != named => {
-            bail!("--tile-format: the names of tiles end in .{}", named.extension())
+        (Some(format_option), Some(named)) if format_option != named => {
+            bail!("--tile-format: the names of tiles end in .{}; leave it out", named.extension())
         }
-        (asked, named) => asked.or(named).unwrap_or_default(),
+        (format_option, named) => format_option.or(named).unwrap_or_default(),
     };
     request.encoding = TileEncoding { format, png_effort: options.png_effort, quality: options.quality };
     request.zooms = options.zoom.clone();
@@ -157,9 +158,9 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
     let tiles = tile_source(&tree, request.side, last, &warp, &work)?;
     let update = match &options.update {
         None => None,
-        Some(_) if args.tree.is_viewed() => bail!("--update: of a view, make the archive anew"),
+        Some(_) if args.tree.is_viewed() => bail!("--update: does not work with --view; write a new archive"),
         Some(_) if args.tree.is_composite(global)? => {
-            bail!("--update: of several layers, make the archive anew")
+            bail!("--update: does not work with several layers; write a new archive")
         }
         Some(old) => {
             let mut how = UpdateOptions::default();
@@ -168,7 +169,7 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
         }
     };
     let stored = draw_tiles(&tree, &*tiles, &style, &mut request, target, update.as_ref(), &work)
-        .with_context(|| format!("cannot write {}", args.output.path().display()))?;
+        .with_context(|| format!("{}: cannot write", args.output.path().display()))?;
     work.finish();
     global.report("tiles", format_args!("{}, {} of them different", stored.tiles, stored.contents));
     if options.update.is_some() && stored.copied > 0 {

@@ -14,7 +14,6 @@ use super::Args;
 
 /// Options of surfaces.
 #[derive(clap::Args)]
-#[command(next_help_heading = "Surfaces of rasters (PLY, OBJ, OFF)")]
 pub(super) struct TinOptions {
     /// Triangulated surface (TIN) of a raster, with at most this height error at each cell's centre
     #[arg(long, value_name = "ERROR")]
@@ -28,7 +27,7 @@ pub(super) fn run(args: &Args, most: f64, format: MeshFormat, global: &Global) -
         exact::refuse(&args.tree.file, &[("--tin", true)])?;
     }
     if let Some(option) = args.mesh.given().filter(|option| *option != "--level") {
-        bail!("{option} is for solids; a surface of a raster has --tin and --level");
+        bail!("{option}: has no effect on --tin");
     }
     let tree = args.tree.open(global)?;
     check_output([args.tree.file.as_path()], args.output.path())?;
@@ -41,7 +40,7 @@ pub(super) fn run(args: &Args, most: f64, format: MeshFormat, global: &Global) -
         .access()
         .create(args.output.path())
         .and_then(|output| export_triangles(&mesh, tree.metadata(), output, format, &work))
-        .with_context(|| format!("cannot write {}", args.output.path().display()))?;
+        .with_context(|| format!("{}: cannot write", args.output.path().display()))?;
     work.finish();
     global.report("surface", format_args!("{} triangles, {} vertices", summary.faces, summary.vertices));
     report_output(global, args.output.path(), start);

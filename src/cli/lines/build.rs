@@ -29,15 +29,15 @@ impl LineImport {
         options: LineBuildOptions,
     ) -> Result<LineImport> {
         let [input] = inputs else {
-            bail!("--index: a tree has the features of one file; build a tree of each")
+            bail!("--index: got {} inputs, expected one; build a tree of each", inputs.len())
         };
         if !is_feature_file(input) {
-            bail!("--index: {} has no features", input.display());
+            bail!("--index: {} is not a feature file", input.display());
         }
         let source = open_feature_lines(input, features)?;
         if source.is_rounded() {
             warn(&format!(
-                "{}: vertices have more digits than a grid of 32 bits, and are rounded to it",
+                "{}: vertices have more digits than a 32-bit grid, and are rounded to it",
                 input.display()
             ));
         }
@@ -68,12 +68,10 @@ impl LineImport {
         let count = self.source.with_heights();
         if count > 0 {
             let input = self.input.display();
-            warn(&format!("{input}: {count} features have heights or measures, which are not kept"));
+            warn(&format!("{input}: {count} features have heights or measures, which are ignored"));
         }
-        let text = format!(
-            "{} features, {} pieces between vertices, length {}",
-            built.features, built.segments, built.length
-        );
+        let text =
+            format!("{} features, {} segments, length {}", built.features, built.segments, built.length);
         Ok(vec![("lines", text)])
     }
 }

@@ -9,7 +9,7 @@ use spinney::raw::lines::{export_lines, join_crossing_lines};
 
 use super::super::Global;
 use super::super::args::{PartOptions, check_output, vector_format};
-use super::super::report::{Work, report_output};
+use super::super::report::{Work, report_output, warn};
 
 /// Writes whole features: all, those with a line that passes through a window, or those that lines
 /// of a file cross.
@@ -34,7 +34,7 @@ pub(crate) fn get(
         (None, Some(lines)) => {
             let work = Work::start(global, "lines")?;
             let found = join_crossing_lines(tree, lines, None, None, &work)
-                .with_context(|| format!("cannot cross {}", lines.display()))?;
+                .with_context(|| format!("{}: cannot find crossings", lines.display()))?;
             Some(found.features)
         }
         (None, None) => None,
@@ -44,5 +44,13 @@ pub(crate) fn get(
     work.finish();
     global.report("features", format_args!("{written} of {}", tree.len()));
     report_output(global, path, start);
+    if written == 0 && !tree.is_empty() {
+        let found = if crossing.is_some() {
+            "no line crosses those of the other file"
+        } else {
+            "no line is in the window"
+        };
+        warn(&format!("{}: has no features: {found}", path.display()));
+    }
     Ok(())
 }

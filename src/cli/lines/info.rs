@@ -8,6 +8,7 @@ use spinney::lines::LineTree;
 use spinney::raw::io::shown;
 use spinney::raw::lines::LevelTotals;
 
+use super::super::report::quantity::counted;
 use super::super::report::{print_json, print_text};
 
 /// Prints the contents of a tree of lines; with `levels` also the nodes of each level.
@@ -57,14 +58,14 @@ fn as_text(tree: &LineTree, levels: &[LevelTotals], with_levels: bool) -> Result
     writeln!(text, "{}", shown(tree.path()))?;
     writeln!(text, "format      Goblin, quadtree of lines")?;
     writeln!(text, "features    {}", tree.len())?;
-    writeln!(text, "lines       {} pieces between vertices, length {}", tree.segments(), tree.length()?)?;
+    writeln!(text, "lines       {} segments, length {}", tree.segments(), tree.length()?)?;
     if let Some([[west, south], [east, north]]) = tree.bounds()? {
         writeln!(text, "bounds      {west}, {south} to {east}, {north}")?;
     }
     let (nodes, blocks, _) = tree.counts();
-    let (count, leaf) = (levels.len(), tree.leaf_size());
-    writeln!(text, "nodes       {nodes} in {count} levels, {blocks} blocks of at most {leaf} pieces")?;
-    writeln!(text, "grid        steps of {}", tree.grid().scale)?;
+    let (count, leaf) = (counted(levels.len() as u64, "level"), tree.leaf_size());
+    writeln!(text, "nodes       {nodes} in {count}, {blocks} blocks of at most {leaf} segments")?;
+    writeln!(text, "grid        units of {}", tree.grid().scale)?;
     if let Some(crs) = &tree.metadata().frame.crs {
         writeln!(text, "crs         {crs}")?;
     }
@@ -81,7 +82,7 @@ fn as_text(tree: &LineTree, levels: &[LevelTotals], with_levels: bool) -> Result
         let LevelTotals { nodes, segments, length, most_segments, most_features } = totals;
         writeln!(
             text,
-            "level {level:<5} {nodes} nodes with {segments} pieces of their own, length {length}; at most {most_segments} pieces of {most_features} features in one and below"
+            "level {level:<5} {nodes} nodes with {segments} segments of their own, length {length}; at most {most_segments} segments of {most_features} features in a subtree"
         )?;
     }
     Ok(text)

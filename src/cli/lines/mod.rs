@@ -36,10 +36,10 @@ pub(super) const KIND: &str = "a tree of lines";
 /// Returns the window, if one was given.
 pub(super) fn window(part: &PartOptions) -> Result<Option<[[f64; 2]; 2]>> {
     if !matches!(part.coordinates().given(), None | Some(Coordinates::World)) {
-        bail!("--in: windows of lines are given in their own coordinates (--in world)");
+        bail!("--in: expected world: windows of trees of lines are in their own coordinates");
     }
     if part.is_solid() {
-        bail!("--window: lines have two coordinates, so that a window has four numbers");
+        bail!("--window: got 6 numbers, expected 4 for a tree of lines");
     }
     Ok(part.corners().map(|corners| corners.map(|[x, y, _]| [x, y])))
 }

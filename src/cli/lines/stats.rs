@@ -9,7 +9,7 @@ use spinney::lines::LineTree;
 use spinney::raw::lines::{join_crossing_lines, join_nearest_lines};
 
 use super::super::Global;
-use super::super::args::{check_output, vector_format};
+use super::super::args::{check_output, vector_format_of};
 use super::super::report::{Work, print_json, print_text, report_output};
 
 /// Prints the number of features and lines, and their length; with a window only of features that
@@ -25,7 +25,7 @@ pub(crate) fn stats(
         return match is_json {
             true => print_json(&json!({ "features": features, "segments": segments, "length": length })),
             false => print_text(&format!(
-                "features    {features}\nlines       {segments} pieces, length {length}\n"
+                "features    {features}\nlines       {segments} segments, length {length}\n"
             )),
         };
     };
@@ -49,23 +49,23 @@ pub(crate) enum Join<'a> {
 /// Joins points with their nearest lines, or lines with the lines that they cross.
 pub(crate) fn join(
     tree: &LineTree,
-    question: Join<'_>,
+    request: Join<'_>,
     names: Option<&[String]>,
     output: Option<&Path>,
     (is_json, global): (bool, &Global),
 ) -> Result<()> {
     let start = Instant::now();
-    let (Join::Nearest(input, _) | Join::Crossing(input)) = question;
+    let (Join::Nearest(input, _) | Join::Crossing(input)) = request;
     let target = match output {
         None => None,
         Some(path) => {
             check_output([tree.path(), input], path)?;
-            let format = vector_format(None, path)?;
+            let format = vector_format_of(path)?;
             Some((global.access().create(path)?, format))
         }
     };
-    let failed = || format!("cannot join {}", input.display());
-    let (text, json) = match question {
+    let failed = || format!("{}: cannot join", input.display());
+    let (text, json) = match request {
         Join::Nearest(points, within) => {
             let work = Work::start(global, "points")?;
             let found =
@@ -75,7 +75,7 @@ pub(crate) fn join(
             let (points, joined, most) = (found.points, found.joined, found.most);
             (
                 format!(
-                    "points      {points}, {joined} of them with a line that is near enough\ndistance    mean {mean}, at most {most}\n"
+                    "points      {points}, {joined} of them joined to a line\ndistance    mean {mean}, at most {most}\n"
                 ),
                 json!({ "points": points, "joined": joined, "mean_distance": mean, "max_distance": most }),
             )

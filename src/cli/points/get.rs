@@ -5,11 +5,11 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use spinney::points::{PointTree, Selection};
-use spinney::raw::points::{PointFormat, export_points, position};
+use spinney::raw::points::{PointFormat, attribute_index, export_points};
 
 use super::super::Global;
 use super::super::args::check_output;
-use super::super::report::{Work, report_output};
+use super::super::report::{Work, report_output, warn};
 
 /// Writes the points of a selection, with the named attributes, or all.
 pub(crate) fn get(
@@ -22,13 +22,16 @@ pub(crate) fn get(
     let start = Instant::now();
     let name = format.map(|format| Path::new("x").with_extension(format));
     let format = PointFormat::of(name.as_deref().unwrap_or(path)).with_context(|| {
-        format!("{}: points are written as .las, .laz, .csv, .ply or .npy; or use --format", path.display())
+        format!(
+            "{}: unknown format for points; use .las, .laz, .csv, .ply or .npy, or --format",
+            path.display()
+        )
     })?;
     check_output([tree.path()], path)?;
     let chosen = attributes.map(|names| {
         names
             .split(',')
-            .map(|name| position(tree.attributes(), name.trim()))
+            .map(|name| attribute_index(tree.attributes(), name.trim()))
             .collect::<spinney::Result<Vec<_>>>()
     });
     let chosen = chosen.transpose()?;
@@ -38,5 +41,11 @@ pub(crate) fn get(
     work.finish();
     global.report("points", format_args!("{written} of {}", tree.len()));
     report_output(global, path, start);
+    if written == 0 && !tree.is_empty() {
+        warn(&format!(
+            "{}: has no points: none is in the region and satisfies all conditions",
+            path.display()
+        ));
+    }
     Ok(())
 }

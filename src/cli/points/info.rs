@@ -8,6 +8,7 @@ use spinney::points::{PointTree, Selection};
 use spinney::raw::io::shown;
 use spinney::raw::points::PointStatistics;
 
+use super::super::report::quantity::counted;
 use super::super::report::{print_json, print_text};
 
 /// Prints the contents of a tree of points.
@@ -79,16 +80,16 @@ fn as_text(tree: &PointTree, statistics: &PointStatistics) -> Result<String> {
     let kind = if tree.dimension().axes() == 3 { "octree" } else { "quadtree" };
     writeln!(text, "{}", shown(tree.path()))?;
     writeln!(text, "format      Goblin, {kind} of points")?;
-    writeln!(text, "points      {}, {} of them where another one is", tree.len(), tree.duplicates())?;
+    writeln!(text, "points      {}, {} of them duplicates", tree.len(), tree.duplicates())?;
     let (nodes, blocks) = tree.counts();
     writeln!(
         text,
-        "nodes       {nodes} in {} levels, {blocks} blocks of at most {} points",
-        tree.depth() + 1,
+        "nodes       {nodes} in {}, {blocks} blocks of at most {} points",
+        counted(u64::from(tree.depth()) + 1, "level"),
         tree.leaf_size()
     )?;
     let [x, y, z] = tree.grid().scale;
-    writeln!(text, "grid        steps of {x}, {y}, {z}")?;
+    writeln!(text, "grid        units of {x}, {y}, {z}")?;
     if let Some(crs) = &tree.metadata().frame.crs {
         writeln!(text, "crs         {crs}")?;
     }

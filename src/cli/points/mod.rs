@@ -35,15 +35,15 @@ pub(super) const KIND: &str = "a tree of points";
 
 /// Options that select points of a tree of points.
 #[derive(clap::Args, Debug, Default)]
-pub(crate) struct PointPlaces {
-    /// Region in which to select points, of trees of points: the polygons of a feature file,
+pub(crate) struct PointSelection {
+    /// Region in which to select points of trees of points: the polygons of a feature file,
     /// reprojected to the tree's coordinate system
     #[arg(long, value_name = "FEATURES", conflicts_with_all = ["window", "ball"])]
     within: Option<std::path::PathBuf>,
     /// Ball in trees of points: points within the distance R of X,Y,Z
     #[arg(long, value_name = "X,Y,Z,R", value_parser = parse_ball, conflicts_with = "window", allow_hyphen_values = true)]
     ball: Option<[f64; 4]>,
-    /// Only features for which all conditions hold: points, of trees of points, as in
+    /// Only features for which all conditions hold: points of trees of points, as in
     /// 'classification=2,intensity>100'
     #[arg(long = "where", value_name = "CONDITION,...")]
     filter: Option<FeatureFilter>,
@@ -52,10 +52,10 @@ pub(crate) struct PointPlaces {
 fn parse_ball(text: &str) -> Result<[f64; 4], String> {
     super::args::numbers(text)
         .filter(|[_, _, _, radius]: &[f64; 4]| *radius >= 0.0)
-        .ok_or_else(|| "expected four numbers, a centre and a radius, as in 100,200,30,5".into())
+        .ok_or_else(|| "expected 4 numbers, X,Y,Z and a radius, such as 100,200,30,5".into())
 }
 
-impl PointPlaces {
+impl PointSelection {
     /// Returns the first given option for points, which other trees reject.
     pub(super) fn given(&self) -> Option<&'static str> {
         let given = [
@@ -76,7 +76,7 @@ impl PointPlaces {
     ) -> Result<spinney::points::Selection> {
         let is_world = matches!(part.coordinates().given(), None | Some(Coordinates::World));
         if !is_world {
-            bail!("--in: of points places are given in their own coordinates (--in world)");
+            bail!("--in: expected world: positions in trees of points are in their own coordinates");
         }
         let region = match (&self.within, self.ball, part.corners()) {
             (Some(path), ..) => region_of_polygons(tree, path, &Work::start(global, "polygons")?)?,

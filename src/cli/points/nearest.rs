@@ -12,15 +12,15 @@ use super::super::report::Work;
 
 /// Prints the points nearest to each position, one output line each: the position's number,
 /// distance, coordinates.
-pub(crate) fn nearest(tree: &PointTree, places: &[String], near: &Near, global: &Global) -> Result<()> {
-    let mut places: Vec<[f64; 3]> = args::places(places)?;
-    for (number, place) in places.iter_mut().enumerate() {
-        let [x, y, z] = *place;
+pub(crate) fn nearest(tree: &PointTree, positions: &[String], near: &Near, global: &Global) -> Result<()> {
+    let mut positions: Vec<[f64; 3]> = args::positions(positions)?;
+    for (number, point) in positions.iter_mut().enumerate() {
+        let [x, y, z] = *point;
         let [x, y] = near.locator.locate([x, y]).with_context(|| format!("point {}", number + 1))?;
-        *place = [x, y, z];
+        *point = [x, y, z];
     }
-    let work = Work::start(global, "places")?;
-    let found = tree.nearest(&places, near.most, near.within, DEFAULT_MEMORY, &work)?;
+    let work = Work::start(global, "positions")?;
+    let found = tree.nearest(&positions, near.most, near.within, DEFAULT_MEMORY, &work)?;
     work.finish();
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
     for (number, found) in found.iter().enumerate() {
@@ -28,7 +28,7 @@ pub(crate) fn nearest(tree: &PointTree, places: &[String], near: &Near, global: 
             writeln!(out, "{}\tnone", number + 1)?;
         }
         for point in found {
-            let [x, y, z] = point.place;
+            let [x, y, z] = point.position;
             writeln!(out, "{}\t{}\t{x},{y},{z}", number + 1, point.distance)?;
         }
     }

@@ -27,7 +27,7 @@ pub(crate) fn written(commit: &Commit) -> String {
     let written = &commit.written;
     let mut text = format!("{} written, {}", written.records, quantity::bytes(written.bytes));
     if written.shared > 0 {
-        text += &format!(", {} shared, {} spared", written.shared, quantity::bytes(written.spared));
+        text += &format!(", {} shared, {} saved", written.shared, quantity::bytes(written.spared));
     }
     text
 }

@@ -12,6 +12,8 @@ pub(crate) struct Found {
     out: BufWriter<StdoutLock<'static>>,
     /// Number of lines that may still be printed.
     left: u64,
+    /// Whether nothing was found.
+    is_empty: bool,
     /// How many of the largest blocks to print, and the lines of the largest so far, by level, then
     /// by code.
     largest: Option<u32>,
@@ -21,11 +23,12 @@ pub(crate) struct Found {
 impl Found {
     pub(crate) fn new(limit: Option<u64>, largest: Option<u32>) -> Found {
         let out = BufWriter::new(stdout().lock());
-        Found { out, left: limit.unwrap_or(u64::MAX), largest, kept: BTreeMap::new() }
+        Found { out, left: limit.unwrap_or(u64::MAX), is_empty: true, largest, kept: BTreeMap::new() }
     }
 
     /// Adds a result. Returns whether to continue the search.
     pub(crate) fn take(&mut self, level: u8, code: &str, line: &dyn Fn() -> String) -> spinney::Result<bool> {
+        self.is_empty = false;
         if let Some(most) = self.largest {
             let key = (level, code.to_string());
             let is_full = self.kept.len() >= most as usize;
@@ -42,6 +45,11 @@ impl Found {
         }
         self.left -= 1;
         self.write(&line()).map(|()| true)
+    }
+
+    /// Whether nothing was found, whatever the limit.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.is_empty
     }
 
     fn write(&mut self, line: &str) -> spinney::Result<()> {

@@ -11,6 +11,11 @@ pub(crate) fn count(number: f64) -> String {
     scaled(number, 1000.0, &["", "thousand", "million", "billion", "trillion"])
 }
 
+/// Formats a number of things, `1 level` or `2 levels`.
+pub(crate) fn counted(number: u64, one: &str) -> String {
+    format!("{number} {one}{}", if number == 1 { "" } else { "s" })
+}
+
 /// Formats a time, in seconds since 1970-01-01 00:00 UTC, in UTC: `2026-11-21 18:33:40`. (Converts
 /// days to dates by Hinnant's algorithm.)
 pub(crate) fn time(seconds: i64) -> String {
@@ -66,7 +71,8 @@ mod tests {
     }
 
     #[test]
-    fn amounts_are_written() {
+    fn quantities_are_formatted() {
+        assert_eq!([0, 1, 2].map(|number| counted(number, "level")), ["0 levels", "1 level", "2 levels"]);
         assert_eq!(bytes(0), "0 bytes");
         assert_eq!(bytes(1023), "1023 bytes");
         assert_eq!(bytes(1536), "1.50 KiB");

@@ -1,13 +1,13 @@
 //! Volume, centre, bounds and surface of solids.
 
-use super::unit::{behind_number, unit};
+use super::unit::{suffix, unit};
 use anyhow::Result;
 use serde_json::json;
 use spinney::Dataset;
 use spinney::raw::query::{SolidStatistics, SolidSurface};
 
 /// Description of an unknown unit.
-const UNKNOWN: &str = "the model's unit, which nobody told (`build --unit` does)";
+const UNKNOWN: &str = "the model's unit, which is unknown (`build --unit` sets it)";
 
 /// Formats coordinates, separated by commas.
 fn list(numbers: &[f64; 3]) -> String {
@@ -62,7 +62,7 @@ pub(crate) fn as_text(
         unit(tree).unwrap_or(UNKNOWN)
     )?;
     let volume = match cell_volume(tree) {
-        Ok(_) => format!("{}{}", solid.world_volume(), behind_number(tree, "3")),
+        Ok(_) => format!("{}{}", solid.world_volume(), suffix(tree, "3")),
         Err(reason) => format!("unknown: {reason}"),
     };
     writeln!(text, "  volume   {volume} ({:.3} cells, {} occupied)", solid.volume, solid.cells)?;
@@ -70,7 +70,7 @@ pub(crate) fn as_text(
         writeln!(text, "  surface  unknown: {reason}")?;
     } else if let Some(surface) = surface {
         let (smooth, blocks) = (surface.smooth_area(), surface.block_area());
-        let square = behind_number(tree, "2");
+        let square = suffix(tree, "2");
         let faces: u64 = surface.faces.iter().sum();
         writeln!(
             text,

@@ -12,9 +12,9 @@ use super::super::report::{Work, quantity};
 
 /// Build a shard of a job, unless it is built already
 ///
-/// Shards are built in any order, also concurrently, and again if a process was killed: its
-/// incomplete output is ignored. Fails if an input, or an accompanying file, has changed since it
-/// was planned.
+/// Shards can be built in any order, concurrently, and again after a process was killed: its
+/// incomplete output is ignored. Fails if an input, or an accompanying file, has changed since the
+/// job was planned.
 #[derive(clap::Args)]
 pub(super) struct Args {
     /// Directory of the job
@@ -33,8 +33,8 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let built = job.build(args.number, args.memory.bytes, &work)?;
     work.finish();
     let (number, bytes) = (args.number, quantity::bytes(built.bytes));
-    let text = match built.was_there {
-        true => format!("{number} of {}: {bytes}, is made already", job.shards()),
+    let text = match built.existed {
+        true => format!("{number} of {}: {bytes}, was built already", job.shards()),
         false => format!("{number} of {}: {bytes}, in {:.1} s", job.shards(), start.elapsed().as_secs_f64()),
     };
     global.report("shard", text);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use spinney::raw::shards::{MergeOptions, Merged, merge};
+use spinney::raw::shards::{MergeOptions, MergeOutcome, merge};
 use spinney::raw::store::TreeFormat;
 
 use super::super::Global;
@@ -22,8 +22,8 @@ pub(super) struct Args {
     /// File to write; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: PathBuf,
-    /// Remove each shard's data as soon as they are in the file, and the job when the file is
-    /// complete, so that disk space for one copy is enough; an incomplete merge continues when it
+    /// Remove each shard's data as soon as it is in the file (and the job when the file is
+    /// complete), so that disk space for one copy is enough; an incomplete merge continues when it
     /// is called again, with the files OUT.goblin.partial and OUT.goblin.partial.job
     #[arg(long)]
     remove_shards: bool,
@@ -37,7 +37,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     if TreeFormat::of(&args.output) == TreeFormat::Autumnal {
         bail!(
-            "{}: shards make a .goblin file; `spinney build` of that makes an .autumn file, which can be edited",
+            "{}: shards make a .goblin file; for an .autumn file, run `spinney convert` on it",
             args.output.display()
         )
     }
@@ -48,12 +48,12 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     work.finish();
     let (job, output) = (args.job.display(), args.output.display());
     match merged {
-        Merged::Made(bytes) => report_built(global, &args.output, start, Some(bytes)),
-        Merged::Finished => {
-            global.report("output", format_args!("{output}: was whole; what was left of {job} is removed"))
+        MergeOutcome::Made(bytes) => report_built(global, &args.output, start, Some(bytes)),
+        MergeOutcome::Finished => {
+            global.report("output", format_args!("{output}: was complete; the rest of {job} is removed"))
         }
-        Merged::JobMissing => warn(&format!(
-            "{job}: no job is there, and {output} is: it was merged before, or the job has another name"
+        MergeOutcome::JobMissing => warn(&format!(
+            "{job}: no such job, but {output} exists: the job was merged before, or has another name"
         )),
     }
     Ok(())

@@ -9,18 +9,18 @@ use clap::Subcommand;
 
 use super::Global;
 
-/// Build a tree of rasters, of a volume, of models, of points, or of other trees, in shards, by
-/// many processes, on one machine or on many.
+/// Build a tree in shards: by many processes, on one or many machines
 ///
-/// `plan` inspects the inputs and makes a directory, the job, which lists the input of each shard;
-/// it reads no cells. `build` makes one shard, in any order, on any machine where job and inputs
-/// have the same paths; it can be repeated, and stops if inputs have changed since. `merge` merges
-/// the shards. The file is byte-identical to that of `spinney build`, `transform` or `combine`.
+/// Inputs are rasters, a volume, models, points, or other trees. `plan` inspects them and makes a
+/// directory, the job, which lists the input of each shard; it reads no cells. `build` makes one
+/// shard, in any order, on any machine where job and inputs have the same paths; it can be
+/// repeated, and fails if inputs have changed since. `merge` merges the shards. The file is
+/// byte-identical to that of `spinney build`, `transform` or `combine`.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(subcommand)]
-    step: Step,
+    task: Task,
 }
 
 const EXAMPLES: &str = "\
@@ -39,7 +39,7 @@ Examples:
 
 /// The subcommands, in the order of use.
 #[derive(Subcommand)]
-enum Step {
+enum Task {
     Plan(Box<plan::Args>),
     PlanTransform(Box<plan::TransformArgs>),
     PlanCombine(Box<plan::CombineArgs>),
@@ -48,11 +48,11 @@ enum Step {
 }
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
-    match args.step {
-        Step::Plan(args) => plan::run(*args, global),
-        Step::PlanTransform(args) => plan::transform(&args, global),
-        Step::PlanCombine(args) => plan::combine(&args, global),
-        Step::Build(args) => build::run(&args, global),
-        Step::Merge(args) => merge::run(&args, global),
+    match args.task {
+        Task::Plan(args) => plan::run(*args, global),
+        Task::PlanTransform(args) => plan::transform(&args, global),
+        Task::PlanCombine(args) => plan::combine(&args, global),
+        Task::Build(args) => build::run(&args, global),
+        Task::Merge(args) => merge::run(&args, global),
     }
 }

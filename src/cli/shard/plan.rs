@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use spinney::import::feature::FeatureFilter;
 use spinney::raw::csg::Csg;
+use spinney::raw::import::feature::is_feature_file;
 use spinney::raw::import::mesh;
 use spinney::raw::io::any_file;
 use spinney::raw::points::is_las_file;
@@ -13,7 +14,7 @@ use spinney::raw::shards::{JobSpec, plan};
 use spinney::raw::store::{TreeFormat, file_is_tree};
 
 use super::super::args::{Packing, check_output, expand_lists};
-use super::super::build::{Common, PictureArgs, SolidArgs, points as scans, tree_spec};
+use super::super::build::{Common, RasterArgs, SolidArgs, check_kinds, points as scans, tree_spec};
 use super::super::combine::MergingArgs;
 use super::super::report::{Work, quantity};
 use super::super::transform::ChainArgs;
@@ -22,7 +23,7 @@ use super::super::{Global, exact, points};
 /// Directory of a job, and its shards.
 #[derive(clap::Args)]
 struct JobArgs {
-    /// File to write: a directory, which has the job, and is created if there is none
+    /// File to write: the directory of the job, which is created if it does not exist
     #[arg(short, long, value_name = "JOB")]
     output: PathBuf,
     /// Number of shards; each is a region with about the same number of input bytes [default: one
@@ -31,15 +32,15 @@ struct JobArgs {
     shards: Option<u32>,
 }
 
-/// Plan a job: inspect rasters, a volume, models, scans or a tree, and record the input of each
-/// shard
+/// Plan a job of building a tree
 ///
-/// The options are those of `spinney build` for these. The surface of models must be closed, and is
-/// read as a whole. The same plan can be made again; a directory with another plan is not changed.
+/// Inspects rasters, a volume, models, scans or a tree, and records the input of each shard. The
+/// options are those of `spinney build`. The surface of models must be closed, and is read as a
+/// whole. The same plan can be made again; a directory with another plan is not changed.
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// Raster files (of several, the last lies on top, or with --stack all are layers), a volume,
-    /// models, LAS and LAZ files, or a tree; @FILE reads paths from a file, one a line
+    /// Raster files (the last is on top, or with --stack all are layers), a volume, models, LAS and
+    /// LAZ files, or a tree; @FILE reads paths from a file, one a line
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     #[command(flatten)]
@@ -47,7 +48,7 @@ pub(super) struct Args {
     #[command(flatten)]
     common: Common,
     #[command(flatten)]
-    pictures: PictureArgs,
+    rasters: RasterArgs,
     #[command(flatten)]
     solids: SolidArgs,
     /// Only features for which all conditions hold; here points of LAS and LAZ files, as in
@@ -89,6 +90,7 @@ fn other_kind(input: &Path) -> Option<&'static str> {
         ("standard input", input == Path::new("-")),
         ("a solid of primitives", Csg::is_name(input)),
         ("views of a solid", is_views_name(input)),
+        ("a feature file", is_feature_file(input)),
     ];
     kinds.into_iter().find(|(_, is_one)| *is_one).map(|(kind, _)| kind)
 }
@@ -96,44 +98,40 @@ fn other_kind(input: &Path) -> Option<&'static str> {
 pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
     let inputs = expand_lists(args.inputs)?;
     (args.common.access, args.common.given) = (global.access().clone(), global.given().clone());
-    let (job, common, pictures, solids) = (&args.job, &args.common, &args.pictures, &args.solids);
+    let (job, common, rasters, solids) = (&args.job, &args.common, &args.rasters, &args.solids);
     if let Some(option) = common.not_of_shards() {
-        bail!("{option} is not for shards: `spinney build` has it")
+        bail!("{option}: works only with `spinney build`, not with shards")
     }
     if let Some((input, kind)) = inputs.iter().find_map(|input| Some((input, other_kind(input)?))) {
         bail!(
-            "{}: is {kind}; shards are of pictures, volumes, models, LAS and LAZ files and trees, `spinney build` makes the tree in one go",
+            "{}: is {kind}, expected rasters, a volume, models, LAS and LAZ files, or a tree; use `spinney build`",
             input.display()
         )
     }
+    check_kinds(&inputs, global.access())?;
     if inputs.iter().any(|input| is_las_file(input)) {
         return job.plan(&scans::job(inputs, (common, solids), args.filter.as_ref())?, global);
     }
     if args.filter.is_some() {
-        bail!("{}: has no points; --where is for LAS and LAZ files", inputs[0].display())
+        bail!("{}: has no points; --where works only with LAS and LAZ files", inputs[0].display())
     }
     if any_file(&inputs, &|input| mesh::is_model(input, global.access()))? {
-        return job.plan(&solids.job(inputs, &job.output, pictures, common)?, global);
+        return job.plan(&solids.job(inputs, &job.output, rasters, common)?, global);
     }
-    if solids.are_given() {
-        bail!(
-            "{}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files",
-            inputs[0].display()
-        )
-    }
+    solids.refuse(&inputs[0])?;
     if any_file(&inputs, &|input| file_is_tree(input, global.access()))? {
-        return job.plan(&tree_spec(&inputs, pictures, common)?, global);
+        return job.plan(&tree_spec(&inputs, rasters, common)?, global);
     }
-    if let Some(input) = pictures.volume_input(&inputs)? {
-        return job.plan(&JobSpec::Volume { input, options: pictures.volume_options(common)? }, global);
+    if let Some(input) = rasters.volume_input(&inputs)? {
+        return job.plan(&JobSpec::Volume { input, options: rasters.volume_options(common)? }, global);
     }
-    let spec = match pictures.stack_options(&inputs, common)? {
+    let spec = match rasters.stack_options(&inputs, common)? {
         Some(options) => JobSpec::Stack { inputs, options },
-        None => match pictures.of_warping() {
+        None => match rasters.of_warping() {
             Some(option) => {
-                bail!("{option} is for other grids, which shards do not have: `spinney build` has it")
+                bail!("{option}: works only with `spinney build`; shards keep the grid of the inputs")
             }
-            None => JobSpec::Pictures { inputs, options: pictures.import_options(common)? },
+            None => JobSpec::Rasters { inputs, options: rasters.import_options(common)? },
         },
     };
     job.plan(&spec, global)
@@ -144,10 +142,10 @@ pub(super) fn transform(args: &TransformArgs, global: &Global) -> Result<()> {
     let (chain, packing) = (chain.chain(global)?, packing.choice());
     let name = chain.path.display();
     if points::open(&chain.path, global)?.is_some() {
-        bail!("{name}: is a tree of points, which is not transformed in shards")
+        bail!("{name}: is a tree of points, which shards do not support; use `spinney transform`")
     }
     if exact::open(&chain.path, global)?.is_some() {
-        bail!("{name}: is an exact model, which is not transformed in shards")
+        bail!("{name}: is an exact model, which shards do not support; use `spinney transform`")
     }
     job.plan(&JobSpec::Transform { chain, packing }, global)
 }
@@ -159,33 +157,38 @@ pub(super) fn combine(args: &CombineArgs, global: &Global) -> Result<()> {
 
 impl JobArgs {
     fn plan(&self, spec: &JobSpec, global: &Global) -> Result<()> {
-        let folder = &self.output;
-        let is_tree_name = TreeFormat::of(folder) == TreeFormat::Autumnal
-            || folder.extension().is_some_and(|ending| ending == "goblin");
+        let directory = &self.output;
+        let is_tree_name = TreeFormat::of(directory) == TreeFormat::Autumnal
+            || directory.extension().is_some_and(|ending| ending == "goblin");
         if is_tree_name {
             bail!(
-                "{}: is the name of a tree; -o is the folder of a job, and `spinney shard merge` writes the tree, a .goblin file",
-                folder.display()
+                "{}: is the name of a tree file, expected a directory for the job; `spinney shard merge` writes the tree",
+                directory.display()
             )
         }
-        check_output(spec.inputs().iter().map(PathBuf::as_path), folder)?;
+        check_output(spec.inputs().iter().map(PathBuf::as_path), directory)?;
         let work = Work::start(global, "files")?;
-        let planned = plan(spec, folder, self.shards, global.access(), &work)?;
+        let planned = plan(spec, directory, self.shards, global.access(), &work)?;
         work.finish();
         for (heading, text) in &planned.description {
             global.report(heading, text);
         }
         let (busy, all) = (planned.job.busy_shards(), planned.job.shards());
         let bytes = quantity::bytes(planned.job.input_bytes());
-        let empty =
-            if busy < all { format!(", {} of which have nothing to do", all - busy) } else { String::new() };
-        let was_there = if planned.was_there { ", as it was planned before" } else { "" };
-        let name = folder.display();
-        global.report("job", format_args!("{name}: {all} shards of {bytes} of input{empty}{was_there}"));
+        let empty = if busy < all { format!(", {} of them empty", all - busy) } else { String::new() };
+        let was_there = if planned.existed { ", planned before" } else { "" };
+        let name = directory.display();
+        global.report(
+            "job",
+            format_args!(
+                "{name}: {} of {bytes} of input{empty}{was_there}",
+                quantity::counted(all.into(), "shard")
+            ),
+        );
         global.report(
             "next",
             format_args!(
-                "spinney shard build {name} 0 and so on to {}; spinney shard merge {name} -o OUT.goblin",
+                "spinney shard build {name} K for K from 0 to {}; spinney shard merge {name} -o OUT.goblin",
                 all - 1
             ),
         );

@@ -20,22 +20,21 @@ use super::{Args, row_of};
 /// Options for tables of labels.
 #[derive(clap::Args)]
 pub(super) struct LabelOptions {
-    /// A row for each label, which is a value of cells: number of cells, box, and the adjacent
-    /// labels
+    /// A row for each label (value of cells): number of cells, bounding box, and adjacent labels
     #[arg(long, group = "table")]
     #[arg(conflicts_with_all = ["window", "solid", "surface", "level"])]
     pub(super) labels: bool,
-    /// Neighbours of a cell in its region: 4 or 8, of octrees 6 or 26; labels are then components,
-    /// as numbered by transform components=, and their values are classes
+    /// Neighbours of a cell in its region: 4 or 8, in octrees 6 or 26; the values of cells are then
+    /// classes, and labels number their components, as `transform components=` does
     #[arg(long, value_name = "N", requires = "labels")]
     connect: Option<Connectivity>,
     /// Classes of labels, from a tree of the same cells, such as that whose components were
     /// labelled
     #[arg(long, value_name = "FILE", requires = "labels", conflicts_with = "connect")]
     classes: Option<PathBuf>,
-    /// File to write: of labels a table as CSV, or JSON (.json); of zones their features, and of
-    /// --nearest the points, with the results as attributes (.gpkg, .fgb, .geojson, .shp, .csv)
-    /// [default: standard output]
+    /// File to write: for labels a table (.csv, .json); for zones their features, and for --nearest
+    /// the points, with the results as attributes (.gpkg, .fgb, .geojson, .shp, .csv) [default:
+    /// standard output]
     #[arg(short = 'o', long, value_name = "FILE", requires = "table")]
     pub(super) output: Option<PathBuf>,
 }
@@ -68,9 +67,9 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let work = Work::start(global, "cells")?;
     let output = options.output.as_deref().map(|path| global.access().create(path)).transpose()?;
     // (Temporary files are in the directory of the table.)
-    request.folder = options.output.as_deref().and_then(Path::parent).map(|folder| match folder {
+    request.directory = options.output.as_deref().and_then(Path::parent).map(|directory| match directory {
         none if none == Path::new("") => ".".into(),
-        folder => folder.to_path_buf(),
+        directory => directory.to_path_buf(),
     });
     let mut table =
         Table { tree: &tree, classes: classes.as_ref(), is_json, count: 0, text: String::new(), output };
@@ -102,7 +101,7 @@ fn classes_of(path: &Path, labels: &Dataset, global: &Global) -> Result<Dataset>
     let [own, other] = [labels, &classes].map(|tree| (tree.header().extent, tree.depth()));
     ensure!(
         Dataset::same_cells(&[labels, &classes]) == [0, 0],
-        "{}: has other cells than the labels ({:?} in {} levels, expected {:?} in {}, in the same place); see `spinney transform --help` on like=",
+        "{}: has other cells than the labels: {:?} in {} levels, expected {:?} in {} at the same position; align it with like= of `spinney transform`",
         path.display(),
         other.0,
         other.1,
@@ -246,7 +245,7 @@ impl Table<'_> {
                 let path = output.path().to_path_buf();
                 output
                     .write_all(self.text.as_bytes())
-                    .with_context(|| format!("{}: cannot be written", path.display()))?;
+                    .with_context(|| format!("{}: cannot write", path.display()))?;
             }
             None if self.is_json => print_text(&printable_json(&self.text))?,
             None => print_text(&self.text)?,

@@ -17,59 +17,20 @@ use spinney::{Dataset, Rule};
 
 use super::args::{PartOptions, ViewedTree, level_of};
 use super::lines;
-use super::points::{self, PointPlaces};
+use super::points::{self, PointSelection};
 use super::report::{Work, print_json, print_text, solid};
 use super::{Global, exact};
 
 const EXAMPLES: &str = "Examples:
   spinney stats relief.goblin --in world --window 5,44,17,48
   spinney stats landcover.goblin --window 0,0,4096,4096 --json
-  spinney stats house.goblin
-  spinney stats house.goblin --surface
-  spinney stats house.goblin --solid --level 7
-  spinney stats landcover.goblin --zones districts.geojson --edge area --json
-  spinney stats landcover.goblin --zones survey.gpkg:parcels --where 'code>=3,kind!=water' --csv
-  spinney stats series.goblin --zones fields.geojson --csv > series.csv
-  spinney stats landcover.goblin --labels --connect 8 -o patches.csv
-  spinney stats labels.goblin --labels --classes landcover.goblin -o patches.csv
-  spinney stats landcover.goblin --zones districts.gpkg -o districts_landcover.gpkg
-  spinney stats roads.goblin --nearest houses.csv --radius 500 -o houses_roads.gpkg
-  spinney stats roads.goblin --crossing rivers.gpkg -o bridges.gpkg
-  spinney stats relief.goblin --zones districts.gpkg --measure majority,median --quantiles 0.1,0.9 --edge area
+  spinney stats landcover.goblin --zones districts.gpkg --csv
+  spinney stats house.goblin --surface";
 
-Of exact models volume, centre of gravity, inertia and surface of the body are printed, and its topology: all
-are exact, and rounded once.
-
-Of solids (octrees of occupancy, or others with --solid) volume, centre of gravity and bounds are
-printed, in the model's unit. They are exact; coarser levels keep the volume. --surface adds the
-surface of the cells which are at least half full: once of the cells as blocks, and once of the
-smooth surface they stand for, each face weighted by the surface's normal there. It is found by
-going through all cells around the surface, which takes seconds where there are many. In other
-octrees cells that are not VOID are full.
-
-With --zones there are statistics of the cells in each polygon of a file, with its id and attributes: of
-GeoJSON (also a feature per line), GeoPackage (x.gpkg:NAME for one layer of several), FlatGeobuf, a
-shapefile, or a table (.csv) with geometries in a column wkt, wkb, geometry, geom or the_geom. Corners are in the
-file's own system (in GeoJSON longitude and latitude unless it has a member crs), or in that which --in names
-(--in world: the tree's own); they are brought to the tree's system. Only what the polygons' borders cut is read. Of a file of several layers there is a row for each polygon and layer, with the
-layer's name and time.
-
-Of trees of lines counts and lengths are printed; with --nearest points are joined to the lines nearest to them, with --crossing what other lines
-cross is counted. Files in another coordinate system are brought to the tree's, in which --radius and distances are; points that --nearest writes
-stay in their own, and those of --crossing are in the tree's.
-
-With --labels there is a table of all values, each of which is a label: number of cells, area in square metres (of
-octrees volume, in the model's unit), the box of its cells (first column and row, columns and rows, and the same
-in the world), and the labels beside it, as LABEL:EDGES, with the number of edges (in octrees faces) of cells that
-the two have in common. The class of a label is told by the tree that --classes names. With --connect labels are
-components of equal cells, as transform components= numbers them, and classes their values. Tables of any length are made within
---memory.
-
-Areas in square metres are printed for projected coordinate systems that count in metres, except Web
-Mercator. Cells of degrees differ in area. Cells of octrees have volumes, in the cube of the world's unit; in degrees
-and metres together these are not known, either.";
-
-/// Exact statistics of any region
+/// Print exact statistics of a region, of zones, labels, objects or a solid
+///
+/// Areas are in square metres, for projected coordinate systems in metres except Web Mercator.
+/// Volumes are in the cube of the tree's unit, unless its axes have different units.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -77,11 +38,11 @@ pub(crate) struct Args {
     tree: ViewedTree,
     #[command(flatten)]
     part: PartOptions,
-    /// Bins of the histogram of the first channel, if the file does not count classes: at most
-    /// 65536; 0 for none
+    /// Bins of the histogram of the first channel: at most 65536; 0 for none. Files that count
+    /// classes have no histogram
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(..=65536))]
     bins: u32,
-    /// Print volume, centre and bounds of an octree also if its values are not occupancy
+    /// Print volume, centre and bounds of an octree: also if its values are not occupancy
     #[arg(long)]
     solid: bool,
     /// Print the surface of a solid, too; implies --solid
@@ -94,18 +55,17 @@ pub(crate) struct Args {
     /// FlatGeobuf, shapefile or CSV: statistics of the cells in each
     #[arg(long, value_name = "FILE", group = "table", conflicts_with_all = ["window", "solid", "surface", "level"])]
     zones: Option<PathBuf>,
-    /// Of an exact model, a row for each object: name, type, whether it is closed, volume, area,
+    /// A row for each object of an exact model: name, type, whether it is closed, volume, area,
     /// heights, centre and attributes; as a table, or as features with their bounding rectangles
     #[arg(long, group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels"])]
     each: bool,
-    /// Find the nearest line of a tree of lines to each point of a feature file; the points in the
-    /// file of -o have the number of its feature (`line`, from 0), the `distance`, and its
-    /// attributes
+    /// Find the nearest line to each point of a feature file (trees of lines); -o writes the points
+    /// with the number of its feature (`line`, from 0), the `distance`, and its attributes
     #[arg(long, value_name = "POINTS", group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels", "each"])]
     nearest: Option<PathBuf>,
-    /// Lines of a feature file: counts their crossings with a tree of lines, including touches; -o
-    /// names a file of points, one for each crossing, with the attributes of the file's feature,
-    /// the number of the tree's (`line`, from 0), and its attributes
+    /// Lines of a feature file: count their crossings with a tree of lines, including touches; -o
+    /// writes a point for each crossing, with the attributes of the file's feature, the number of
+    /// the tree's (`line`, from 0), and its attributes
     #[arg(long, value_name = "LINES", group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels", "each", "nearest"])]
     crossing: Option<PathBuf>,
     /// Maximum distance of the nearest line [default: any]
@@ -147,25 +107,25 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         };
         global.check_options(&args.tree.file, lines::KIND, fitting)?;
         let within = args.radius.unwrap_or(f64::INFINITY);
-        let question = match (&args.nearest, &args.crossing) {
+        let request = match (&args.nearest, &args.crossing) {
             (Some(points), _) => lines::Join::Nearest(points, within),
             (None, Some(lines)) => lines::Join::Crossing(lines),
             (None, None) => return lines::stats(&tree, lines::window(&args.part)?, args.json, global),
         };
         let names = args.zone_options.attribute.as_deref();
         let output = args.label_options.output.as_deref();
-        return lines::join(&tree, question, names, output, (args.json, global));
+        return lines::join(&tree, request, names, output, (args.json, global));
     }
     ensure!(
         args.nearest.is_none() && args.crossing.is_none(),
-        "--nearest and --crossing are for trees of lines"
+        "--nearest and --crossing: work only with trees of lines"
     );
     if let Some(tree) = points::open(&args.tree.file, global)? {
         global.check_options(&args.tree.file, points::KIND, &["--window", "--in", "--level", "--json"])?;
-        let selection = PointPlaces::default().selection(&tree, &args.part, args.level, global)?;
+        let selection = PointSelection::default().selection(&tree, &args.part, args.level, global)?;
         return points::stats(&tree, &selection, args.json, global);
     }
-    ensure!(!args.each, "--each is for exact models; of trees --labels and --zones make tables");
+    ensure!(!args.each, "--each: works only with exact models; for trees, use --labels or --zones");
     check_modes(args, global)?;
     if args.label_options.labels {
         return labels::run(args, global);
@@ -214,9 +174,12 @@ fn check_modes(args: &Args, global: &Global) -> Result<()> {
     global.given().check(mode, &[fitting, &["--view", "--layer"]].concat())?;
     let has_columns = args.zones.is_none() || args.json || args.csv || args.label_options.output.is_some();
     let has_attributes = args.zone_options.attribute.is_some();
-    ensure!(has_columns || !has_attributes, "--attribute is for --json, --csv and --output");
+    ensure!(has_columns || !has_attributes, "--attribute: works only with --json, --csv or --output");
     let has_place = args.part.is_given() || args.zones.is_some();
-    ensure!(has_place || args.part.coordinates().given().is_none(), "--in is for --window and --zones");
+    ensure!(
+        has_place || args.part.coordinates().given().is_none(),
+        "--in: works only with --window or --zones"
+    );
     Ok(())
 }
 
@@ -226,7 +189,7 @@ fn zones_of(args: &Args, trees: &[Dataset], global: &Global) -> Result<()> {
         if let Some(output) = &args.label_options.output {
             ensure!(
                 !args.json && !args.csv,
-                "--json and --csv are for standard output: the name of --output says the format"
+                "--json and --csv: work only without --output, whose name determines the format"
             );
             let coordinates = args.part.coordinates().given();
             zones::write(trees, file, &args.zone_options, coordinates, output, global)?;
@@ -247,23 +210,23 @@ fn zones_of(args: &Args, trees: &[Dataset], global: &Global) -> Result<()> {
 fn of_layer(args: &Args, tree: &Dataset, global: &Global) -> Result<Option<serde_json::Value>> {
     let boxes = args.part.boxes(tree)?;
     let is_octree = tree.header().form.axes() == 3;
-    let is_asked = args.solid || args.surface || args.level.is_some();
+    let is_solid_query = args.solid || args.surface || args.level.is_some();
     ensure!(
-        !is_asked || is_octree,
-        "{}: is a quadtree; --solid, --surface and --level are for octrees",
+        !is_solid_query || is_octree,
+        "{}: is a quadtree; --solid, --surface and --level work only with octrees",
         args.tree.file.display()
     );
     ensure!(
-        !is_asked || boxes.is_none(),
-        "--solid, --surface and --level are for the whole octree; see --view window=..."
+        !is_solid_query || boxes.is_none(),
+        "--solid, --surface and --level: measure the whole octree; for a region, add --view window=..."
     );
     let is_solid = is_octree && tree.header().rule == Rule::Occupancy && boxes.is_none();
     let stats = statistics_of(tree, boxes.as_deref())?;
-    let picture = tree.header().picture();
-    let boxes = boxes.unwrap_or(vec![picture]);
+    let default_region = tree.header().extent_bounds();
+    let boxes = boxes.unwrap_or(vec![default_region]);
     let histogram = bins_with(tree, &boxes, &stats, args.bins)?;
     // Last, since a signal ends the program at once before `Work::start`.
-    let measured = if is_asked || is_solid {
+    let measured = if is_solid_query || is_solid {
         let work = Work::start(global, "cells")?;
         let level = level_of(tree, args.level)?;
         let solid = tree.solid(level, &work)?;

@@ -151,7 +151,7 @@ fn templates() -> String {
 }
 
 #[test]
-fn templates_stand_where_they_are_placed() {
+fn templates_are_instantiated_at_their_positions() {
     let files = Files::new();
     let corner = cube_points()[7];
     let moved = |map: &dyn Fn([f64; 3]) -> [f64; 3]| {
@@ -167,7 +167,7 @@ fn templates_stand_where_they_are_placed() {
     fine.iter_mut().for_each(|face| face.part = 1);
     expected.extend(fine);
     assert_eq!(files.faces("a.json", templates()).unwrap(), expected);
-    for (from, to, told) in [
+    for (from, to, message) in [
         ("\"template\":0", "\"template\":2", "an instance of template 2, expected one of the 2"),
         ("\"template\":0", "\"template\":-1", "line 2"),
         ("\"boundaries\":[7]", "\"boundaries\":[8]", "vertex 8 of 8"),
@@ -178,7 +178,7 @@ fn templates_stand_where_they_are_placed() {
     ] {
         assert!(templates().contains(from), "{from}");
         let found = files.error("a.json", templates().replacen(from, to, 1));
-        assert!(found.contains(told), "{from} -> {to}: {found}");
+        assert!(found.contains(message), "{from} -> {to}: {found}");
     }
     assert_eq!(read_truncated("a.json", templates().as_bytes()), 0);
 }
@@ -186,7 +186,7 @@ fn templates_stand_where_they_are_placed() {
 #[test]
 fn broken() {
     let files = Files::new();
-    for (from, to, told) in [
+    for (from, to, expected) in [
         ("[[0, 4, 6, 2]]", "[[0, 4, 6, 8]]", "object \"b\""),
         ("[[0, 4, 6, 2]]", "[[0, 4, 6, -1]]", "line 2"),
         ("[[0, 4, 6, 2]]", "[[0, 4, 6, 1.5]]", "line 2"),
@@ -205,14 +205,14 @@ fn broken() {
     ] {
         assert!(text_cube().contains(from), "{from}");
         let found = files.error("a.json", text_cube().replacen(from, to, 1));
-        assert!(found.contains(told), "{from} -> {to}: {found}");
+        assert!(found.contains(expected), "{from} -> {to}: {found}");
     }
     assert_eq!(read_truncated("a.json", text_cube().as_bytes()), 0);
 }
 
 #[test]
 fn real_cities() {
-    let Some(folder) = meshes() else { return };
+    let Some(directory) = meshes() else { return };
     // Objects, surfaces of each one's highest level of detail, and surfaces with fewer than three
     // distinct vertices, counted by a short independent program.
     for (name, objects, surfaces, degenerate) in [
@@ -220,7 +220,7 @@ fn real_cities() {
         ("delft.json", 570, 36_271, 0),
         ("rotterdam_subset.json", 16, 248, 12),
     ] {
-        let mut model = open(&folder.join("cityjson").join(name), ENOUGH).unwrap();
+        let mut model = open(&directory.join("cityjson").join(name), ENOUGH).unwrap();
         let faces = faces(&mut *model).unwrap();
         assert_eq!(model.info().parts.len(), objects, "{name}");
         assert_eq!(faces.len() as u64 + model.degenerate(), surfaces, "{name}");

@@ -10,16 +10,16 @@ pub(crate) const ENOUGH: u64 = 64 << 20;
 
 /// A face that outlives its reader's buffers.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Kept {
+pub(crate) struct OwnedFace {
     pub(crate) points: Vec<[f64; 3]>,
     pub(crate) ring_ends: Vec<usize>,
     pub(crate) colours: Vec<[u8; 3]>,
     pub(crate) part: u32,
 }
 
-impl Kept {
-    fn of(face: &MeshFace<'_>) -> Kept {
-        Kept {
+impl OwnedFace {
+    fn of(face: &MeshFace<'_>) -> OwnedFace {
+        OwnedFace {
             points: face.points.to_vec(),
             ring_ends: face.ring_ends.to_vec(),
             colours: face.colours.to_vec(),
@@ -29,12 +29,12 @@ impl Kept {
 }
 
 /// Returns all faces of a model, after checking the invariants of faces.
-pub(crate) fn faces(model: &mut dyn Model) -> Result<Vec<Kept>> {
+pub(crate) fn faces(model: &mut dyn Model) -> Result<Vec<OwnedFace>> {
     let info = model.info().clone();
     let mut faces = Vec::new();
     model.faces(&mut |face| {
         check(&info, face);
-        faces.push(Kept::of(face));
+        faces.push(OwnedFace::of(face));
         Ok(())
     })?;
     Ok(faces)
@@ -71,7 +71,7 @@ impl Files {
         open(&self.write(name, content), ENOUGH)
     }
 
-    pub(crate) fn faces(&self, name: &str, content: impl AsRef<[u8]>) -> Result<Vec<Kept>> {
+    pub(crate) fn faces(&self, name: &str, content: impl AsRef<[u8]>) -> Result<Vec<OwnedFace>> {
         let mut model = self.open(name, content)?;
         let first = faces(&mut *model)?;
         assert_eq!(faces(&mut *model)?, first, "{name} read again");
@@ -103,10 +103,10 @@ pub(crate) const CUBE: [[usize; 4]; 6] =
     [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
 
 /// The cube as its readers should return it.
-pub(crate) fn cube() -> Vec<Kept> {
+pub(crate) fn cube() -> Vec<OwnedFace> {
     let points = cube_points();
     CUBE.iter()
-        .map(|side| Kept {
+        .map(|side| OwnedFace {
             points: side.iter().map(|i| points[*i]).collect(),
             ring_ends: vec![4],
             colours: Vec::new(),
@@ -116,7 +116,7 @@ pub(crate) fn cube() -> Vec<Kept> {
 }
 
 /// Volume and area of the fans of all faces; valid for faces without holes.
-pub(crate) fn volume_and_area(faces: &[Kept]) -> [f64; 2] {
+pub(crate) fn volume_and_area(faces: &[OwnedFace]) -> [f64; 2] {
     let sub = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     let cross = |a: [f64; 3], b: [f64; 3]| {
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
@@ -136,11 +136,11 @@ pub(crate) fn volume_and_area(faces: &[Kept]) -> [f64; 2] {
 
 /// Returns the directory of meshes outside of the project, if it exists.
 pub(crate) fn meshes() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/mesh");
-    if folder.is_dir() {
-        return Some(folder);
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/mesh");
+    if directory.is_dir() {
+        return Some(directory);
     }
-    eprintln!("skipped: {} is not there", folder.display());
+    eprintln!("skipped: {} is not there", directory.display());
     None
 }
 

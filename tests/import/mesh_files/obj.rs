@@ -18,7 +18,7 @@ pub(crate) fn text_cube() -> String {
 }
 
 /// Returns a file's faces, which must not depend on how it is read, and its part names.
-fn both(files: &Files, text: &str) -> (Vec<Kept>, Vec<String>) {
+fn both(files: &Files, text: &str) -> (Vec<OwnedFace>, Vec<String>) {
     let path = files.write("a.obj", text);
     let mut models = [ENOUGH, LITTLE].map(|memory| open(&path, memory).unwrap());
     let [whole, streamed] = models.each_mut().map(|model: &mut Box<dyn Model>| {
@@ -56,7 +56,7 @@ fn ways_to_write_a_face() {
 }
 
 #[test]
-fn vertices_between_and_behind_faces() {
+fn vertices_between_and_after_faces() {
     let files = Files::new();
     let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 0 0\nf -1 1 2\nf 1 2 5\nv 0 7 0\n";
     let (faces, _) = both(&files, text);
@@ -111,8 +111,12 @@ fn materials() {
     assert_eq!(colours, [[[255; 3]; 3], [[255, 51, 0]; 3], [[0, 0, 255]; 3]]);
     assert_eq!(parts, ["mesh"]);
     files.write("some materials.mtl", "\u{feff}newmtl a b\nKd 1 0.2 0\nnewmtl c\nKd 0 0 1\n");
-    assert_eq!(both(&files, text).0[1].colours, [[255, 51, 0]; 3], "behind a byte order mark");
-    assert_eq!(both(&files, &text.replace("some", "../some")).0[1].colours, [[0; 3]; 0], "elsewhere");
+    assert_eq!(both(&files, text).0[1].colours, [[255, 51, 0]; 3], "after a byte order mark");
+    assert_eq!(
+        both(&files, &text.replace("some", "../some")).0[1].colours,
+        [[0; 3]; 0],
+        "in another directory"
+    );
     // Vertex colours take precedence.
     let own = text.replace("v 0 0 0", "v 0 0 0 0 1 0");
     assert_eq!(both(&files, &own).0[1].colours[0], [0, 255, 0]);
@@ -125,7 +129,7 @@ fn materials() {
 #[test]
 fn broken() {
     let files = Files::new();
-    for (from, to, told) in [
+    for (from, to, expected) in [
         ("v 2 2 2", "v 2 2 nan", "vertex 8, line 9"),
         ("v 2 2 2", "v 2 2", "vertex 8, line 9"),
         ("v 2 2 2", "v 2 2 2 0", "vertex 8, line 9"),
@@ -140,7 +144,7 @@ fn broken() {
     ] {
         assert!(text_cube().contains(from));
         let found = files.error("a.obj", text_cube().replace(from, to));
-        assert!(found.contains(told), "{from} -> {to}: {found}");
+        assert!(found.contains(expected), "{from} -> {to}: {found}");
     }
     assert!(files.error("a.obj", "f 1 2 3\n").contains("no vertices"));
     // Text without an end mark can be truncated at many positions, but not within a vertex or

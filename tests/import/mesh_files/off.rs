@@ -71,7 +71,7 @@ fn line_breaks_and_case() {
 #[test]
 fn broken() {
     let files = Files::new();
-    for (from, to, told) in [
+    for (from, to, expected) in [
         ("8 6 12", "2147483648 6 12", "at least"),
         ("8 6 12", "8 18446744073709551615 12", "line 3"),
         ("8 6 12", "0 6 12", "no vertices"),
@@ -89,7 +89,7 @@ fn broken() {
     ] {
         assert!(text_cube().contains(from));
         let found = files.error("a.off", text_cube().replace(from, to));
-        assert!(found.contains(told), "{from} -> {to}: {found}");
+        assert!(found.contains(expected), "{from} -> {to}: {found}");
     }
     assert_eq!(read_truncated("a.off", text_cube().as_bytes()), 1);
 }

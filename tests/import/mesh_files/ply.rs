@@ -174,7 +174,7 @@ fn broken_headers() {
         assert!(text.contains(from));
         files.error("a.ply", text.replace(from, to))
     };
-    for (from, to, told) in [
+    for (from, to, expected) in [
         ("vertex 8", "vertex 2147483648", "at least"),
         ("vertex 8", "vertex 18446744073709551615", "line 4"),
         ("face 6", "face 9223372036854775807", "at least"),
@@ -184,7 +184,7 @@ fn broken_headers() {
         ("float y", "quad y", "line 6"),
         ("vertex_indices", "corners", "vertex_index"),
         ("list uchar", "list float", "line 9"),
-        ("element vertex 8\n", "", "an element first"),
+        ("element vertex 8\n", "", "an `element` line before it"),
         ("format ascii 1.0\n", "", "format"),
         ("format ascii 1.0", "format ascii 2.0", "2.0"),
         ("element face 6\nproperty list uchar int vertex_indices\n", "", "without faces"),
@@ -192,21 +192,21 @@ fn broken_headers() {
         ("end_header\n", "", "line 10"),
     ] {
         let found = error(from, to);
-        assert!(found.contains(told), "{from} -> {to}: {found}");
+        assert!(found.contains(expected), "{from} -> {to}: {found}");
     }
 }
 
 #[test]
 fn broken_bodies() {
     let files = Files::new();
-    for (from, to, told) in [
+    for (from, to, expected) in [
         ("2 2 2\n", "2 nan 2\n", ["vertex 7", "NaN"]),
         ("2 2 2\n", "2 inf 2\n", ["vertex 7", "inf"]),
         ("2 2 2\n", "2 1e400 2\n", ["vertex 7", "line 18"]),
         ("2 2 2\n", "2 two 2\n", ["vertex 7", "\"two\""]),
         ("4 0 4 6 2", "4 0 4 6 8", ["face 0", "vertex 8 of 8"]),
         ("4 0 4 6 2", "4 0 -1 6 2", ["face 0", "vertex -1 of 8"]),
-        ("4 0 4 6 2", "-4 0 4 6 2", ["face 0", "a list of -4"]),
+        ("4 0 4 6 2", "-4 0 4 6 2", ["face 0", "a list length of -4"]),
         ("4 0 4 6 2", "2000000 0 4 6 2", ["line 19", "2^20"]),
         ("4 0 4 6 2", "4 0 4.5 6 2", ["face 0", "\"4.5\""]),
         ("4 4 5 7 6", "4 4 5 7", ["face 5", "end of the file"]),
@@ -214,7 +214,7 @@ fn broken_bodies() {
         let text = text_cube();
         assert!(text.contains(from));
         let found = files.error("a.ply", text.replace(from, to));
-        assert!(told.iter().all(|told| found.contains(told)), "{from} -> {to}: {found}");
+        assert!(expected.iter().all(|expected| found.contains(expected)), "{from} -> {to}: {found}");
     }
     // A coordinate that is NaN, at an offset found by searching the file.
     for list in [false, true] {
@@ -227,9 +227,9 @@ fn broken_bodies() {
     let mut file = binary_cube(true, "float", false, ["int", "int"]);
     let at = file.len() - 6 * (2 + 5 * 4 + 9) + 2;
     file[at] = 0xff;
-    assert!(files.error("a.ply", &file).contains("a list of -"), "negative");
+    assert!(files.error("a.ply", &file).contains("a list length of -"), "negative");
     file[at..at + 4].copy_from_slice(&[0, 0x0f, 0, 0]);
-    assert!(files.error("a.ply", &file).contains("a vertex that the file has"), "long");
+    assert!(files.error("a.ply", &file).contains("the index of a vertex in the file"), "long");
 }
 
 #[test]

@@ -5,14 +5,14 @@ use spinney::raw::import::mesh::open;
 
 #[test]
 fn real_meshes_have_the_expected_figures() {
-    let Some(folder) = meshes() else { return };
-    let table = std::fs::read_to_string(folder.join("expected.tsv")).unwrap();
+    let Some(directory) = meshes() else { return };
+    let table = std::fs::read_to_string(directory.join("expected.tsv")).unwrap();
     let mut count = 0;
     for line in table.lines().skip(1) {
         let columns: Vec<&str> = line.split('\t').collect();
         let number = |column: usize| columns[column].parse::<f64>().unwrap();
         let name = columns[0];
-        let mut model = open(&folder.join(name), ENOUGH).unwrap();
+        let mut model = open(&directory.join(name), ENOUGH).unwrap();
         let faces = faces(&mut *model).unwrap();
         let triangles: usize = faces.iter().map(|face| face.points.len() - 2).sum();
         assert_eq!(triangles as f64, number(1), "{name}: triangles");
@@ -22,10 +22,10 @@ fn real_meshes_have_the_expected_figures() {
         let [volume, area] = volume_and_area(&faces);
         close(volume, number(7), number(7), "volume");
         close(area, number(8), number(8), "area");
-        let [least, greatest] = model.info().bounds;
-        for (axis, (least, greatest)) in least.into_iter().zip(greatest).enumerate() {
-            close(least, number(9 + axis), greatest - least, "least");
-            close(greatest, number(12 + axis), greatest - least, "greatest");
+        let [min, max] = model.info().bounds;
+        for (axis, (min, max)) in min.into_iter().zip(max).enumerate() {
+            close(min, number(9 + axis), max - min, "min");
+            close(max, number(12 + axis), max - min, "max");
         }
         count += 1;
     }

@@ -35,7 +35,7 @@ pub(crate) fn binary_cube(header: &str) -> Vec<u8> {
     file
 }
 
-fn points(faces: &[Kept]) -> Vec<Vec<[f64; 3]>> {
+fn points(faces: &[OwnedFace]) -> Vec<Vec<[f64; 3]>> {
     faces.iter().map(|face| face.points.clone()).collect()
 }
 
@@ -110,7 +110,7 @@ fn bytes_after_the_declared_facets() {
 #[test]
 fn broken() {
     let files = Files::new();
-    for (from, to, told) in [
+    for (from, to, expected) in [
         ("vertex 2", "vertex inf", "line 18"),
         ("vertex 2", "vertex", "line 18"),
         ("vertex 2", "", "line 18"),
@@ -119,7 +119,7 @@ fn broken() {
         ("endsolid a cube\n", "", "the end of the file"),
     ] {
         let found = files.error("a.stl", text_cube().replacen(from, to, 1));
-        assert!(found.contains(told), "{from} -> {to}: {found}");
+        assert!(found.contains(expected), "{from} -> {to}: {found}");
     }
     let mut file = binary_cube("");
     file[84 + 50 + 12 + 4..][..4].copy_from_slice(&f32::NAN.to_le_bytes());

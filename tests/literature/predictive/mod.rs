@@ -38,14 +38,14 @@ fn is_that_of_the_builder(cells: &Cells, rule: Rule, kind: DataKind) {
 }
 
 #[test]
-fn item_16_picture_of_the_tables() {
+fn item_16_raster_of_the_tables() {
     let cells = made(QUAD, [8, 8, 1], |[x, y, _]| Some(byte(CLASSIC[y as usize][x as usize])));
     assert_eq!(predicted(&cells).tree.len(), 10 + 31);
     is_that_of_the_builder(&cells, Rule::Dominant, DataKind::Categorical);
 }
 
 #[test]
-fn item_16_random_pictures() {
+fn item_16_random_rasters() {
     use spinney::SampleType::{F32, U8, U16};
     for seed in 0..60 {
         let side = [9, 70, 300][seed as usize % 3];
@@ -63,10 +63,10 @@ fn item_16_random_pictures() {
 
 #[test]
 fn item_16_fixtures() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
     for name in ["classic.png", "island_classes.tif", "island_elevation.tif", "island_rgb.png"] {
-        let path = folder.path().join("built.goblin");
+        let path = directory.path().join("built.goblin");
         spinney::build(fixtures.join(name), &path).unwrap();
         let built = spinney::open(&path).unwrap();
         let tree = built.in_memory(1 << 20).unwrap();

@@ -9,8 +9,8 @@ use wasm_bindgen_cli_support::Bindgen;
 
 fn main() -> ExitCode {
     let arguments: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
-    let [module, folder] = &arguments[..] else {
-        eprintln!("usage: spinney-bindgen MODULE.wasm FOLDER");
+    let [module, directory] = &arguments[..] else {
+        eprintln!("usage: spinney-bindgen MODULE.wasm DIRECTORY");
         return ExitCode::from(2);
     };
     let made = Bindgen::new()
@@ -22,7 +22,7 @@ fn main() -> ExitCode {
         // (A panic is followed by a new instance.)
         .reset_state_function(true)
         .web(true)
-        .and_then(|bindgen| bindgen.generate(folder));
+        .and_then(|bindgen| bindgen.generate(directory));
     match made {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

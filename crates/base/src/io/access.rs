@@ -186,9 +186,9 @@ impl FileAccess {
         if !self.0.is_external_refused {
             return Ok(());
         }
-        let found =
-            format!("data in another file ({}), where that is refused (--no-external),", shown(other));
-        let advice = "leave that option out if you trust the file, or convert it to a file that has its data";
+        let found = format!("data in another file ({}) with --no-external", shown(other));
+        let advice =
+            "omit --no-external if you trust the file, or convert it to a format that contains its data";
         Err(Error::unsupported(file, found, advice))
     }
 
@@ -229,15 +229,11 @@ impl FileAccess {
     /// [`Error::Unsupported`] if there is no client, or remote files are refused.
     pub(super) fn client(&self, path: &Path) -> Result<&dyn RemoteFiles> {
         if self.0.is_remote_refused {
-            let advice = "leave that option out if you trust what names the file, or copy it to this machine";
-            return Err(Error::unsupported(
-                path,
-                "a remote file, where none may be used (--no-remote),",
-                advice,
-            ));
+            let advice = "omit --no-remote if you trust the source of this name, or download the file";
+            return Err(Error::unsupported(path, "a remote file with --no-remote", advice));
         }
         self.0.remote.as_deref().ok_or_else(|| {
-            let advice = "use a build with support for remote files, or copy the file to this machine";
+            let advice = "use a build with support for remote files, or download the file";
             Error::unsupported(path, "a remote file", advice)
         })
     }
@@ -467,12 +463,12 @@ mod tests {
 
     #[test]
     fn missing_files_are_none_and_outages_are_errors() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("file");
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("file");
         std::fs::write(&file, "1").unwrap();
         let access = FileAccess::new().remote(Arc::new(Outage::default()));
         assert!(access.probe(&file).unwrap().is_some());
-        for path in [folder.path(), &file.join("below"), Path::new("http://h/none")] {
+        for path in [directory.path(), &file.join("below"), Path::new("http://h/none")] {
             assert!(access.probe(path).unwrap().is_none(), "{}", path.display());
         }
         assert!(access.probe(Path::new("http://h/x")).is_err());

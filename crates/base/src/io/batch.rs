@@ -22,7 +22,7 @@
 //! once.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 use std::ops::Range;
 use std::panic::resume_unwind;
@@ -38,8 +38,11 @@ use crate::{Error, Result, parallel};
 /// may find new ranges in each batch.
 const MAX_BATCHES: usize = 256;
 
-/// A batch may take `1 / BATCH_SHARE` of the cache's limit, since ranges are in memory twice while
-/// they arrive.
+/// A batch may take `1 / BATCH_SHARE` of the smallest limit of the caches concerned.
+///
+/// Its ranges are in memory twice while they arrive: in responses, and copied from them to the
+/// cache. At least half of the cache then remains for the ranges of earlier batches, which the next
+/// pass of the query reads again.
 const BATCH_SHARE: u64 = 4;
 
 /// Whether any file was opened that is read in ranges. A shortcut: a process with only local files
@@ -63,8 +66,9 @@ pub struct MissingRange {
 /// Counters of requests for remote files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
-    /// Number of batches that were waited for.
-    pub rounds: u64,
+    /// Number of waits for concurrent requests. Each file of a batch counts: a batch that fetches
+    /// ranges of three files counts as three.
+    pub batches: u64,
     /// Number of requests.
     pub requests: u64,
     /// Number of bytes received.
@@ -73,19 +77,20 @@ pub struct Traffic {
 
 impl fmt::Display for Traffic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Traffic { rounds, requests, bytes } = self;
-        write!(f, "{rounds} rounds, {requests} requests, {bytes} bytes")
+        let Traffic { batches, requests, bytes } = self;
+        write!(f, "{batches} batches, {requests} requests, {bytes} bytes")
     }
 }
 
-/// Records that a file was opened that is read in ranges.
-pub(super) fn need() {
+/// Turns batches on for this process, since a file was opened that is read in ranges.
+pub(super) fn enable() {
     IS_NEEDED.store(true, Ordering::Relaxed);
 }
 
-/// Whether this thread works on a batch.
-fn is_in_batch() -> bool {
-    parallel::context().is_some()
+/// Returns the batch that this thread works on.
+fn current_batch() -> Option<Arc<Batch>> {
+    // All contexts are batches: only this module sets one.
+    parallel::context().and_then(|context| context.downcast::<Batch>().ok())
 }
 
 /// Runs a function outside of the batch that this thread works on, so that its reads wait for their
@@ -95,10 +100,8 @@ pub fn outside_batch<R>(work: impl FnOnce() -> R) -> R {
 }
 
 /// Records a missing range. Returns false if this thread does not work on a batch.
-pub(super) fn note(file: &RangeFile, range: &Range<u64>) -> bool {
-    let Some(batch) = parallel::context().and_then(|context| context.downcast::<Batch>().ok()) else {
-        return false;
-    };
+pub(super) fn record_missing(file: &RangeFile, range: &Range<u64>) -> bool {
+    let Some(batch) = current_batch() else { return false };
     let mut missing = batch.0.lock().unwrap_or_else(PoisonError::into_inner);
     missing.push(MissingRange { file: file.clone(), range: range.clone() });
     true
@@ -201,7 +204,12 @@ pub fn run_batched<T>(mut query: impl FnMut() -> Result<T>) -> Result<T> {
 /// Applies a function to each item on all threads, in batches. The results have the order of the
 /// items.
 ///
-/// Finished results are kept, and not computed again if other items miss bytes.
+/// Finished results are kept, and not computed again if other items miss bytes. So `make` must
+/// return each [`Error::NotFetched`], or end with [`finish_deferred`]: a result that it computes
+/// without the missing bytes is kept, and never corrected.
+///
+/// Within another batch all results are dropped if one item misses bytes: the outer query is
+/// restarted, and calls `make` for all items again.
 ///
 /// # Errors
 /// That of the first item whose function fails.
@@ -229,10 +237,10 @@ pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> Result<R> + Sync)
 }
 
 fn run_again(query: &mut dyn FnMut() -> Result<()>) -> Result<()> {
-    if is_in_batch() {
+    if current_batch().is_some() {
         return query();
     }
-    let mut fetched = HashSet::new();
+    let mut fetched = Fetched::new();
     for _ in 0..MAX_BATCHES {
         // Invariant: a read in a batch either has its bytes, or is recorded. So a result or an
         // error is valid if and only if no range is recorded: a query that ignored a failed read
@@ -240,6 +248,9 @@ fn run_again(query: &mut dyn FnMut() -> Result<()>) -> Result<()> {
         let (result, missing) = try_once(query);
         match result {
             Err(Error::Interrupted) => return result,
+            // No read of this pass missed bytes in the batch. Either a transport that cannot wait
+            // failed in [`outside_batch`], as in browsers, or the query returned an error of an
+            // earlier pass, which it must not keep. Neither is a reason for another batch.
             Err(Error::NotFetched) if missing.is_empty() => break,
             result if missing.is_empty() => return result,
             _ => {}
@@ -253,26 +264,31 @@ fn run_again(query: &mut dyn FnMut() -> Result<()>) -> Result<()> {
     query()
 }
 
-/// Ranges that were fetched for a query: number of the file, and first byte.
-type Fetched = HashSet<(u64, u64)>;
+/// Ranges that were fetched for a query: their maximum end by number of the file and first byte.
+type Fetched = HashMap<(u64, u64), u64>;
 
 /// Fetches as many of the ranges as fit into the caches, at least one, those of all files at the
 /// same time. Returns their number.
 ///
-/// Returns 0 if a range was already fetched for the same query, since it must have been evicted.
+/// Returns 0, and fetches nothing, if a range was already fetched for the same query: it is missing
+/// again, so it was evicted, and more batches would only replace each other's ranges. The caller
+/// must not continue with `fetched` then, which may name ranges that were not fetched.
 fn fetch(missing: Vec<MissingRange>, fetched: &mut Fetched) -> Result<usize> {
     let mut files: BTreeMap<u64, (RangeFile, Vec<Range<u64>>)> = BTreeMap::new();
-    let mut room = missing.iter().map(|missing| missing.file.cache_limit()).min().unwrap_or(0) / BATCH_SHARE;
+    let mut capacity =
+        missing.iter().map(|missing| missing.file.cache_limit()).min().unwrap_or(0) / BATCH_SHARE;
     let mut count = 0;
     for MissingRange { file, range } in missing {
         let length = range.end - range.start;
-        if count > 0 && length > room {
+        if count > 0 && length > capacity {
             break;
         }
-        if !fetched.insert((file.number(), range.start)) {
+        let fetched_end = fetched.entry((file.number(), range.start)).or_insert(0);
+        if range.end <= *fetched_end {
             return Ok(0);
         }
-        room = room.saturating_sub(length);
+        *fetched_end = range.end;
+        capacity = capacity.saturating_sub(length);
         count += 1;
         files.entry(file.number()).or_insert_with(|| (file, Vec::new())).1.push(range);
     }

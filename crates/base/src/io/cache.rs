@@ -24,7 +24,7 @@ pub struct RangeCache {
 }
 
 /// Number of a file in a cache, and the first byte of a range.
-type Place = (u64, u64);
+type RangeKey = (u64, u64);
 
 #[derive(Default)]
 struct State {
@@ -35,10 +35,10 @@ struct State {
     time: u64,
     /// No range lies within another one of the same file. So only the last range that starts at or
     /// before an offset can contain it.
-    ranges: BTreeMap<Place, Cached>,
+    ranges: BTreeMap<RangeKey, Cached>,
     /// Ranges by the time of their last use. A linear search for the oldest range would take
     /// quadratic time if an untrusted file has very many small ranges.
-    by_time: BTreeMap<u64, Place>,
+    by_time: BTreeMap<u64, RangeKey>,
 }
 
 struct Cached {
@@ -70,8 +70,8 @@ impl RangeCache {
 
     /// Returns the requests so far for files whose ranges are cached here.
     pub fn traffic(&self) -> Traffic {
-        let [rounds, requests, bytes] = self.traffic.each_ref().map(|count| count.load(Ordering::Relaxed));
-        Traffic { rounds, requests, bytes }
+        let [batches, requests, bytes] = self.traffic.each_ref().map(|count| count.load(Ordering::Relaxed));
+        Traffic { batches, requests, bytes }
     }
 
     /// Counts a batch of requests and the bytes received.
@@ -89,14 +89,14 @@ impl RangeCache {
     pub fn get(&self, file: u64, range: &Range<u64>) -> Option<CachedBytes> {
         let mut state = self.state();
         let State { time, ranges, by_time, .. } = &mut *state;
-        let (place, cached) = ranges.range_mut((file, 0)..=(file, range.start)).next_back()?;
-        let [start, end] = [range.start, range.end].map(|at| at - place.1);
+        let (key, cached) = ranges.range_mut((file, 0)..=(file, range.start)).next_back()?;
+        let [start, end] = [range.start, range.end].map(|at| at - key.1);
         if end > cached.bytes.len() as u64 {
             return None;
         }
         let (start, end) = (start as usize, end as usize);
         by_time.remove(&cached.last_use);
-        by_time.insert(*time, *place);
+        by_time.insert(*time, *key);
         cached.last_use = *time;
         *time += 1;
         Some(CachedBytes { bytes: cached.bytes.clone(), range: start..end })
@@ -108,27 +108,27 @@ impl RangeCache {
     }
 
     /// Returns the maximum number of bytes that were cached at a time.
-    pub fn most_held(&self) -> u64 {
+    pub fn max_held(&self) -> u64 {
         self.state().most
     }
 
     /// Evicts all ranges of a file.
     pub fn forget(&self, file: u64) {
         let mut state = self.state();
-        let places: Vec<Place> =
-            state.ranges.range((file, 0)..=(file, u64::MAX)).map(|(place, _)| *place).collect();
-        places.into_iter().for_each(|place| state.remove(place));
+        let keys: Vec<RangeKey> =
+            state.ranges.range((file, 0)..=(file, u64::MAX)).map(|(key, _)| *key).collect();
+        keys.into_iter().for_each(|key| state.remove(key));
     }
 
     /// Adds bytes of a file from an offset on. They may be cached already if two threads have read
     /// them at the same time.
     pub fn put(&self, file: u64, offset: u64, bytes: Arc<Vec<u8>>) {
         let mut state = self.state();
-        let place = (file, offset);
+        let key = (file, offset);
         // A range that starts before and ends later contains these bytes.
         let end = offset.saturating_add(bytes.len() as u64);
-        let before = state.ranges.range((file, 0)..=place).next_back();
-        let reaches = |(at, cached): (&Place, &Cached)| {
+        let before = state.ranges.range((file, 0)..=key).next_back();
+        let reaches = |(at, cached): (&RangeKey, &Cached)| {
             let reached = at.1 + cached.bytes.len() as u64;
             reached > end || reached == end && at.1 < offset
         };
@@ -136,16 +136,15 @@ impl RangeCache {
             return;
         }
         // Ranges within the new one are found in it. They would hide it, since they start later.
-        let is_within = |(place, cached): (&Place, &Cached)| {
-            (place.1 + cached.bytes.len() as u64 <= end).then_some(*place)
-        };
-        let within: Vec<Place> = state.ranges.range(place..(file, end)).filter_map(is_within).collect();
-        within.into_iter().for_each(|place| state.remove(place));
-        state.remove(place);
+        let is_within =
+            |(key, cached): (&RangeKey, &Cached)| (key.1 + cached.bytes.len() as u64 <= end).then_some(*key);
+        let within: Vec<RangeKey> = state.ranges.range(key..(file, end)).filter_map(is_within).collect();
+        within.into_iter().for_each(|key| state.remove(key));
+        state.remove(key);
         state.held += bytes.len() as u64;
         let last_use = state.time;
-        state.ranges.insert(place, Cached { last_use, bytes });
-        state.by_time.insert(last_use, place);
+        state.ranges.insert(key, Cached { last_use, bytes });
+        state.by_time.insert(last_use, key);
         state.time += 1;
         // The new range has the latest time, so it is never evicted here.
         while state.held > self.limit() && state.ranges.len() > 1 {
@@ -157,8 +156,8 @@ impl RangeCache {
 }
 
 impl State {
-    fn remove(&mut self, place: Place) {
-        if let Some(Cached { last_use, bytes }) = self.ranges.remove(&place) {
+    fn remove(&mut self, key: RangeKey) {
+        if let Some(Cached { last_use, bytes }) = self.ranges.remove(&key) {
             self.by_time.remove(&last_use);
             self.held -= bytes.len() as u64;
         }
@@ -248,13 +247,13 @@ impl ReadBackend for CachedReads {
 
     fn share(&self, offset: u64, length: usize) -> Result<FileBytes<'_>> {
         if let Some(held) = self.cache.get(ONLY, &(offset..offset + length as u64)) {
-            return Ok(FileBytes::Held(held));
+            return Ok(FileBytes::Cached(held));
         }
         // Threads do not wait for each other: two may read the same bytes, which are then cached
         // once.
         let bytes = Arc::new(self.backend.read(offset, length)?.into_owned());
         self.cache.put(ONLY, offset, bytes.clone());
-        Ok(FileBytes::Held(bytes.into()))
+        Ok(FileBytes::Cached(bytes.into()))
     }
 
     fn has_cache(&self) -> bool {
@@ -271,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_used_for_longest_gives_way() {
+    fn least_recently_used_ranges_are_evicted() {
         let cache = RangeCache::new(10);
         let is_held = |offset: u64| cache.get(0, &(offset..offset + 3)).is_some();
         (0..3).for_each(|index| cache.put(0, index * 10, bytes(3)));
@@ -294,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_ranges_are_found_in_the_file_that_they_are_of() {
+    fn subranges_are_found_in_their_own_file() {
         let cache = RangeCache::new(100);
         cache.put(7, 100, bytes(50));
         assert_eq!(&*cache.get(7, &(110..113)).unwrap(), [10, 11, 12]);
@@ -313,17 +312,17 @@ mod tests {
     }
 
     #[test]
-    fn threads_keep_to_the_limit_together() {
+    fn threads_share_one_limit() {
         let cache = RangeCache::new(1000);
         std::thread::scope(|scope| {
             for thread in 0..8u64 {
                 let cache = &cache;
                 scope.spawn(move || {
                     for step in 0..2000u64 {
-                        let place = (step * 7919 + thread * 31) % 97 * 100;
-                        match cache.get(step % 3, &(place..place + 64)) {
+                        let offset = (step * 7919 + thread * 31) % 97 * 100;
+                        match cache.get(step % 3, &(offset..offset + 64)) {
                             Some(held) => assert_eq!(held[63], 63),
-                            None => cache.put(step % 3, place, bytes(64)),
+                            None => cache.put(step % 3, offset, bytes(64)),
                         }
                     }
                 });

@@ -44,10 +44,10 @@ impl NewDirectories {
     ///
     /// # Errors
     /// If that fails.
-    pub fn make(&mut self, folder: &Path) -> Result<()> {
-        let missing = folder.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists());
+    pub fn make(&mut self, directory: &Path) -> Result<()> {
+        let missing = directory.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists());
         let missing: Vec<PathBuf> = missing.map(Path::to_path_buf).collect();
-        std::fs::create_dir_all(folder).map_err(Error::io(folder, "make the directory"))?;
+        std::fs::create_dir_all(directory).map_err(Error::io(directory, "create the directory"))?;
         self.0.extend(missing.into_iter().rev());
         Ok(())
     }
@@ -60,8 +60,8 @@ impl NewDirectories {
 
 impl Drop for NewDirectories {
     fn drop(&mut self) {
-        for folder in self.0.iter().rev() {
-            let _ = std::fs::remove_dir(folder);
+        for directory in self.0.iter().rev() {
+            let _ = std::fs::remove_dir(directory);
         }
     }
 }
@@ -92,8 +92,8 @@ mod tests {
     #[test]
     fn files_are_put_in_place_together_or_not_at_all() {
         for writes in [false, true] {
-            let folder = tempfile::tempdir().unwrap();
-            let path = |name: &str| folder.path().join(name);
+            let directory = tempfile::tempdir().unwrap();
+            let path = |name: &str| directory.path().join(name);
             std::fs::write(path("b"), "old").unwrap();
             let create = |name: &str| {
                 let mut output = Output::create(&path(name)).unwrap();
@@ -105,7 +105,7 @@ mod tests {
             };
             let error = commit_all(["a", "b", "c"].map(create).into()).unwrap_err();
             assert!(matches!(&error, Error::Io { path: at, .. } if *at == path("c")), "{error}");
-            assert!(!path("a").exists() && std::fs::read_dir(folder.path()).unwrap().count() == 1);
+            assert!(!path("a").exists() && std::fs::read_dir(directory.path()).unwrap().count() == 1);
             assert_eq!(std::fs::read(path("b")).unwrap(), b"old");
             commit_all(["a", "b"].map(create).into()).unwrap();
             assert_eq!(std::fs::read(path("a")).unwrap(), std::fs::read(path("b")).unwrap());

@@ -28,7 +28,7 @@ pub struct CompletionRecord {
 impl CompletionRecord {
     /// Writes the record for a file whose bytes are final.
     pub(super) fn write(&self, file: &mut (impl Read + Seek)) -> Result<()> {
-        let failed = || Error::io(&self.path, "record that the output is whole");
+        let failed = || Error::io(&self.path, "write the completion record");
         let text = format!("{}\n{}\n", self.work, state(file).map_err(failed())?);
         let mut output = FileAccess::new().create(&self.path)?;
         output.write_all(text.as_bytes()).map_err(failed())?;
@@ -46,7 +46,7 @@ impl CompletionRecord {
         let text = String::from_utf8_lossy(&text);
         let Some((work, recorded)) = text.split_once('\n') else { return Ok(None) };
         let Some(mut file) = access.find(file)? else { return Ok(None) };
-        let found = state(&mut file).map_err(Error::io(record, "compare the output with"))?;
+        let found = state(&mut file).map_err(Error::io(record, "compare it with the output"))?;
         Ok((recorded.trim_end() == found).then(|| work.to_string()))
     }
 }
@@ -67,8 +67,8 @@ mod tests {
 
     #[test]
     fn outputs_are_recorded_before_they_are_in_place() {
-        let folder = tempfile::tempdir().unwrap();
-        let [path, record] = ["out", "record"].map(|name| folder.path().join(name));
+        let directory = tempfile::tempdir().unwrap();
+        let [path, record] = ["out", "record"].map(|name| directory.path().join(name));
         let work_of = || CompletionRecord::work_of(&record, &path).unwrap();
         let start = || {
             let mut output = Output::create(&path).unwrap();

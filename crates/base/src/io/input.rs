@@ -22,21 +22,21 @@ pub struct InputFile {
 }
 
 enum Bytes {
-    Here(File),
-    Elsewhere(Box<dyn ReadBackend>),
+    Local(File),
+    Remote(Box<dyn ReadBackend>),
 }
 
 impl InputFile {
     /// Opens a local file.
     pub(super) fn local(path: &Path) -> Result<InputFile> {
         let file = open_input(path)?;
-        let length = file.metadata().map_err(Error::io(path, "read the size of"))?.len();
-        Ok(InputFile { bytes: Bytes::Here(file), length, at: 0 })
+        let length = file.metadata().map_err(Error::io(path, "read the file size"))?.len();
+        Ok(InputFile { bytes: Bytes::Local(file), length, at: 0 })
     }
 
     /// Reads a remote file.
     pub(super) fn remote(file: Box<dyn ReadBackend>) -> InputFile {
-        InputFile { length: file.len(), bytes: Bytes::Elsewhere(file), at: 0 }
+        InputFile { length: file.len(), bytes: Bytes::Remote(file), at: 0 }
     }
 
     /// Reads all bytes. Fails if there are more than `limit`. The path is for messages.
@@ -46,7 +46,7 @@ impl InputFile {
         let read = self.by_ref().take(limit.saturating_add(1)).read_to_end(&mut bytes);
         read.map_err(Error::io(path, "read"))?;
         if bytes.len() as u64 > limit {
-            return Err(Error::corrupt(path, "length", format!("more than {limit} bytes"), "fewer"));
+            return Err(Error::corrupt(path, "length", format!("more than {limit} bytes"), "at most that"));
         }
         Ok(bytes)
     }
@@ -64,8 +64,8 @@ impl InputFile {
     /// Fills a buffer with the bytes from an offset on. The cursor has no effect and does not move.
     pub fn read_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
         match &self.bytes {
-            Bytes::Here(file) => read_exact_at(file, buffer, offset),
-            Bytes::Elsewhere(file) => {
+            Bytes::Local(file) => read_exact_at(file, buffer, offset),
+            Bytes::Remote(file) => {
                 let end = offset.checked_add(buffer.len() as u64).filter(|end| *end <= self.length);
                 end.ok_or(io::ErrorKind::UnexpectedEof)?;
                 let bytes = file.share(offset, buffer.len()).map_err(Error::into_io)?;
@@ -82,14 +82,14 @@ impl InputFile {
     /// If they cannot be fetched.
     pub fn prefetch(&self, ranges: &[Range<u64>]) -> Result<()> {
         match &self.bytes {
-            Bytes::Here(_) => Ok(()),
-            Bytes::Elsewhere(file) => file.prefetch(ranges),
+            Bytes::Local(_) => Ok(()),
+            Bytes::Remote(file) => file.prefetch(ranges),
         }
     }
 
     /// Whether the file is remote, so that each read of new bytes takes a request.
     pub fn is_remote(&self) -> bool {
-        matches!(self.bytes, Bytes::Elsewhere(_))
+        matches!(self.bytes, Bytes::Remote(_))
     }
 }
 
@@ -103,8 +103,8 @@ pub(super) fn is_access_denied(path: &Path, error: &Error) -> bool {
 impl Read for InputFile {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let length = match &mut self.bytes {
-            Bytes::Here(file) => return file.read(buffer),
-            Bytes::Elsewhere(_) => self.length.saturating_sub(self.at).min(buffer.len() as u64) as usize,
+            Bytes::Local(file) => return file.read(buffer),
+            Bytes::Remote(_) => self.length.saturating_sub(self.at).min(buffer.len() as u64) as usize,
         };
         if length > 0 {
             self.read_at(self.at, &mut buffer[..length])?;
@@ -117,7 +117,7 @@ impl Read for InputFile {
 impl Seek for InputFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         let (base, step) = match (&mut self.bytes, to) {
-            (Bytes::Here(file), to) => return file.seek(to),
+            (Bytes::Local(file), to) => return file.seek(to),
             (_, SeekFrom::Start(at)) => (at, 0),
             (_, SeekFrom::End(step)) => (self.length, step),
             (_, SeekFrom::Current(step)) => (self.at, step),
@@ -129,7 +129,7 @@ impl Seek for InputFile {
 
 /// Returns the path of a file next to another one. `name` derives it from the other path without
 /// the query of a URL, which is appended again.
-pub fn beside(path: &Path, name: impl FnOnce(&Path) -> PathBuf) -> PathBuf {
+pub fn sibling_path(path: &Path, name: impl FnOnce(&Path) -> PathBuf) -> PathBuf {
     let mut named = name(without_query(path)).into_os_string();
     named.push(url_of(path).map_or("", |url| split_query(url).1));
     named.into()
@@ -141,9 +141,9 @@ mod tests {
     use crate::io::FileAccess;
 
     #[test]
-    fn files_here_and_elsewhere_are_read_alike() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("x");
+    fn remote_files_are_read_like_local_ones() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("x");
         let bytes: Vec<u8> = (0..200).collect();
         std::fs::write(&path, &bytes).unwrap();
         let access = FileAccess::new();
@@ -167,12 +167,12 @@ mod tests {
         }
         assert_eq!(access.read_whole(&path, 200).unwrap(), Some(bytes));
         assert!(access.read_whole(&path, 199).is_err());
-        assert_eq!(access.read_whole(&folder.path().join("y"), 9).unwrap(), None);
-        assert!(access.find_companion(&folder.path().join("y")).unwrap().is_none());
+        assert_eq!(access.read_whole(&directory.path().join("y"), 9).unwrap(), None);
+        assert!(access.find_companion(&directory.path().join("y")).unwrap().is_none());
     }
 
     #[test]
-    fn errors_stay_what_they_are() {
+    fn errors_pass_through_io_errors_unchanged() {
         let back = |error| Error::io("x", "read")(Error::into_io(error));
         assert!(matches!(back(Error::Interrupted), Error::Interrupted));
         let changed = Error::Changed { path: "s3://b/x".into(), what: "was overwritten" };
@@ -185,8 +185,8 @@ mod tests {
     }
 
     #[test]
-    fn names_beside_are_before_the_query() {
-        let prj = |path: &str| beside(Path::new(path), |path| path.with_extension("prj"));
+    fn sibling_names_precede_the_query() {
+        let prj = |path: &str| sibling_path(Path::new(path), |path| path.with_extension("prj"));
         assert_eq!(prj("https://h/a.tif?sig=x.y/z").to_str(), Some("https://h/a.prj?sig=x.y/z"));
         assert_eq!(prj("s3://b/a.b.tif").to_str(), Some("s3://b/a.b.prj"));
         assert_eq!(prj("a.tif?x").to_str(), Some("a.prj"));

@@ -41,7 +41,7 @@ impl LockedFile {
         let mut note = format!("process {} ({program})", std::process::id()).into_bytes();
         note.resize(NOTE_SIZE, 0);
         let written = locked.write(NOTE_OFFSET, &note);
-        written.map_err(Error::io(&*locked.0.path, "write the lock's note"))?;
+        written.map_err(Error::io(&*locked.0.path, "write the name of the lock holder"))?;
         Ok(locked)
     }
 }
@@ -79,7 +79,7 @@ impl ReplaceLock {
             }
             let lock = ReplaceLock(file);
             // The previous holder may have replaced the file after it was opened here.
-            let own = FileId::of(&lock.0).map_err(Error::io(path, "look at"))?;
+            let own = FileId::of(&lock.0).map_err(Error::io(path, "stat"))?;
             if FileId::at(path).is_ok_and(|there| there == own || there.is_unique()) {
                 return Ok(lock);
             }
@@ -121,7 +121,7 @@ impl WriteBackend for LockedFile {
             Ok(there) if there == self.id() || there.is_unique() => return Ok(()),
             Ok(_) => "was replaced by another file",
             Err(cause) if cause.kind() == io::ErrorKind::NotFound => "was moved or removed",
-            Err(cause) => return Err(Error::io(path, "look at the file")(cause)),
+            Err(cause) => return Err(Error::io(path, "stat")(cause)),
         };
         Err(Error::Moved { path: path.clone(), what, file: path_of(file) })
     }

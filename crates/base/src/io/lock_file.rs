@@ -40,7 +40,7 @@ impl LockFile {
             }
             // The previous holder may have removed the file after it was opened here. Such a lock
             // protects nothing.
-            let own = FileId::of(&file).map_err(Error::io(path, "look at"))?;
+            let own = FileId::of(&file).map_err(Error::io(path, "stat"))?;
             if !FileId::at(path).is_ok_and(|there| there == own || there.is_unique()) {
                 continue;
             }
@@ -49,7 +49,7 @@ impl LockFile {
             let program = Path::new(&program).file_name().unwrap_or_default().to_string_lossy();
             let note = format!("process {} ({program})", std::process::id());
             let written = lock.file.set_len(0).and_then(|()| (&lock.file).write_all(note.as_bytes()));
-            written.map_err(Error::io(path, "write the lock's note"))?;
+            written.map_err(Error::io(path, "write the name of the lock holder"))?;
             return Ok(lock);
         }
     }
@@ -84,15 +84,15 @@ mod tests {
 
     #[test]
     fn one_has_it_at_a_time_and_nothing_is_left() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join(".lock");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join(".lock");
         assert_eq!(LockFile::holder(&path), None);
-        let lock = LockFile::take(&path, folder.path()).unwrap();
+        let lock = LockFile::take(&path, directory.path()).unwrap();
         let own = format!("process {}", std::process::id());
         assert!(LockFile::holder(&path).is_some_and(|holder| holder.starts_with(&own)));
-        match LockFile::take(&path, folder.path()) {
+        match LockFile::take(&path, directory.path()) {
             Err(Error::Locked { path, holder }) => {
-                assert!(path == folder.path() && holder.starts_with(&own));
+                assert!(path == directory.path() && holder.starts_with(&own));
             }
             other => panic!("{:?}", other.err()),
         }
@@ -101,18 +101,18 @@ mod tests {
         // The file of a killed process is reused.
         std::fs::write(&path, "process 1 (killed)").unwrap();
         assert_eq!(LockFile::holder(&path), None);
-        drop(LockFile::take(&path, folder.path()).unwrap());
+        drop(LockFile::take(&path, directory.path()).unwrap());
         assert!(!path.exists());
     }
 
     #[test]
     #[cfg(unix)]
     fn links_are_not_followed() {
-        let folder = tempfile::tempdir().unwrap();
-        let (path, other) = (folder.path().join(".lock"), folder.path().join("other"));
+        let directory = tempfile::tempdir().unwrap();
+        let (path, other) = (directory.path().join(".lock"), directory.path().join("other"));
         std::fs::write(&other, "precious").unwrap();
         std::os::unix::fs::symlink(&other, &path).unwrap();
-        assert!(matches!(LockFile::take(&path, folder.path()), Err(Error::Unsupported { .. })));
+        assert!(matches!(LockFile::take(&path, directory.path()), Err(Error::Unsupported { .. })));
         assert_eq!(std::fs::read(&other).unwrap(), b"precious");
     }
 }

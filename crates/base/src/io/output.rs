@@ -13,7 +13,7 @@ use super::platform::{free_space, set_output_permissions};
 use super::regular::open_regular;
 use super::remote::RemoteWriter;
 use super::write::{FileBackend, check_limit};
-use crate::url::{local_path, url_of};
+use crate::url::{local_path, shown, url_of};
 use crate::{Error, Result};
 
 /// Destination of output: a new file that appears whole or not at all, or standard output.
@@ -48,7 +48,7 @@ enum Sink {
         create_new: bool,
     },
     /// A remote file that is uploaded while it is written.
-    Elsewhere { file: Box<dyn RemoteWriter>, create_new: bool },
+    Remote { file: Box<dyn RemoteWriter>, create_new: bool },
     /// Standard output, a device or a pipe, which cannot be replaced by a file.
     Stream(BufWriter<Box<dyn Write + Send>>),
 }
@@ -93,8 +93,8 @@ impl Output {
         let sink = if path == Path::new("-") {
             Sink::Stream(BufWriter::with_capacity(BUFFER, Box::new(io::stdout())))
         } else if path.is_dir() {
-            let is_folder = io::Error::from(io::ErrorKind::IsADirectory);
-            return Err(Error::io(path, "create a file")(is_folder));
+            let is_directory = io::Error::from(io::ErrorKind::IsADirectory);
+            return Err(Error::io(path, "create a file")(is_directory));
         } else if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
             let stream = File::options().write(true).open(path).map_err(Error::io(path, "open"))?;
             Sink::Stream(BufWriter::with_capacity(BUFFER, Box::new(stream)))
@@ -103,12 +103,11 @@ impl Output {
             let target = if is_remote {
                 // A missing client is detected before any file is created.
                 access.client(path)?;
-                folder(path).join("spinney-upload")
+                directory_of(path).join("spinney-upload")
             } else {
                 follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?
             };
-            let file =
-                temporary(&target).map_err(Error::io(path, "create a temporary file beside the target"))?;
+            let file = temporary(&target).map_err(|cause| not_created(path, &target, &cause))?;
             Sink::File {
                 _unfinished: Unfinished::new(file.path()),
                 file: BufWriter::with_capacity(BUFFER, TemporaryFile { file, faults: MayFail::default() }),
@@ -122,7 +121,7 @@ impl Output {
 
     /// Writes to a remote file while it is uploaded.
     pub(super) fn remote(path: &Path, file: Box<dyn RemoteWriter>, access: &FileAccess) -> Output {
-        Output::new(path, Sink::Elsewhere { file, create_new: false }, access)
+        Output::new(path, Sink::Remote { file, create_new: false }, access)
     }
 
     /// Sets the access for files that accompany the output, and for the input files of the
@@ -141,7 +140,7 @@ impl Output {
     /// Announces the approximate size in bytes, if it is known before the first byte is written. A
     /// remote file's upload parts are made large enough for it.
     pub fn expect(&mut self, bytes: u64) {
-        if let Sink::Elsewhere { file, .. } = &mut self.sink {
+        if let Sink::Remote { file, .. } = &mut self.sink {
             file.expect(bytes);
         }
     }
@@ -163,8 +162,8 @@ impl Output {
     /// If the file is remote, cannot be created or read, or is being written by another process.
     pub fn resumable(path: &Path) -> Result<(Output, u64)> {
         if url_of(path).is_some() {
-            let advice = "write it to this machine, and copy it when it is whole";
-            return Err(Error::unsupported(path, "going on with a file elsewhere", advice));
+            let advice = "write to a local file, and copy it when it is complete";
+            return Err(Error::unsupported(path, "resuming a remote output", advice));
         }
         let path = &*local_path(path);
         let target = follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?;
@@ -177,7 +176,7 @@ impl Output {
                 return Err(Error::Locked { path: partial, holder: "another process".into() });
             }
             // The previous holder of the lock may have renamed the file after it was opened here.
-            let own = FileId::of(&file).map_err(Error::io(&partial, "look at"))?;
+            let own = FileId::of(&file).map_err(Error::io(&partial, "stat"))?;
             if FileId::at(&partial).is_ok_and(|there| there == own || there.is_unique()) {
                 break file;
             }
@@ -244,10 +243,9 @@ impl Output {
     /// # Errors
     /// [`Error::InsufficientSpace`] if `needed` exceeds the limit, or the free space in the
     /// output's directory.
-    pub fn check_room(&self, needed: u64) -> Result<()> {
-        let no_room = |limit, whose| {
-            let advice =
-                "nothing was written; write a part of it, or a coarser tree (see `spinney transform`)";
+    pub fn check_space(&self, needed: u64) -> Result<()> {
+        let insufficient = |limit, whose| {
+            let advice = "nothing was written; select a window or a coarser level (see `spinney transform`)";
             Err(Error::InsufficientSpace {
                 path: self.path.clone(),
                 needed,
@@ -257,11 +255,11 @@ impl Output {
             })
         };
         if needed > self.most {
-            return no_room(self.most, "are allowed");
+            return insufficient(self.most, "are allowed");
         }
         let Sink::File { target, .. } = &self.sink else { return Ok(()) };
-        match free_space(folder(target)) {
-            Some(free) if needed > free => no_room(free, "are free in its folder"),
+        match free_space(directory_of(target)) {
+            Some(free) if needed > free => insufficient(free, "are free in its directory"),
             _ => Ok(()),
         }
     }
@@ -310,7 +308,7 @@ impl Output {
 
     /// Makes [`Output::commit`] fail if the file exists by then, instead of replacing it.
     pub fn keep_existing(&mut self) {
-        if let Sink::File { create_new, .. } | Sink::Elsewhere { create_new, .. } = &mut self.sink {
+        if let Sink::File { create_new, .. } | Sink::Remote { create_new, .. } = &mut self.sink {
             *create_new = true;
         }
     }
@@ -349,7 +347,7 @@ impl Output {
         let path = self.path;
         match self.sink {
             Sink::Stream(mut out) => out.flush().map_err(Error::io(path, "write")),
-            Sink::Elsewhere { file, create_new } => file.commit(create_new),
+            Sink::Remote { file, create_new } => file.commit(create_new),
             Sink::File { file, target, is_remote, create_new, _unfinished } => {
                 let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
                 let TemporaryFile { file, faults } = file;
@@ -380,12 +378,12 @@ impl Output {
                     cause if create_new && cause.kind() == io::ErrorKind::AlreadyExists => {
                         already_exists_error(&path)
                     }
-                    cause => Error::io(&path, "put in place")(cause),
+                    cause => Error::io(&path, "rename the temporary file to it")(cause),
                 })?;
                 // The next writer must not find the file locked. Closing the file is not enough
                 // while a process that is being spawned has a copy of the descriptor.
                 let _ = file.unlock();
-                sync_folder(folder(&target)).map_err(Error::io(&path, "sync the folder"))
+                sync_directory(directory_of(&target)).map_err(Error::io(&path, "sync its directory"))
             }
         }
     }
@@ -394,7 +392,7 @@ impl Output {
 /// Returns the error for a file that must be new, but exists.
 pub fn already_exists_error(path: &Path) -> Error {
     let advice = "nothing was written; choose another name, or remove that file first";
-    Error::unsupported(path, "replacing a file that has appeared meanwhile", advice)
+    Error::unsupported(path, "replacing a file that another process has created", advice)
 }
 
 /// Temporary files of this process.
@@ -422,7 +420,7 @@ impl Write for Output {
         check_limit(self.written, bytes.len(), self.most)?;
         let count = match &mut self.sink {
             Sink::File { file, .. } => file.write(bytes),
-            Sink::Elsewhere { file, .. } => file.write(bytes),
+            Sink::Remote { file, .. } => file.write(bytes),
             Sink::Stream(out) => out.write(bytes),
         }?;
         self.written += count as u64;
@@ -432,10 +430,29 @@ impl Write for Output {
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.sink {
             Sink::File { file, .. } => file.flush(),
-            Sink::Elsewhere { file, .. } => file.flush(),
+            Sink::Remote { file, .. } => file.flush(),
             Sink::Stream(out) => out.flush(),
         }
     }
+}
+
+/// Returns the error for an output whose temporary file cannot be created. It names the output's
+/// directory, not the temporary file.
+fn not_created(path: &Path, target: &Path, cause: &io::Error) -> Error {
+    let directory = directory_of(target);
+    let name = shown(directory);
+    let text = match std::fs::metadata(directory) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            format!("the directory {name} does not exist; create it first")
+        }
+        Ok(there) if !there.is_dir() => format!("{name} is a file, expected a directory"),
+        _ => {
+            // (`tempfile` appends the temporary file's path.)
+            let text = cause.to_string();
+            format!("in the directory {name}: {}", text.split(" at path ").next().unwrap_or(&text))
+        }
+    };
+    Error::io(path, "create the file")(io::Error::new(cause.kind(), text))
 }
 
 /// Number of random letters and digits between a temporary file's prefix and suffix.
@@ -456,7 +473,7 @@ fn follow_links(path: &Path) -> io::Result<PathBuf> {
     for _ in 0..MAX_LINKS {
         match std::fs::read_link(&target) {
             // An absolute link replaces the directory.
-            Ok(next) => target = folder(&target).join(next),
+            Ok(next) => target = directory_of(&target).join(next),
             // No link, or no file.
             Err(_) => return Ok(target),
         }
@@ -481,11 +498,14 @@ fn prefix(target: &Path) -> String {
 /// written.
 fn temporary(target: &Path) -> io::Result<tempfile::NamedTempFile> {
     let prefix = prefix(target);
-    let folder = folder(target);
-    remove_left_behind(folder, &prefix);
+    let directory = directory_of(target);
+    remove_abandoned(directory, &prefix);
     loop {
-        let file =
-            tempfile::Builder::new().prefix(&prefix).suffix(SUFFIX).rand_bytes(RANDOM).tempfile_in(folder)?;
+        let file = tempfile::Builder::new()
+            .prefix(&prefix)
+            .suffix(SUFFIX)
+            .rand_bytes(RANDOM)
+            .tempfile_in(directory)?;
         // Until it is locked, another process may consider it abandoned and remove it. Without file
         // locks no process removes abandoned files.
         let taken = matches!(file.as_file().try_lock(), Err(TryLockError::WouldBlock));
@@ -497,8 +517,8 @@ fn temporary(target: &Path) -> io::Result<tempfile::NamedTempFile> {
 
 /// Removes files that killed processes have left: temporary files for the same target that no
 /// process has locked. Failures are ignored.
-fn remove_left_behind(folder: &Path, prefix: &str) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+fn remove_abandoned(directory: &Path, prefix: &str) {
+    for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
         let name = entry.file_name();
         let random = name.to_str().and_then(|name| name.strip_prefix(prefix)?.strip_suffix(SUFFIX));
         let is_ours = random.is_some_and(|random| {
@@ -525,12 +545,12 @@ pub fn partial_of(path: &Path) -> PathBuf {
 
 /// Returns the directory of a path, which holds the temporary files of its file; for a remote path
 /// the system's temporary directory.
-pub fn folder(path: &Path) -> &Path {
+pub fn directory_of(path: &Path) -> &Path {
     static TEMPORARY: LazyLock<PathBuf> = LazyLock::new(std::env::temp_dir);
     if url_of(path).is_some() {
         return &TEMPORARY;
     }
-    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+    path.parent().filter(|directory| !directory.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// Returns the path of a file's GDAL sidecar: `a.tif.aux.xml` for `a.tif`.
@@ -541,6 +561,6 @@ pub fn sidecar_of(path: &Path) -> PathBuf {
 }
 
 /// Makes a rename in a directory durable.
-pub fn sync_folder(folder: &Path) -> io::Result<()> {
-    if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
+pub fn sync_directory(directory: &Path) -> io::Result<()> {
+    if cfg!(unix) { File::open(directory)?.sync_all() } else { Ok(()) }
 }

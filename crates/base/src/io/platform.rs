@@ -76,15 +76,15 @@ pub fn write_all_at(mut file: &File, bytes: &[u8], offset: u64) -> io::Result<()
 
 /// Makes all files below a directory durable: with one sync of the file system on Linux, file by
 /// file on other systems.
-pub fn sync_all_below(folder: &Path) -> io::Result<()> {
+pub fn sync_all_below(directory: &Path) -> io::Result<()> {
     #[cfg(target_os = "linux")]
     {
-        rustix::fs::syncfs(File::open(folder)?)?;
+        rustix::fs::syncfs(File::open(directory)?)?;
         Ok(())
     }
     #[cfg(not(target_os = "linux"))]
     {
-        for entry in std::fs::read_dir(folder)? {
+        for entry in std::fs::read_dir(directory)? {
             let entry = entry?;
             let kind = entry.file_type()?;
             if kind.is_dir() {
@@ -93,7 +93,7 @@ pub fn sync_all_below(folder: &Path) -> io::Result<()> {
                 File::options().write(true).open(entry.path())?.sync_all()?;
             }
         }
-        super::sync_folder(folder)
+        super::sync_directory(directory)
     }
 }
 
@@ -130,15 +130,15 @@ pub(super) fn path_of(file: &File) -> Option<PathBuf> {
 
 /// Returns the number of free bytes for files in a directory; `None` if the system does not report
 /// it.
-pub(super) fn free_space(folder: &Path) -> Option<u64> {
+pub(super) fn free_space(directory: &Path) -> Option<u64> {
     #[cfg(unix)]
     {
-        let found = rustix::fs::statvfs(folder).ok().filter(|found| found.f_frsize > 0)?;
+        let found = rustix::fs::statvfs(directory).ok().filter(|found| found.f_frsize > 0)?;
         Some(found.f_bavail.saturating_mul(found.f_frsize))
     }
     #[cfg(not(unix))]
     {
-        let _ = folder;
+        let _ = directory;
         None
     }
 }

@@ -21,12 +21,12 @@ pub trait Fetch: Send + Sync {
     fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>>;
 
     /// Returns the bytes of a range from a persistent cache, for example on disk.
-    fn kept(&self, _: &Range<u64>) -> Option<Vec<u8>> {
+    fn load_cached(&self, _: &Range<u64>) -> Option<Vec<u8>> {
         None
     }
 
     /// Stores the bytes of a range in a persistent cache, if there is one.
-    fn keep(&self, _: &Range<u64>, _: &[u8]) {}
+    fn store_cached(&self, _: &Range<u64>, _: &[u8]) {}
 
     /// Returns the version of the file that is read, as its host reports it.
     fn version(&self) -> Option<FileStat> {
@@ -73,10 +73,11 @@ struct Shared {
 /// ahead.
 #[derive(Clone, Copy)]
 struct Stream {
-    /// End of the last read.
+    /// End of the last read, with the bytes that were read ahead.
     end: u64,
-    /// Bytes that were read ahead last. They double with each read.
-    bytes: u64,
+    /// Length to which the last read was to be extended; 0 for a stream's first read, which is not
+    /// extended. It doubles with each read, up to [`MAX_JOINED`].
+    length: u64,
 }
 
 /// Maximum number of streams. A traversal reads a tree's segments in node order, but those of upper
@@ -84,10 +85,11 @@ struct Stream {
 const STREAMS: usize = 4;
 
 /// Maximum number of bytes that a read may skip and still continue a stream.
-const MAX_LEFT_OUT: u64 = 1 << 20;
+const MAX_SKIPPED: u64 = 1 << 20;
 
-/// Bytes that are read ahead at first. The maximum is [`MAX_JOINED`], or an eighth of the cache.
-const FIRST_AHEAD: u64 = 256 << 10;
+/// Length to which a stream's second read is extended. (The maximum of later ones is
+/// [`MAX_JOINED`], or an eighth of the cache.)
+const FIRST_EXTENDED: u64 = 256 << 10;
 
 impl RangeFile {
     /// Creates a file of `length` bytes with a number in a cache. The path is for messages.
@@ -100,7 +102,7 @@ impl RangeFile {
         (cache, number): (Arc<RangeCache>, u64),
         gap: u64,
     ) -> RangeFile {
-        batch::need();
+        batch::enable();
         let (streams, under_way, arrived) = (Mutex::default(), Mutex::default(), Condvar::new());
         RangeFile(Arc::new(Shared {
             number,
@@ -142,6 +144,9 @@ impl RangeFile {
 
     /// Fetches ranges, in ascending order of their first bytes, into the cache, and returns their
     /// bytes. Waits for ranges that another thread is fetching.
+    ///
+    /// A range is registered in `under_way` by exactly one thread. All others wait for it, but not
+    /// before their own ranges have arrived, so that threads never wait for each other in a cycle.
     pub(super) fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Arc<Vec<u8>>>> {
         let key = |range: &Range<u64>| (range.start, range.end);
         let under_way = || self.0.under_way.lock().unwrap_or_else(PoisonError::into_inner);
@@ -149,48 +154,52 @@ impl RangeFile {
             let mut all = under_way();
             ranges.iter().cloned().partition(|range| all.insert(key(range)))
         };
-        let held =
-            |range: &Range<u64>| self.0.cache.get(self.0.number, range).map(|held| Arc::new(held.to_vec()));
-        let mut found: HashMap<(u64, u64), Arc<Vec<u8>>> = HashMap::new();
+        let cached =
+            |range: &Range<u64>| self.0.cache.get(self.0.number, range).map(|bytes| Arc::new(bytes.to_vec()));
+        let mut bytes_of: HashMap<(u64, u64), Arc<Vec<u8>>> = HashMap::new();
         {
             let _arriving = Arriving { file: &self.0, ranges: &own };
             // Another thread may have fetched some of them since the caller checked the cache.
-            found.extend(own.iter().filter_map(|range| Some((key(range), held(range)?))));
+            bytes_of.extend(own.iter().filter_map(|range| Some((key(range), cached(range)?))));
             let missing: Vec<_> =
-                own.iter().filter(|range| !found.contains_key(&key(range))).cloned().collect();
-            found.extend(missing.iter().map(key).zip(self.fetch_own(&missing)?));
+                own.iter().filter(|range| !bytes_of.contains_key(&key(range))).cloned().collect();
+            bytes_of.extend(missing.iter().map(key).zip(self.fetch_and_cache(&missing)?));
         }
         for range in &others {
             let waits = self.0.arrived.wait_while(under_way(), |all| all.contains(&key(range)));
             drop(waits.unwrap_or_else(PoisonError::into_inner));
-            // The other thread may have failed, or its bytes may have been evicted.
-            let bytes = match held(range) {
-                Some(held) => held,
-                None => self.fetch_own(std::slice::from_ref(range))?.swap_remove(0),
+            // The other thread may have failed, or its bytes may have been evicted. Then several
+            // waiting threads may fetch the range twice, as it is not registered again. This is
+            // rare, and the cache holds its bytes once.
+            let bytes = match cached(range) {
+                Some(bytes) => bytes,
+                None => self.fetch_and_cache(std::slice::from_ref(range))?.swap_remove(0),
             };
-            found.insert(key(range), bytes);
+            bytes_of.insert(key(range), bytes);
         }
-        Ok(ranges.iter().filter_map(|range| found.get(&key(range)).cloned()).collect())
+        Ok(ranges.iter().filter_map(|range| bytes_of.get(&key(range)).cloned()).collect())
     }
 
-    /// Fetches ranges that no other thread is fetching.
-    fn fetch_own(&self, ranges: &[Range<u64>]) -> Result<Vec<Arc<Vec<u8>>>> {
+    /// Fetches ranges into the cache, from the persistent cache or the host, and returns their
+    /// bytes in order. Does not check whether another thread is fetching them.
+    fn fetch_and_cache(&self, ranges: &[Range<u64>]) -> Result<Vec<Arc<Vec<u8>>>> {
         let Shared { fetch, cache, number, .. } = &*self.0;
-        let mut found: Vec<Option<Vec<u8>>> = ranges.iter().map(|range| fetch.kept(range)).collect();
-        let missing = ranges.iter().zip(&found).filter(|(_, found)| found.is_none());
+        // Bytes per range; `None` while they are missing.
+        let mut loaded: Vec<Option<Vec<u8>>> = ranges.iter().map(|range| fetch.load_cached(range)).collect();
+        let missing = ranges.iter().zip(&loaded).filter(|(_, bytes)| bytes.is_none());
         let missing: Vec<Range<u64>> = missing.map(|(range, _)| range.clone()).collect();
-        let mut came = self.fetch_joined(&missing)?.into_iter().zip(&missing);
-        for found in found.iter_mut().filter(|found| found.is_none()) {
-            let (bytes, range) = came.next().expect("as many as were missing");
-            fetch.keep(range, &bytes);
-            *found = Some(bytes);
+        let mut fetched = self.fetch_joined(&missing)?.into_iter().zip(&missing);
+        for slot in loaded.iter_mut().filter(|bytes| bytes.is_none()) {
+            let (bytes, range) = fetched.next().expect("as many as were missing");
+            fetch.store_cached(range, &bytes);
+            *slot = Some(bytes);
         }
-        let found = found.into_iter().flatten().zip(ranges).map(|(bytes, range)| {
+        let all = loaded.into_iter().flatten().zip(ranges).map(|(bytes, range)| {
             let bytes = Arc::new(bytes);
             cache.put(*number, range.start, bytes.clone());
             bytes
         });
-        Ok(found.collect())
+        Ok(all.collect())
     }
 
     /// Fetches ranges, in ascending order of their first bytes. Those near each other share a
@@ -200,42 +209,44 @@ impl RangeFile {
             return Ok(Vec::new());
         }
         let joined = join(ranges, self.0.gap);
-        let wanted: Vec<Range<u64>> = joined.iter().map(|(whole, _)| whole.clone()).collect();
-        let came = self.0.fetch.fetch(&wanted)?;
-        if came.len() != wanted.len() {
-            let (found, expected) = (format!("{} parts", came.len()), format!("{}", wanted.len()));
-            return Err(Error::corrupt(self.path(), "answer of the host", found, expected));
+        let requests: Vec<Range<u64>> = joined.iter().map(|(whole, _)| whole.clone()).collect();
+        let responses = self.0.fetch.fetch(&requests)?;
+        if responses.len() != requests.len() {
+            let (found, expected) = (format!("{} ranges", responses.len()), format!("{}", requests.len()));
+            return Err(Error::corrupt(self.path(), "response of the host", found, expected));
         }
-        self.0.cache.count_traffic(wanted.len() as u64, came.iter().map(|bytes| bytes.len() as u64).sum());
-        let mut found = Vec::with_capacity(ranges.len());
-        for ((whole, count), bytes) in joined.into_iter().zip(came) {
+        let received = responses.iter().map(|bytes| bytes.len() as u64).sum();
+        self.0.cache.count_traffic(requests.len() as u64, received);
+        let mut fetched = Vec::with_capacity(ranges.len());
+        for ((whole, count), bytes) in joined.into_iter().zip(responses) {
             let length = whole.end - whole.start;
             if bytes.len() as u64 != length {
-                let place = format!("bytes {} to {}", whole.start, whole.end);
-                let came = format!("{} bytes", bytes.len());
-                return Err(Error::corrupt(self.path(), place, came, format!("{length}")));
+                let location = format!("bytes {} to {}", whole.start, whole.end);
+                let found = format!("{} bytes", bytes.len());
+                return Err(Error::corrupt(self.path(), location, found, format!("{length}")));
             }
-            let parts = &ranges[found.len()..found.len() + count];
             if count == 1 {
-                found.push(bytes);
+                fetched.push(bytes);
                 continue;
             }
-            let place = |at: u64| (at - whole.start) as usize;
-            found.extend(parts.iter().map(|part| bytes[place(part.start)..place(part.end)].to_vec()));
+            let contained = &ranges[fetched.len()..fetched.len() + count];
+            let index = |offset: u64| (offset - whole.start) as usize;
+            fetched
+                .extend(contained.iter().map(|range| bytes[index(range.start)..index(range.end)].to_vec()));
         }
-        Ok(found)
+        Ok(fetched)
     }
 
     /// Extends a range that is read outside of batches by bytes to read ahead, if it continues a
-    /// stream.
-    fn with_next(&self, range: &Range<u64>) -> Range<u64> {
+    /// stream and is shorter than a read of the stream should be.
+    fn with_read_ahead(&self, range: &Range<u64>) -> Range<u64> {
         let mut streams = self.0.streams.lock().unwrap_or_else(PoisonError::into_inner);
-        let follows = |stream: &Stream| (stream.end..=stream.end + MAX_LEFT_OUT).contains(&range.start);
+        let follows = |stream: &Stream| (stream.end..=stream.end + MAX_SKIPPED).contains(&range.start);
         let known = streams.iter().position(follows).map(|at| streams.remove(at));
-        let bytes = known.map_or(0, |stream| (2 * stream.bytes).clamp(FIRST_AHEAD, MAX_JOINED));
-        let room = bytes.min(self.0.cache.limit() / 8);
-        let end = range.end.max(range.start + room).min(self.0.length);
-        streams.push(Stream { end, bytes });
+        let length = known.map_or(0, |stream| (2 * stream.length).clamp(FIRST_EXTENDED, MAX_JOINED));
+        let extended = range.start + length.min(self.0.cache.limit() / 8);
+        let end = range.end.max(extended).min(self.0.length);
+        streams.push(Stream { end, length });
         if streams.len() > STREAMS {
             streams.remove(0);
         }
@@ -306,15 +317,15 @@ impl ReadBackend for RangeFile {
         if range.is_empty() {
             return Ok(FileBytes::Mapped(&[]));
         }
-        if let Some(held) = self.0.cache.get(self.0.number, &range) {
-            return Ok(FileBytes::Held(held));
+        if let Some(cached) = self.0.cache.get(self.0.number, &range) {
+            return Ok(FileBytes::Cached(cached));
         }
-        if batch::note(self, &range) {
+        if batch::record_missing(self, &range) {
             return Err(Error::NotFetched);
         }
-        let with_next = self.with_next(&range);
-        let bytes = self.fetch(std::slice::from_ref(&with_next))?.pop().expect("as many as were asked for");
-        Ok(FileBytes::Held(CachedBytes::from(bytes).part(0..length)))
+        let extended = self.with_read_ahead(&range);
+        let bytes = self.fetch(std::slice::from_ref(&extended))?.pop().expect("as many as were requested");
+        Ok(FileBytes::Cached(CachedBytes::from(bytes).part(0..length)))
     }
 
     fn has_cache(&self) -> bool {
@@ -322,18 +333,18 @@ impl ReadBackend for RangeFile {
     }
 
     fn prefetch(&self, ranges: &[Range<u64>]) -> Result<()> {
-        let is_held = |range: &Range<u64>| self.0.cache.get(self.0.number, range).is_some();
-        let wanted = ranges.iter().filter(|range| !range.is_empty() && !is_held(range));
-        let mut wanted: Vec<Range<u64>> = wanted.cloned().collect();
-        crate::sort::by_key(&mut wanted, |range| range.start);
-        if wanted.is_empty() {
+        let is_cached = |range: &Range<u64>| self.0.cache.get(self.0.number, range).is_some();
+        let missing = ranges.iter().filter(|range| !range.is_empty() && !is_cached(range));
+        let mut missing: Vec<Range<u64>> = missing.cloned().collect();
+        crate::sort::by_key(&mut missing, |range| range.start);
+        if missing.is_empty() {
             return Ok(());
         }
-        // Records all ranges in a batch.
-        if wanted.iter().filter(|range| batch::note(self, range)).count() > 0 {
+        // (`any` would stop at the first range, and leave the others to later batches.)
+        if missing.iter().filter(|range| batch::record_missing(self, range)).count() > 0 {
             return Err(Error::NotFetched);
         }
-        self.fetch(&wanted).map(drop)
+        self.fetch(&missing).map(drop)
     }
 }
 
@@ -347,41 +358,41 @@ mod tests {
     /// Bytes in memory, and the ranges of each fetch.
     struct Counted {
         bytes: Vec<u8>,
-        rounds: Arc<Mutex<Vec<Vec<Range<u64>>>>>,
+        batches: Arc<Mutex<Vec<Vec<Range<u64>>>>>,
     }
 
     impl Fetch for Counted {
         fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
-            self.rounds.lock().unwrap().push(ranges.to_vec());
+            self.batches.lock().unwrap().push(ranges.to_vec());
             let part = |range: &Range<u64>| self.bytes[range.start as usize..range.end as usize].to_vec();
             Ok(ranges.iter().map(part).collect())
         }
     }
 
-    type Rounds = Arc<Mutex<Vec<Vec<Range<u64>>>>>;
+    type Batches = Arc<Mutex<Vec<Vec<Range<u64>>>>>;
 
-    fn file(limit: u64) -> (RangeFile, Rounds) {
-        let rounds = Rounds::default();
+    fn file(limit: u64) -> (RangeFile, Batches) {
+        let batches = Batches::default();
         let bytes = (0..100_000u32).map(|at| (at % 251) as u8).collect();
-        let fetch = Box::new(Counted { bytes, rounds: rounds.clone() });
+        let fetch = Box::new(Counted { bytes, batches: batches.clone() });
         let cache = (Arc::new(RangeCache::new(limit)), RangeCache::file_number());
-        (RangeFile::new(Path::new("x"), 100_000, fetch, cache, 10), rounds)
+        (RangeFile::new(Path::new("x"), 100_000, fetch, cache, 10), batches)
     }
 
     #[test]
-    fn checks_query_the_host_whatever_is_cached() {
-        let (far, rounds) = file(1 << 20);
+    fn checks_query_the_host_even_if_bytes_are_cached() {
+        let (far, batches) = file(1 << 20);
         far.read(0, 1000).unwrap();
         far.check_remote().unwrap();
         far.check_remote().unwrap();
         let first_byte = Range { start: 0, end: 1 };
-        assert_eq!(rounds.lock().unwrap()[1..], [vec![first_byte.clone()], vec![first_byte]]);
+        assert_eq!(batches.lock().unwrap()[1..], [vec![first_byte.clone()], vec![first_byte]]);
         // Reads check each response, so that no further request is needed.
         assert!(matches!((far.stat(), far.version()), (Ok(None), Ok(None))));
     }
 
     /// Sums bytes at offsets that are read from the file: many branches, two dependent reads each.
-    fn question(file: &RangeFile) -> Result<u64> {
+    fn query_two_reads(file: &RangeFile) -> Result<u64> {
         let mut is_unread = false;
         let mut sum = 0;
         for branch in 0..50u64 {
@@ -395,48 +406,49 @@ mod tests {
     }
 
     #[test]
-    fn questions_take_as_many_rounds_as_they_have_steps() {
-        let (far, rounds) = file(1 << 20);
-        let expected = question(&far).unwrap();
+    fn dependent_reads_take_one_batch_each() {
+        let (far, batches) = file(1 << 20);
+        let expected = query_two_reads(&far).unwrap();
         // Outside of batches every read waits.
-        assert!(rounds.lock().unwrap().len() >= 2);
-        let (far, rounds) = file(1 << 20);
-        assert_eq!(run_batched(|| question(&far)).unwrap(), expected);
-        assert_eq!(rounds.lock().unwrap().len(), 2);
-        assert_eq!(rounds.lock().unwrap()[0].len(), 50);
+        assert!(batches.lock().unwrap().len() >= 2);
+        let (far, batches) = file(1 << 20);
+        assert_eq!(run_batched(|| query_two_reads(&far)).unwrap(), expected);
+        assert_eq!(batches.lock().unwrap().len(), 2);
+        assert_eq!(batches.lock().unwrap()[0].len(), 50);
         // Cached bytes are not fetched again.
-        assert_eq!(run_batched(|| question(&far)).unwrap(), expected);
-        assert_eq!(rounds.lock().unwrap().len(), 2);
+        assert_eq!(run_batched(|| query_two_reads(&far)).unwrap(), expected);
+        assert_eq!(batches.lock().unwrap().len(), 2);
         // If the cache is too small, the query takes more batches.
-        let (far, rounds) = file(600);
-        assert_eq!(run_batched(|| question(&far)).unwrap(), expected);
-        assert!(rounds.lock().unwrap().len() >= 2);
+        let (far, batches) = file(600);
+        assert_eq!(run_batched(|| query_two_reads(&far)).unwrap(), expected);
+        assert!(batches.lock().unwrap().len() >= 2);
     }
 
     #[test]
-    fn threads_are_in_the_round_of_their_question() {
-        let (far, rounds) = file(1 << 20);
-        let places: Vec<u64> = (0..64).map(|at| at * 1500).collect();
+    fn threads_belong_to_the_batch_of_their_query() {
+        let (far, batches) = file(1 << 20);
+        let offsets: Vec<u64> = (0..64).map(|at| at * 1500).collect();
         let sum = run_batched(|| {
-            let found = parallel::map(&places, |place| far.share(*place, 1).map(|bytes| u64::from(bytes[0])));
+            let found =
+                parallel::map(&offsets, |offset| far.share(*offset, 1).map(|bytes| u64::from(bytes[0])));
             found.into_iter().sum::<Result<u64>>()
         });
-        assert_eq!(sum.unwrap(), places.iter().map(|place| place % 251).sum());
-        let rounds = rounds.lock().unwrap();
-        assert_eq!(rounds.iter().map(Vec::len).collect::<Vec<_>>(), [64]);
+        assert_eq!(sum.unwrap(), offsets.iter().map(|offset| offset % 251).sum());
+        let batches = batches.lock().unwrap();
+        assert_eq!(batches.iter().map(Vec::len).collect::<Vec<_>>(), [64]);
     }
 
     #[test]
-    fn what_is_under_way_is_not_asked_for_twice() {
-        let (far, rounds) = file(1 << 20);
+    fn ranges_that_are_being_fetched_are_not_requested_twice() {
+        let (far, batches) = file(1 << 20);
         std::thread::scope(|scope| {
             for _ in 0..8 {
-                scope.spawn(|| assert_eq!(question(&far).unwrap(), question(&far).unwrap()));
-                scope.spawn(|| run_batched(|| question(&far)).unwrap());
+                scope.spawn(|| assert_eq!(query_two_reads(&far).unwrap(), query_two_reads(&far).unwrap()));
+                scope.spawn(|| run_batched(|| query_two_reads(&far)).unwrap());
             }
         });
-        let rounds = rounds.lock().unwrap();
-        let mut all: Vec<&Range<u64>> = rounds.iter().flatten().collect();
+        let batches = batches.lock().unwrap();
+        let mut all: Vec<&Range<u64>> = batches.iter().flatten().collect();
         let count = all.len();
         crate::sort::by(&mut all, &mut |a, b| (a.start, a.end).cmp(&(b.start, b.end)));
         all.dedup();
@@ -445,11 +457,11 @@ mod tests {
     }
 
     #[test]
-    fn what_another_thread_got_meanwhile_is_not_fetched_again() {
-        let (far, rounds) = file(1 << 20);
-        let mut other = Some(|| run_batched(|| question(&far)).unwrap());
+    fn ranges_that_another_thread_has_fetched_are_not_fetched_again() {
+        let (far, batches) = file(1 << 20);
+        let mut other = Some(|| run_batched(|| query_two_reads(&far)).unwrap());
         run_batched(|| {
-            let missing = question(&far);
+            let missing = query_two_reads(&far);
             // Between the detection of missing ranges and their fetch.
             if let Some(other) = other.take() {
                 std::thread::scope(|scope| scope.spawn(other).join()).unwrap();
@@ -457,42 +469,58 @@ mod tests {
             missing
         })
         .unwrap();
-        assert_eq!(rounds.lock().unwrap().len(), 2);
+        assert_eq!(batches.lock().unwrap().len(), 2);
     }
 
     #[test]
-    fn near_ranges_are_one_request() {
-        let (far, rounds) = file(1 << 20);
+    fn adjacent_ranges_share_a_request() {
+        let (far, batches) = file(1 << 20);
         far.prefetch(&[500..510, 0..20, 25..40, 520..530, 600..600]).unwrap();
-        assert_eq!(rounds.lock().unwrap()[..], [vec![0..40, 500..530]]);
+        assert_eq!(batches.lock().unwrap()[..], [vec![0..40, 500..530]]);
         assert_eq!(&*far.read(26, 3).unwrap(), [26, 27, 28]);
         far.prefetch(&[500..510, 600..600]).unwrap();
-        assert_eq!(rounds.lock().unwrap().len(), 1);
+        assert_eq!(batches.lock().unwrap().len(), 1);
         assert_eq!(&*far.read(0, 20).unwrap(), (0..20).collect::<Vec<u8>>());
     }
 
     #[test]
-    fn who_reads_a_file_to_its_end_reads_ahead() {
-        let (far, rounds) = file(1 << 20);
+    fn sequential_reads_read_ahead() {
+        let (far, batches) = file(1 << 20);
         let read: Vec<u8> =
             (0..100u64).flat_map(|part| far.read(part * 1000, 1000).unwrap().to_vec()).collect();
         assert!(
             read.iter().zip(0u32..).all(|(byte, at)| u32::from(*byte) == at % 251) && read.len() == 100_000
         );
         assert_eq!(
-            rounds.lock().unwrap()[..],
+            batches.lock().unwrap()[..],
             [vec![Range { start: 0, end: 1000 }], vec![Range { start: 1000, end: 100_000 }]]
         );
     }
 
     #[test]
-    fn circles_end() {
+    fn longer_ranges_from_the_same_byte_do_not_count_as_evicted() {
+        let (far, batches) = file(1 << 20);
+        let query = || {
+            far.share(0, 64)?;
+            far.share(0, 4096)?;
+            let mut is_unread = false;
+            for offset in [10_000, 20_000, 30_000] {
+                defer_missing(far.share(offset, 1), &mut is_unread)?;
+            }
+            finish_deferred(is_unread)
+        };
+        run_batched(query).unwrap();
+        assert_eq!(batches.lock().unwrap().iter().map(Vec::len).collect::<Vec<_>>(), [1, 1, 3]);
+    }
+
+    #[test]
+    fn queries_without_progress_end() {
         // Each pass reads a new offset.
         let (far, _) = file(1 << 20);
-        let mut place = 0;
+        let mut offset = 0;
         let end = run_batched(|| {
-            place += 100;
-            far.share(place, 1).map(|bytes| bytes[0])
+            offset += 100;
+            far.share(offset, 1).map(|bytes| bytes[0])
         });
         assert_eq!(end.unwrap(), ((257 * 100) % 251) as u8);
     }

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::fs::File;
+use std::io;
 use std::ops::{Deref, Range};
 use std::path::Path;
 use std::sync::Arc;
@@ -64,7 +65,7 @@ pub trait ReadBackend: Send + Sync {
     fn share(&self, offset: u64, length: usize) -> Result<FileBytes<'_>> {
         Ok(match self.read(offset, length)? {
             Cow::Borrowed(bytes) => FileBytes::Mapped(bytes),
-            Cow::Owned(bytes) => FileBytes::Held(Arc::new(bytes).into()),
+            Cow::Owned(bytes) => FileBytes::Cached(Arc::new(bytes).into()),
         })
     }
 
@@ -222,7 +223,7 @@ pub enum FileBytes<'a> {
     /// Bytes of the mapping.
     Mapped(&'a [u8]),
     /// Bytes that were read.
-    Held(CachedBytes),
+    Cached(CachedBytes),
 }
 
 impl FileBytes<'_> {
@@ -231,7 +232,7 @@ impl FileBytes<'_> {
     pub fn part(self, part: Range<usize>) -> Self {
         match self {
             FileBytes::Mapped(bytes) => FileBytes::Mapped(&bytes[part]),
-            FileBytes::Held(bytes) => FileBytes::Held(bytes.part(part)),
+            FileBytes::Cached(bytes) => FileBytes::Cached(bytes.part(part)),
         }
     }
 }
@@ -243,7 +244,7 @@ impl Deref for FileBytes<'_> {
     fn deref(&self) -> &[u8] {
         match self {
             FileBytes::Mapped(bytes) => bytes,
-            FileBytes::Held(bytes) => bytes,
+            FileBytes::Cached(bytes) => bytes,
         }
     }
 }
@@ -254,13 +255,13 @@ impl Deref for FileBytes<'_> {
 /// # Errors
 /// If it cannot be opened, or is not a regular file.
 pub fn open_input(path: &Path) -> Result<File> {
-    let is_stream = std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir());
-    if is_stream {
-        return Err(Error::unsupported(
-            path,
-            "a pipe or device as input",
-            "write what comes from it to a file first",
-        ));
+    let found = std::fs::metadata(path);
+    if found.as_ref().is_ok_and(std::fs::Metadata::is_dir) {
+        let cause = io::Error::new(io::ErrorKind::IsADirectory, "is a directory, expected a file");
+        return Err(Error::io(path, "open")(cause));
+    }
+    if found.is_ok_and(|found| !found.is_file()) {
+        return Err(Error::unsupported(path, "a pipe or device as input", "write its bytes to a file first"));
     }
     File::open(path).map_err(Error::io(path, "open"))
 }

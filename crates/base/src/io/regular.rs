@@ -11,7 +11,7 @@ use crate::{Error, Result};
 /// # Errors
 /// If the path is one of these, or the file cannot be opened.
 pub fn open_regular(options: &mut OpenOptions, path: &Path) -> Result<File> {
-    check(path, fs::Metadata::is_file, "a symbolic link, or something else that is no file,")?;
+    check(path, fs::Metadata::is_file, "a symbolic link or other non-regular file")?;
     #[cfg(unix)]
     {
         // The path may have become a link since, or a pipe, which must not block.
@@ -25,26 +25,26 @@ pub fn open_regular(options: &mut OpenOptions, path: &Path) -> Result<File> {
 fn check(path: &Path, is_right: fn(&fs::Metadata) -> bool, wrong: &str) -> Result<()> {
     match fs::symlink_metadata(path) {
         Ok(there) if !is_right(&there) => {
-            let advice = "links are not followed here; remove it, or put there what it leads to";
-            Err(Error::unsupported(path, format!("{wrong} in this place"), advice))
+            let advice = "links are not followed here; remove it, or replace it by its target";
+            Err(Error::unsupported(path, wrong, advice))
         }
-        Err(cause) if cause.kind() != io::ErrorKind::NotFound => Err(Error::io(path, "look at")(cause)),
+        Err(cause) if cause.kind() != io::ErrorKind::NotFound => Err(Error::io(path, "stat")(cause)),
         _ => Ok(()),
     }
 }
 
 /// Directory whose files are accessed by relative names, without following symbolic links below it.
 #[derive(Debug)]
-pub struct ClosedFolder {
+pub struct ConfinedDirectory {
     base: PathBuf,
     /// Subdirectory that was checked last.
     checked: PathBuf,
 }
 
-impl ClosedFolder {
+impl ConfinedDirectory {
     /// Creates it for a directory path, which may itself contain links.
-    pub fn new(base: &Path) -> ClosedFolder {
-        ClosedFolder { base: base.to_path_buf(), checked: PathBuf::new() }
+    pub fn new(base: &Path) -> ConfinedDirectory {
+        ConfinedDirectory { base: base.to_path_buf(), checked: PathBuf::new() }
     }
 
     /// Returns the directory's path.
@@ -60,11 +60,11 @@ impl ClosedFolder {
             let mut path = self.base.clone();
             for part in above.components() {
                 path.push(part);
-                check(&path, fs::Metadata::is_dir, "a symbolic link, or something else that is no folder,")?;
+                check(&path, fs::Metadata::is_dir, "a symbolic link or other file in place of a directory")?;
                 let made = if make { fs::create_dir(&path) } else { Ok(()) };
                 match made {
                     Err(cause) if cause.kind() != io::ErrorKind::AlreadyExists => {
-                        return Err(Error::io(&path, "make the folder")(cause));
+                        return Err(Error::io(&path, "create the directory")(cause));
                     }
                     _ => {}
                 }
@@ -78,7 +78,7 @@ impl ClosedFolder {
     ///
     /// # Errors
     /// If one of its directories is a link.
-    pub fn place(&mut self, name: &str) -> Result<PathBuf> {
+    pub fn checked_path(&mut self, name: &str) -> Result<PathBuf> {
         self.path(name, false)
     }
 
@@ -86,7 +86,7 @@ impl ClosedFolder {
     ///
     /// # Errors
     /// If one of them is a link, or cannot be created.
-    pub fn new_place(&mut self, name: &str) -> Result<PathBuf> {
+    pub fn path_to_create(&mut self, name: &str) -> Result<PathBuf> {
         self.path(name, true)
     }
 
@@ -95,7 +95,7 @@ impl ClosedFolder {
     /// # Errors
     /// If the file or one of its directories is a link, or the write fails.
     pub fn write(&mut self, name: &str, bytes: &[u8]) -> Result<()> {
-        let path = self.new_place(name)?;
+        let path = self.path_to_create(name)?;
         let mut file = open_regular(File::options().write(true).create(true).truncate(true), &path)?;
         io::Write::write_all(&mut file, bytes).map_err(Error::io(&path, "write"))
     }
@@ -105,7 +105,7 @@ impl ClosedFolder {
     /// # Errors
     /// If the file or one of its directories is a link, if it is longer, or if it cannot be read.
     pub fn read(&mut self, name: &str, most: u64) -> Result<Option<Vec<u8>>> {
-        let path = self.place(name)?;
+        let path = self.checked_path(name)?;
         let file = match open_regular(File::options().read(true), &path) {
             Ok(file) => file,
             Err(Error::Io { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -115,7 +115,7 @@ impl ClosedFolder {
         let read = io::Read::read_to_end(&mut io::Read::take(file, most + 1), &mut bytes);
         let length = read.map_err(Error::io(&path, "read"))? as u64;
         if length > most {
-            return Err(Error::corrupt(path, "file", format!("more than {most} bytes"), "fewer"));
+            return Err(Error::corrupt(path, "file", format!("more than {most} bytes"), "at most that"));
         }
         Ok(Some(bytes))
     }
@@ -126,7 +126,7 @@ impl ClosedFolder {
     /// # Errors
     /// If one of its directories is a link, or the file cannot be removed.
     pub fn remove(&mut self, name: &str) -> Result<()> {
-        let path = self.place(name)?;
+        let path = self.checked_path(name)?;
         match fs::remove_file(&path) {
             Err(cause) if cause.kind() != io::ErrorKind::NotFound => {
                 return Err(Error::io(&path, "remove")(cause));
@@ -149,9 +149,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_come_and_go_with_their_folders() {
-        let folder = tempfile::tempdir().unwrap();
-        let mut closed = ClosedFolder::new(folder.path());
+    fn directories_are_created_and_removed_with_their_files() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut closed = ConfinedDirectory::new(directory.path());
         closed.write("a/b/c", b"1").unwrap();
         closed.write("a/d", b"22").unwrap();
         assert_eq!(closed.read("a/b/c", 9).unwrap(), Some(b"1".to_vec()));
@@ -160,19 +160,19 @@ mod tests {
         assert!(closed.read("a/d", 1).is_err());
         closed.remove("a/b/c").unwrap();
         closed.remove("a/b/c").unwrap();
-        assert!(!folder.path().join("a/b").exists() && folder.path().join("a/d").exists());
+        assert!(!directory.path().join("a/b").exists() && directory.path().join("a/d").exists());
         closed.write("a/b/c", b"1").unwrap();
-        assert!(folder.path().join("a/b/c").exists());
+        assert!(directory.path().join("a/b/c").exists());
     }
 
     #[test]
     #[cfg(unix)]
-    fn links_do_not_lead_out() {
-        let [folder, outside] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    fn links_are_not_followed() {
+        let [directory, outside] = [(); 2].map(|()| tempfile::tempdir().unwrap());
         std::fs::write(outside.path().join("c"), "precious").unwrap();
-        std::os::unix::fs::symlink(outside.path(), folder.path().join("a")).unwrap();
-        std::os::unix::fs::symlink(outside.path().join("c"), folder.path().join("l")).unwrap();
-        let mut closed = ClosedFolder::new(folder.path());
+        std::os::unix::fs::symlink(outside.path(), directory.path().join("a")).unwrap();
+        std::os::unix::fs::symlink(outside.path().join("c"), directory.path().join("l")).unwrap();
+        let mut closed = ConfinedDirectory::new(directory.path());
         assert!(matches!(closed.write("a/c", b"1"), Err(Error::Unsupported { .. })));
         assert!(matches!(closed.read("a/c", 9), Err(Error::Unsupported { .. })));
         assert!(matches!(closed.remove("a/c"), Err(Error::Unsupported { .. })));

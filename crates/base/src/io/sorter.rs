@@ -12,26 +12,33 @@ use crate::{Error, Result};
 ///
 /// Items beyond the memory limit go to temporary files in sorted runs, which are merged at the end.
 pub struct Sorter {
-    folder: PathBuf,
+    directory: PathBuf,
     item_size: usize,
     /// Maximum number of items in memory.
     most: usize,
     items: Vec<(u64, Vec<u8>)>,
-    runs: Vec<Run>,
+    runs: Vec<SortedFile>,
     len: u64,
 }
 
-struct Run {
+struct SortedFile {
     file: tempfile::SpooledTempFile,
     items: u64,
 }
 
 impl Sorter {
     /// Sorts items of `item_size` bytes with about `memory` bytes of memory, and temporary files in
-    /// `folder`.
-    pub fn new(folder: &Path, item_size: usize, memory: u64) -> Sorter {
+    /// `directory`.
+    pub fn new(directory: &Path, item_size: usize, memory: u64) -> Sorter {
         let most = (memory / (item_size as u64 + 48)).max(64) as usize;
-        Sorter { folder: folder.to_path_buf(), item_size, most, items: Vec::new(), runs: Vec::new(), len: 0 }
+        Sorter {
+            directory: directory.to_path_buf(),
+            item_size,
+            most,
+            items: Vec::new(),
+            runs: Vec::new(),
+            len: 0,
+        }
     }
 
     /// Adds an item.
@@ -45,7 +52,7 @@ impl Sorter {
         if self.items.len() < self.most {
             return Ok(());
         }
-        self.spill().map_err(Error::io(&self.folder, "use a temporary file"))
+        self.spill().map_err(Error::io(&self.directory, "use a temporary file"))
     }
 
     /// Returns the number of items.
@@ -60,14 +67,14 @@ impl Sorter {
 
     fn spill(&mut self) -> io::Result<()> {
         self.items.sort_by_key(|(key, _)| *key);
-        let mut out = BufWriter::new(tempfile::spooled_tempfile_in(0, &self.folder));
+        let mut out = BufWriter::new(tempfile::spooled_tempfile_in(0, &self.directory));
         for (key, item) in &self.items {
             out.write_all(&key.to_le_bytes())?;
             out.write_all(item)?;
         }
         let mut file = out.into_inner().map_err(|error| error.into_error())?;
         file.seek(SeekFrom::Start(0))?;
-        self.runs.push(Run { file, items: self.items.len() as u64 });
+        self.runs.push(SortedFile { file, items: self.items.len() as u64 });
         self.items.clear();
         Ok(())
     }
@@ -77,7 +84,7 @@ impl Sorter {
     /// # Errors
     /// Those of the function; also if a temporary file cannot be read.
     pub fn finish(mut self, item: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
-        let spill_error = || Error::io(&self.folder, "use a temporary file");
+        let spill_error = || Error::io(&self.directory, "use a temporary file");
         self.items.sort_by_key(|(key, _)| *key);
         let mut last = self.items.into_iter().peekable();
         let mut runs: Vec<_> =

@@ -22,10 +22,10 @@ impl Spill {
     pub fn new(output: &Output) -> Result<Spill> {
         let path = output.path().to_path_buf();
         let file = match output.is_file() {
-            true => tempfile::tempfile_in(crate::io::folder(&path)),
+            true => tempfile::tempfile_in(crate::io::directory_of(&path)),
             false => tempfile::tempfile(),
         };
-        let file = file.map_err(Error::io(&path, "make a temporary file for"))?;
+        let file = file.map_err(Error::io(&path, "create a temporary file"))?;
         Ok(Spill { path, file: BufWriter::with_capacity(1 << 20, file) })
     }
 

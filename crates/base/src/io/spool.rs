@@ -19,7 +19,7 @@ pub struct Spool {
     /// Words per chunk: a multiple of the record size.
     chunk: usize,
     /// Directory of the file, for messages.
-    folder: PathBuf,
+    directory: PathBuf,
     chunks: Mutex<Chunks>,
 }
 
@@ -34,10 +34,11 @@ impl Spool {
     ///
     /// # Errors
     /// If the file cannot be created.
-    pub fn create(folder: &Path, record: usize) -> Result<Arc<Spool>> {
-        let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "make a temporary file"))?;
+    pub fn create(directory: &Path, record: usize) -> Result<Arc<Spool>> {
+        let file =
+            tempfile::tempfile_in(directory).map_err(Error::io(directory, "create a temporary file"))?;
         let chunk = MAX_WORDS / record * record;
-        Ok(Arc::new(Spool { file, chunk, folder: folder.to_path_buf(), chunks: Mutex::default() }))
+        Ok(Arc::new(Spool { file, chunk, directory: directory.to_path_buf(), chunks: Mutex::default() }))
     }
 
     /// Returns the offset of a chunk in the file, in bytes.
@@ -83,7 +84,7 @@ impl SpooledWords {
         for (index, chunk) in self.chunks.iter().enumerate() {
             let here = &mut words[..(self.len - index * size).min(size)];
             let read = read_exact_at(&self.spool.file, here.as_mut_bytes(), self.spool.offset(*chunk));
-            read.map_err(Error::io(&self.spool.folder, "read a temporary file"))?;
+            read.map_err(Error::io(&self.spool.directory, "read a temporary file"))?;
             each(here)?;
         }
         Ok(())
@@ -132,7 +133,7 @@ impl WordSpooler {
         let chunk = spool.take();
         self.list.chunks.push(chunk);
         let written = write_all_at(&spool.file, self.buffer.as_bytes(), spool.offset(chunk));
-        written.map_err(Error::io(&spool.folder, "write a temporary file"))?;
+        written.map_err(Error::io(&spool.directory, "write a temporary file"))?;
         self.buffer.clear();
         Ok(())
     }

@@ -68,8 +68,8 @@ mod tests {
     #[test]
     fn files_of_this_machine_have_a_time_until_they_are_removed() {
         let access = FileAccess::new();
-        let folder = tempfile::tempdir().unwrap();
-        let [one, none] = ["one", "one/none"].map(|name| folder.path().join(name));
+        let directory = tempfile::tempdir().unwrap();
+        let [one, none] = ["one", "one/none"].map(|name| directory.path().join(name));
         std::fs::write(&one, "123").unwrap();
         let found = access.stat(&[&none, &one]).unwrap();
         assert!(matches!(&found[0], Ok(None)));
@@ -78,6 +78,6 @@ mod tests {
         assert_eq!(access.stat_companions(&[&one]).unwrap(), [Some(state)]);
         access.remove(&[&none, &one, &one]).unwrap();
         assert_eq!(access.stat_companions(&[&one]).unwrap(), [None]);
-        assert!(access.remove(&[folder.path()]).is_err());
+        assert!(access.remove(&[directory.path()]).is_err());
     }
 }

@@ -114,6 +114,6 @@ pub(super) fn check_limit(written: u64, more: usize, most: u64) -> io::Result<()
     if written.saturating_add(more as u64) <= most {
         return Ok(());
     }
-    let message = format!("it would be longer than the {most} bytes that are allowed");
+    let message = format!("it would exceed the {most} bytes that are allowed");
     Err(io::Error::new(io::ErrorKind::FileTooLarge, message))
 }

@@ -22,7 +22,7 @@ impl Bounds {
 
     /// Returns the box of all cells of a raster with this extent.
     #[inline]
-    pub fn picture(extent: [u64; 3]) -> Bounds {
+    pub fn of_extent(extent: [u64; 3]) -> Bounds {
         Bounds { min: [0; 3], max: extent }
     }
 

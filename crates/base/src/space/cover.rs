@@ -8,5 +8,5 @@ pub enum Cover {
     /// It is disjoint from the box.
     Nothing,
     /// It covers some of the box, or the coverage is unknown.
-    Part,
+    Partial,
 }

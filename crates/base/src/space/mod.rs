@@ -2,7 +2,7 @@
 
 mod bounds;
 mod code;
-mod code_run;
+mod code_range;
 mod cover;
 mod dimension;
 mod edge;
@@ -11,7 +11,7 @@ mod up;
 
 pub use bounds::Bounds;
 pub use code::{Cell, Code, morton_encode};
-pub use code_run::CodeRun;
+pub use code_range::CodeRange;
 pub use cover::Cover;
 pub use dimension::Dimension;
 pub use edge::EdgeRule;

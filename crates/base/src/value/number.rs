@@ -214,7 +214,7 @@ impl FromStr for Number {
 /// Representation in binary formats.
 #[derive(Serialize, Deserialize)]
 #[serde(rename = "Number")]
-enum Stored {
+enum BinaryNumber {
     Unsigned(u64),
     Signed(i64),
     Float(f64),
@@ -226,9 +226,9 @@ impl Serialize for Number {
             (Number::Unsigned(number), true) => serializer.serialize_u64(number),
             (Number::Signed(number), true) => serializer.serialize_i64(number),
             (Number::Float(number), true) => serializer.serialize_f64(number),
-            (Number::Unsigned(number), false) => Stored::Unsigned(number).serialize(serializer),
-            (Number::Signed(number), false) => Stored::Signed(number).serialize(serializer),
-            (Number::Float(number), false) => Stored::Float(number).serialize(serializer),
+            (Number::Unsigned(number), false) => BinaryNumber::Unsigned(number).serialize(serializer),
+            (Number::Signed(number), false) => BinaryNumber::Signed(number).serialize(serializer),
+            (Number::Float(number), false) => BinaryNumber::Float(number).serialize(serializer),
         }
     }
 }
@@ -238,10 +238,10 @@ impl<'de> Deserialize<'de> for Number {
         if deserializer.is_human_readable() {
             return deserializer.deserialize_any(AnyNumber);
         }
-        Ok(match Stored::deserialize(deserializer)? {
-            Stored::Unsigned(number) => number.into(),
-            Stored::Signed(number) => number.into(),
-            Stored::Float(number) => number.into(),
+        Ok(match BinaryNumber::deserialize(deserializer)? {
+            BinaryNumber::Unsigned(number) => number.into(),
+            BinaryNumber::Signed(number) => number.into(),
+            BinaryNumber::Float(number) => number.into(),
         })
     }
 }
@@ -273,7 +273,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_ordered_by_what_they_are() {
+    fn numbers_are_ordered_by_value() {
         let two_53 = 1u64 << 53;
         // In ascending order. The numbers of each inner list are equal.
         let ascending: &[&[Number]] = &[
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn texts_come_back() {
+    fn strings_round_trip() {
         for text in [
             "0",
             "-1",
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn integers_are_told() {
+    fn to_integer_converts_exact_integers_only() {
         assert_eq!(Number::from(3.0).to_integer(), Some(3));
         assert_eq!(Number::from(u64::MAX).to_integer(), Some(u64::MAX.into()));
         assert_eq!(Number::from(i64::MIN).to_integer(), Some(i64::MIN.into()));

@@ -1,11 +1,12 @@
 //! Rules for the representative: the value of an INNER node at coarse detail.
 
 use std::fmt;
+use std::path::Path;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use crate::Error;
+use crate::{Error, Result};
 
 /// Rule that computes the representative of an INNER node from its subtree. VOID never counts,
 /// except in [`Rule::Occupancy`].
@@ -55,7 +56,7 @@ impl fmt::Display for Rule {
 impl FromStr for Rule {
     type Err = Error;
 
-    fn from_str(name: &str) -> Result<Rule, Error> {
+    fn from_str(name: &str) -> Result<Rule> {
         Rule::ALL
             .into_iter()
             .find(|rule| rule.name() == name)
@@ -81,6 +82,20 @@ impl DataKind {
         }
     }
 
+    /// Checks a rule that was requested for values of this kind: averages of class numbers are
+    /// numbers of other classes. `path` is the input, for the error message.
+    ///
+    /// # Errors
+    /// If the rule computes averages, and the values are classes.
+    pub fn check_rule(self, rule: Rule, path: &Path) -> Result<()> {
+        if self == DataKind::Continuous || !matches!(rule, Rule::Mean | Rule::Occupancy) {
+            return Ok(());
+        }
+        let advice = "averages of class numbers are numbers of other classes: choose the rule majority, dominant, nearest, min or max; \
+            if the values are continuous, add --kind continuous (in Python: kind=\"continuous\")";
+        Err(Error::unsupported(path, format!("the rule {rule} for categorical values"), advice))
+    }
+
     /// Returns the kind's name on the command line.
     pub fn name(self) -> &'static str {
         match self {
@@ -99,7 +114,7 @@ impl fmt::Display for DataKind {
 impl FromStr for DataKind {
     type Err = Error;
 
-    fn from_str(name: &str) -> Result<DataKind, Error> {
+    fn from_str(name: &str) -> Result<DataKind> {
         [DataKind::Categorical, DataKind::Continuous]
             .into_iter()
             .find(|kind| kind.name() == name)

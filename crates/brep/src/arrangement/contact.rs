@@ -7,6 +7,7 @@ pub(crate) struct Contact {
     pub(crate) faces: [u32; 2],
     pub(crate) segments: Vec<[ExactPoint; 2]>,
     pub(crate) points: Vec<ExactPoint>,
-    /// Whether the faces are coplanar and overlap.
-    pub(crate) in_plane: bool,
+    /// Whether the faces are coplanar and may overlap. If both have all vertices on the grid, they
+    /// do. With an exact face, only the boxes are known to touch: an overlay of both decides.
+    pub(crate) may_overlap: bool,
 }

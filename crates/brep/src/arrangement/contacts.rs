@@ -8,7 +8,7 @@ use super::point::ExactPoint;
 use super::polygons::{Common, common};
 use super::surface::{Surface, too_large};
 use crate::boxes::touch;
-use crate::{Faces, show_place};
+use crate::{Faces, format_position};
 use spinney_base::{Error, Progress, Result, SilentProgress, parallel, sort};
 
 /// Kinds of contacts to find.
@@ -71,21 +71,21 @@ impl Surface<'_> {
             .flat_map(|contact| contact.faces)
             .for_each(|face| *counts.entry(face).or_default() += 1);
         let worst = counts.into_iter().max_by_key(|(face, count)| (*count, std::cmp::Reverse(*face)));
-        let place = |(face, count): (u32, u64)| {
+        let describe = |(face, count): (u32, u64)| {
             let face = self.face(face);
             let at = self.faces.list.grid().to_world(face.points[0]);
-            format!("a face that meets {count} others at {} (face {})", show_place(at), face.source)
+            format!("a face at {} that meets {count} other faces (face {})", format_position(at), face.source)
         };
         Error::NotASolid {
             path: self.path.to_path_buf(),
             what: format!(
-                "its {} faces meet in more than {} pairs: what is inside is a guess",
+                "its {} faces meet in more than {} pairs, so the inside is ambiguous",
                 self.planes.len(),
                 self.operands.most_contacts
             ),
-            places: worst.map(place).into_iter().collect(),
+            locations: worst.map(describe).into_iter().collect(),
             count: 1,
-            advice: "leave out what lies upon each other there, or build cells of it (without --brep)".into(),
+            advice: "remove the overlapping faces there, or build cells of it (without --brep)".into(),
         }
     }
 
@@ -187,19 +187,19 @@ impl Surface<'_> {
 
     fn contact(&self, one: u32, other: u32, wanted: Wanted) -> Option<Contact> {
         let mut contact =
-            Contact { faces: [one, other], segments: Vec::new(), points: Vec::new(), in_plane: false };
+            Contact { faces: [one, other], segments: Vec::new(), points: Vec::new(), may_overlap: false };
         let (plane_a, plane_b) = (self.plane(one), self.plane(other));
         if let (Some(a), Some(b)) = (self.triangle(one), self.triangle(other)) {
             match meet(&a, plane_a, &b, plane_b) {
-                Meeting::Corner(point) if wanted == Wanted::All => contact.points.push(point),
-                Meeting::Edge(ends) if wanted == Wanted::All => contact.segments.push(ends),
-                Meeting::Apart | Meeting::Corner(_) | Meeting::Edge(_) => {}
+                Meeting::SharedVertex(point) if wanted == Wanted::All => contact.points.push(point),
+                Meeting::SharedEdge(ends) if wanted == Wanted::All => contact.segments.push(ends),
+                Meeting::Nothing | Meeting::SharedVertex(_) | Meeting::SharedEdge(_) => {}
                 Meeting::Point(point) => contact.points.push(point),
-                Meeting::PlaneSegment(ends) => contact.segments.push(ends),
-                Meeting::InPlane => contact.in_plane = true,
+                Meeting::Segment(ends) => contact.segments.push(ends),
+                Meeting::InPlane => contact.may_overlap = true,
             }
         } else if plane_a.is(plane_b) {
-            contact.in_plane = self.lie_on_each_other(one, other);
+            contact.may_overlap = self.may_overlap(one, other);
         } else {
             // (As whole polygons: edges between a polygon's triangles would divide other faces.)
             let Common { segments, points, edges, corners } =
@@ -210,20 +210,21 @@ impl Surface<'_> {
                 contact.points.extend(corners);
             }
         }
-        let is_contact = contact.in_plane || !contact.segments.is_empty() || !contact.points.is_empty();
+        let is_contact = contact.may_overlap || !contact.segments.is_empty() || !contact.points.is_empty();
         is_contact.then_some(contact)
     }
 
-    /// Whether two faces of one plane may overlap.
-    fn lie_on_each_other(&self, one: u32, other: u32) -> bool {
+    /// Whether two faces of one plane whose boxes touch may overlap: exact for on-grid faces, see
+    /// [`Contact::may_overlap`].
+    fn may_overlap(&self, one: u32, other: u32) -> bool {
         if self.exact(one).is_some() || self.exact(other).is_some() {
             // (Coplanar faces of one body overlap only if they have opposite orientations.)
             let is_one = self.operands.are_bodies && self.operand(one) == self.operand(other);
             return !(is_one && self.plane(one).is_turned_as(self.plane(other)));
         }
         let (plane_a, plane_b) = (self.plane(one), self.plane(other));
-        self.with_pieces(one, |a| {
-            self.with_pieces(other, |b| {
+        self.with_triangles(one, |a| {
+            self.with_triangles(other, |b| {
                 let mut pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
                 pairs.any(|(a, b)| matches!(meet(a, plane_a, b, plane_b), Meeting::InPlane))
             })

@@ -126,7 +126,7 @@ impl ExactFace {
             let is_left = turn(axis, corners) > 0;
             if is_left == (is_up == (number > 0)) {
                 return Ok(Some(
-                    "a ring that turns the wrong way, expected an outer ring, and holes turned to it",
+                    "a ring with the wrong orientation, expected a counterclockwise outer ring and clockwise holes",
                 ));
             }
         }
@@ -153,7 +153,7 @@ impl ExactFace {
                     one * two
                 };
                 if sides(a, b, [c, d]) < 0 && sides(c, d, [a, b]) < 0 {
-                    return Ok(Some("rings that cross, expected an outer ring, and holes inside of it"));
+                    return Ok(Some("rings that cross, expected an outer ring, and holes inside it"));
                 }
             }
         }

@@ -7,9 +7,9 @@ use crate::exact::bounds::MARGIN;
 use crate::exact::vector::others;
 use spinney_base::{Result, sort};
 
-/// Fate of a face, or of a region of one.
+/// Fate of a face, or of a region of one, by the winding numbers on both sides.
 #[derive(Clone, Copy)]
-pub(super) enum Fate {
+pub(super) enum RegionFate {
     /// It bounds the inside; reversed or not.
     Stays { is_turned: bool },
     /// It is removed: a coincident face stays.
@@ -22,8 +22,8 @@ pub(super) enum Fate {
 
 impl Surface<'_> {
     /// Returns the fate of a face, from a sample point: see [`Surface::fate`].
-    pub(super) fn face_fate(&self, face: u32, alone: bool) -> Result<Fate> {
-        self.fate(&self.sample_of(face), face, alone)
+    pub(super) fn face_fate(&self, face: u32, is_alone: bool) -> Result<RegionFate> {
+        self.fate(&self.sample_of(face), face, is_alone)
     }
 
     /// Returns a sample point of a face.
@@ -32,7 +32,8 @@ impl Surface<'_> {
         if let Some(exact) = self.exact(face) {
             return SamplePoint::of_region(plane, &exact.region());
         }
-        let corners = self.with_pieces(face, |pieces| pieces.first().map(|piece| piece.corners));
+        let corners =
+            self.with_triangles(face, |triangles| triangles.first().map(|triangle| triangle.corners));
         let first = self.faces.list.get(face as usize).points[0];
         SamplePoint::of_triangle(plane, &corners.unwrap_or([first; 3]))
     }
@@ -44,13 +45,14 @@ impl Surface<'_> {
     }
 
     /// Returns the fate of a region of a face, from a sample point in it. Of coincident faces, one
-    /// stays for all. With `alone`, the face is known to touch no other body, and no coincident
-    /// face is searched for.
-    pub(super) fn fate(&self, sample: &SamplePoint<'_>, face: u32, alone: bool) -> Result<Fate> {
+    /// stays for all. With `is_alone`, no coincident face is searched for: the face is one of a
+    /// body, and touches no other body. (A coincident wall of its own body does not matter then.
+    /// Both walls stay, each with the outside in front, as settled ones do.)
+    pub(super) fn fate(&self, sample: &SamplePoint<'_>, face: u32, is_alone: bool) -> Result<RegionFate> {
         // Faces that contain the sample, and whether each is oriented upwards.
         let mut same: Vec<(u32, bool)> = Vec::new();
         let is_up = |face: u32| self.plane(face).normal[sample.axis] > 0;
-        if alone {
+        if is_alone {
             same.push((face, is_up(face)));
         } else {
             self.each_at(sample, |other| {
@@ -68,12 +70,12 @@ impl Surface<'_> {
         let [above, below] = self.windings(sample, &same)?;
         let (front, back) = ((self.operands.is_inside)(&above), (self.operands.is_inside)(&below));
         if front == back {
-            return Ok(if front { Fate::Inside } else { Fate::Outside });
+            return Ok(if front { RegionFate::Inside } else { RegionFate::Outside });
         }
         let is_up = back;
         let stays = same.iter().find(|(_, up)| *up == is_up).or(same.first());
         let own = stays.filter(|(stays, _)| *stays == face);
-        Ok(own.map_or(Fate::Covered, |(_, up)| Fate::Stays { is_turned: *up != is_up }))
+        Ok(own.map_or(RegionFate::Covered, |(_, up)| RegionFate::Stays { is_turned: *up != is_up }))
     }
 
     /// Returns the winding numbers of all operands above and below a sample. `same` are the faces
@@ -86,23 +88,25 @@ impl Surface<'_> {
             *changes[self.operand(*face)].get_or_insert(0) += if *up { weight } else { -weight };
         }
         // By a ray upwards, where nothing else is known.
-        let (mut above, mut is_asked) = (self.operands.far.to_vec(), vec![true; count]);
+        let (mut above, mut needs_ray) = (self.operands.far.to_vec(), vec![true; count]);
         for operand in (0..count).filter(|_| self.operands.are_bodies) {
             let known = match changes[operand] {
                 // Invariant: winding numbers of bodies are 0 or 1 (other surfaces are refused when
                 // a model is built). So a change at the sample determines the numbers on both sides
-                // without any other face: the outside is in front. If two coincident walls of one
-                // body cancel, both sides are inside. For a surface that winds twice around a
-                // point, this would be a guess.
-                Some(change) => Some(i32::from(change <= 0)),
-                None => (self.operands.winding)(operand, sample).transpose()?,
+                // without any other face: the outside is in front. For a surface that winds twice
+                // around a point, this would be a guess.
+                Some(change) if change != 0 => Some(i32::from(change < 0)),
+                // If two coincident walls of one body cancel, both sides are inside (parts that
+                // touch) or both are outside (cavities that touch). Other faces decide, as without
+                // faces at the sample.
+                _ => (self.operands.winding)(operand, sample).transpose()?,
             };
             if let Some(winding) = known {
-                (above[operand], is_asked[operand]) = (winding, false);
+                (above[operand], needs_ray[operand]) = (winding, false);
             }
         }
-        if is_asked.contains(&true) {
-            self.add_above(sample, same, &is_asked, &mut above);
+        if needs_ray.contains(&true) {
+            self.add_above(sample, same, &needs_ray, &mut above);
         }
         if let Some(rest) = self.operands.rest {
             above[0] += rest(sample)?;
@@ -117,12 +121,12 @@ impl Surface<'_> {
         &self,
         sample: &SamplePoint<'_>,
         same: &[(u32, bool)],
-        is_asked: &[bool],
+        needs_ray: &[bool],
         above: &mut [i32],
     ) {
         self.each_above(sample, &mut |other, up| {
             let operand = self.operand(other);
-            if is_asked[operand] && same.binary_search_by_key(&other, |(face, _)| *face).is_err() {
+            if needs_ray[operand] && same.binary_search_by_key(&other, |(face, _)| *face).is_err() {
                 above[operand] += up * self.weight(other);
             }
         });

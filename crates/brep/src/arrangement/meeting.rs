@@ -4,43 +4,54 @@ use std::cmp::Ordering;
 
 use super::point::{ExactPlane, ExactPoint, cross};
 use crate::exact::vector::{main_axis, others};
-use crate::piece::Piece;
+use crate::face_triangle::FaceTriangle;
 
 /// Common points of two triangles.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Meeting {
-    /// None; or, in one plane, only sections of both boundaries.
-    Apart,
+    /// No points; or, in one plane, only sections of both boundaries.
+    Nothing,
     /// A shared vertex, as between neighbours in a surface.
-    Corner(ExactPoint),
+    SharedVertex(ExactPoint),
     /// A shared edge of both faces, as between neighbours in a surface.
-    Edge([ExactPoint; 2]),
+    SharedEdge([ExactPoint; 2]),
+    /// Another point, of triangles in different planes.
     Point(ExactPoint),
-    PlaneSegment([ExactPoint; 2]),
+    /// Another segment, of triangles in different planes.
+    Segment([ExactPoint; 2]),
     /// More than neighbours have, in the plane of both.
     InPlane,
 }
 
 /// Returns the common points of two triangles with an area, which lie in these planes.
-pub(super) fn meet(a: &Piece, plane_a: &ExactPlane, b: &Piece, plane_b: &ExactPlane) -> Meeting {
+pub(super) fn meet(
+    a: &FaceTriangle,
+    plane_a: &ExactPlane,
+    b: &FaceTriangle,
+    plane_b: &ExactPlane,
+) -> Meeting {
     let heights_b = b.corners.map(|corner| plane_a.height(corner));
-    if apart(&heights_b) {
-        return Meeting::Apart;
+    if are_on_one_side(&heights_b) {
+        return Meeting::Nothing;
     }
     let mut shared = (0..9).map(|pair| (pair / 3, pair % 3)).filter(|&(i, j)| a.corners[i] == b.corners[j]);
     let shared = [shared.next(), shared.next(), shared.next()];
     if heights_b == [0; 3] {
-        return if is_beside(a, b, plane_a.main_axis(), shared) { Meeting::Apart } else { Meeting::InPlane };
+        return if is_disjoint_in_plane(a, b, plane_a.main_axis(), shared) {
+            Meeting::Nothing
+        } else {
+            Meeting::InPlane
+        };
     }
     if let [Some(one), Some(other), _] = shared {
         // Different planes have only the edge's line in common.
         let ends = [one, other].map(|(i, _)| ExactPoint::of_grid(a.corners[i]));
         let is_edge = is_boundary(a, one.0, other.0) && is_boundary(b, one.1, other.1);
-        return if is_edge { Meeting::Edge(ends) } else { Meeting::PlaneSegment(ends) };
+        return if is_edge { Meeting::SharedEdge(ends) } else { Meeting::Segment(ends) };
     }
     let heights_a = a.corners.map(|corner| plane_b.height(corner));
-    if apart(&heights_a) {
-        return Meeting::Apart;
+    if are_on_one_side(&heights_a) {
+        return Meeting::Nothing;
     }
     // Each triangle meets the common line of both planes in an interval.
     let along = cross(plane_a.normal, plane_b.normal);
@@ -52,21 +63,21 @@ pub(super) fn meet(a: &Piece, plane_a: &ExactPlane, b: &Piece, plane_b: &ExactPl
     let low = if low_a.compare(&low_b, axis) == Ordering::Less { low_b } else { low_a };
     let high = if high_a.compare(&high_b, axis) == Ordering::Greater { high_b } else { high_a };
     match low.compare(&high, axis) {
-        Ordering::Greater => Meeting::Apart,
-        Ordering::Less => Meeting::PlaneSegment([low, high]),
+        Ordering::Greater => Meeting::Nothing,
+        Ordering::Less => Meeting::Segment([low, high]),
         // (If the triangles share a vertex, that is the point.)
-        Ordering::Equal if shared[0].is_some() => Meeting::Corner(low),
+        Ordering::Equal if shared[0].is_some() => Meeting::SharedVertex(low),
         Ordering::Equal => Meeting::Point(low),
     }
 }
 
-fn apart(heights: &[i128; 3]) -> bool {
+fn are_on_one_side(heights: &[i128; 3]) -> bool {
     heights.iter().all(|height| *height > 0) || heights.iter().all(|height| *height < 0)
 }
 
 /// Whether the edge between two vertices is an edge of the face.
-fn is_boundary(piece: &Piece, one: usize, other: usize) -> bool {
-    !piece.internal[if (one + 1) % 3 == other { one } else { other }]
+fn is_boundary(triangle: &FaceTriangle, one: usize, other: usize) -> bool {
+    !triangle.internal[if (one + 1) % 3 == other { one } else { other }]
 }
 
 /// Returns the ends, along an axis, of a triangle's intersection with a plane. `heights` are the
@@ -94,7 +105,12 @@ fn interval(corners: &[[i32; 3]; 3], heights: &[i128; 3], axis: usize) -> [Exact
 
 /// Whether two triangles of one plane, seen along an axis, have no more in common than neighbours
 /// have.
-fn is_beside(a: &Piece, b: &Piece, axis: usize, shared: [Option<(usize, usize)>; 3]) -> bool {
+fn is_disjoint_in_plane(
+    a: &FaceTriangle,
+    b: &FaceTriangle,
+    axis: usize,
+    shared: [Option<(usize, usize)>; 3],
+) -> bool {
     let [u, v] = others(axis);
     let flat = |corner: [i32; 3]| [i64::from(corner[u]), i64::from(corner[v])];
     let turn = |p: [i64; 2], q: [i64; 2], r: [i64; 2]| {
@@ -159,18 +175,19 @@ mod tests {
 
     fn of(a: [[i32; 3]; 3], b: [[i32; 3]; 3]) -> Meeting {
         let plane = |corners: &[[i32; 3]; 3]| ExactPlane::through(corners[0], ring_normal(corners));
-        let piece = |corners| Piece { corners, internal: [false; 3] };
-        let found = meet(&piece(a), &plane(&a), &piece(b), &plane(&b));
+        let triangle = |corners| FaceTriangle { corners, internal: [false; 3] };
+        let found = meet(&triangle(a), &plane(&a), &triangle(b), &plane(&b));
         // The result does not depend on the order of the triangles, on the first vertex, or on the
         // orientation.
         let [p, q, r] = b;
-        let again = meet(&piece([q, p, r]), &plane(&[q, p, r]), &piece(a), &plane(&a));
+        let again = meet(&triangle([q, p, r]), &plane(&[q, p, r]), &triangle(a), &plane(&a));
         match (&found, &again) {
-            (Meeting::Point(one), Meeting::Point(other)) | (Meeting::Corner(one), Meeting::Corner(other)) => {
+            (Meeting::Point(one), Meeting::Point(other))
+            | (Meeting::SharedVertex(one), Meeting::SharedVertex(other)) => {
                 assert!(one.is(other));
             }
-            (Meeting::PlaneSegment(one), Meeting::PlaneSegment(other))
-            | (Meeting::Edge(one), Meeting::Edge(other)) => {
+            (Meeting::Segment(one), Meeting::Segment(other))
+            | (Meeting::SharedEdge(one), Meeting::SharedEdge(other)) => {
                 assert!(
                     one[0].is(&other[0]) && one[1].is(&other[1])
                         || one[0].is(&other[1]) && one[1].is(&other[0])
@@ -195,7 +212,8 @@ mod tests {
             [[20, 0, 0], [28, 0, 0], [20, 8, 0]],
         ];
         for b in others {
-            let is_regular = matches!(of(A, b), Meeting::Apart | Meeting::Corner(_) | Meeting::Edge(_));
+            let is_regular =
+                matches!(of(A, b), Meeting::Nothing | Meeting::SharedVertex(_) | Meeting::SharedEdge(_));
             assert!(is_regular, "{b:?}");
         }
     }
@@ -203,7 +221,7 @@ mod tests {
     #[test]
     fn what_is_common_is_found() {
         let segment = |b, ends: [[i32; 3]; 2]| match of(A, b) {
-            Meeting::PlaneSegment(found) => {
+            Meeting::Segment(found) => {
                 let mut found = found.map(|point| point.rounded());
                 found.sort_unstable();
                 assert_eq!(found, ends, "{b:?}");
@@ -300,21 +318,21 @@ mod tests {
             // normal and their cross product.
             let part = |corners: [[i32; 3]; 3], normal: [i128; 3]| {
                 let across = product(normal, along);
-                let place = |corner: [i32; 3]| {
+                let project = |corner: [i32; 3]| {
                     let from = [0, 1, 2].map(|axis| i128::from(corner[axis]) * times - base[axis]);
                     (dot(along, from), dot(across, from))
                 };
-                let mut places: Vec<Fraction> = Vec::new();
+                let mut positions: Vec<Fraction> = Vec::new();
                 for i in 0..3 {
-                    let ((x1, y1), (x2, y2)) = (place(corners[i]), place(corners[(i + 1) % 3]));
+                    let ((x1, y1), (x2, y2)) = (project(corners[i]), project(corners[(i + 1) % 3]));
                     if y1 == 0 {
-                        places.push(Fraction::of(x1, times));
+                        positions.push(Fraction::of(x1, times));
                     } else if (y1 < 0) != (y2 < 0) && y2 != 0 {
-                        places.push(Fraction::of(x1 * (y1 - y2) + (x2 - x1) * y1, (y1 - y2) * times));
+                        positions.push(Fraction::of(x1 * (y1 - y2) + (x2 - x1) * y1, (y1 - y2) * times));
                     }
                 }
-                places.sort_by(|a, b| a.order(*b));
-                Some([*places.first()?, *places.last()?])
+                positions.sort_by(|a, b| a.order(*b));
+                Some([*positions.first()?, *positions.last()?])
             };
             let parts = [part(a, planes[0].0), part(b, planes[1].0)];
             let expected = match parts {
@@ -326,23 +344,27 @@ mod tests {
                 _ => Err("not U1"),
             };
             let ends = match of(a, b) {
-                Meeting::Apart => None,
-                Meeting::Point(point) | Meeting::Corner(point) => Some([point; 2]),
-                Meeting::PlaneSegment(ends) | Meeting::Edge(ends) => Some(ends),
+                Meeting::Nothing => None,
+                Meeting::Point(point) | Meeting::SharedVertex(point) => Some([point; 2]),
+                Meeting::Segment(ends) | Meeting::SharedEdge(ends) => Some(ends),
                 Meeting::InPlane => unreachable!("the planes are not the same"),
             };
             match (expected, ends) {
                 (Err(_), None) => {}
                 (Ok([low, high]), Some(ends)) => {
-                    let mut places = ends.map(|end| {
+                    let mut positions = ends.map(|end| {
                         let at = (0..3).map(|axis| {
                             along[axis] as f64 * (end.near[axis] - base[axis] as f64 / times as f64)
                         });
                         at.sum::<f64>()
                     });
-                    places.sort_by(f64::total_cmp);
-                    for (Fraction(numerator, denominator), place) in [low, high].into_iter().zip(places) {
-                        assert!((numerator as f64 / denominator as f64 - place).abs() < 1e-6, "{a:?} {b:?}");
+                    positions.sort_by(f64::total_cmp);
+                    for (Fraction(numerator, denominator), position) in [low, high].into_iter().zip(positions)
+                    {
+                        assert!(
+                            (numerator as f64 / denominator as f64 - position).abs() < 1e-6,
+                            "{a:?} {b:?}"
+                        );
                     }
                     assert_eq!(low.order(high).is_eq(), ends[0].is(&ends[1]), "{a:?} {b:?}");
                 }

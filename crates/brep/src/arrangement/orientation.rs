@@ -22,14 +22,14 @@ pub(crate) struct Turned {
 }
 
 /// Components of a surface, connected by edges. Each is closed if the surface is.
-struct Parts {
+struct SurfaceComponents {
     /// Component of each face: the number of one of its faces.
     of_face: Vec<u32>,
     /// Per component: six times its volume, its box, and its first face with an area.
-    list: BTreeMap<u32, Part>,
+    list: BTreeMap<u32, SurfaceComponent>,
 }
 
-struct Part {
+struct SurfaceComponent {
     volume: i128,
     bounds: Bounds,
     first: Option<u32>,
@@ -40,41 +40,44 @@ impl Surface<'_> {
     /// So cavities stay cavities. That includes cavities that touch the component around them: a
     /// pit whose lid lies in a face of the body, or a cavity that shares a vertex with the body.
     pub(super) fn turn_roots(&mut self, contacts: &[Contact], progress: &dyn Progress) -> Result<Turned> {
-        let Parts { of_face, list } = self.parts(progress)?;
+        let SurfaceComponents { of_face, list } = self.edge_components(progress)?;
         let total = |sign: &dyn Fn(u32) -> i128| -> i128 {
-            list.iter().map(|(number, part)| sign(*number) * part.volume).sum()
+            list.iter().map(|(number, component)| sign(*number) * component.volume).sum()
         };
         // (Six times the volume is an integer, so sums are exact.)
         let steps = |volume: i128| volume as f64 / 6.0;
-        if list.values().all(|part| part.volume >= 0) {
+        if list.values().all(|component| component.volume >= 0) {
             return Ok(Turned { volume: steps(total(&|_| 1)), ..Turned::default() });
         }
         let pairs = contacts.iter().map(|contact| contact.faces.map(|face| of_face[face as usize]));
         let touching: HashSet<[u32; 2]> = pairs.flat_map(|[a, b]| [[a, b], [b, a]]).collect();
-        let numbered: Vec<(u32, &Part)> = list.iter().map(|(number, part)| (*number, part)).collect();
+        let numbered: Vec<(u32, &SurfaceComponent)> =
+            list.iter().map(|(number, component)| (*number, component)).collect();
         // Faces of the components that touch others.
         let mut touched: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
-        for [part, other] in touching.iter().filter(|[part, other]| part != other) {
-            touched.entry(*part).or_default().insert(*other);
+        for [component, other] in touching.iter().filter(|[component, other]| component != other) {
+            touched.entry(*component).or_default().insert(*other);
         }
-        let mut faces_of: BTreeMap<u32, Vec<u32>> = touched.keys().map(|part| (*part, Vec::new())).collect();
-        for (face, part) in (0..).zip(&of_face).filter(|(face, _)| self.planes[*face as usize].is_some()) {
-            if let Some(faces) = faces_of.get_mut(part) {
+        let mut faces_of: BTreeMap<u32, Vec<u32>> =
+            touched.keys().map(|component| (*component, Vec::new())).collect();
+        for (face, component) in (0..).zip(&of_face).filter(|(face, _)| self.planes[*face as usize].is_some())
+        {
+            if let Some(faces) = faces_of.get_mut(component) {
                 faces.push(face);
             }
         }
         progress.check()?;
-        let around = parallel::map(&numbered, |(number, part)| {
+        let around = parallel::map(&numbered, |(number, component)| {
             if progress.interrupted() {
                 return Vec::new();
             }
-            let [own_low, own_high] = &part.bounds;
+            let [own_low, own_high] = &component.bounds;
             // (A component is inside of larger ones only. So of two with equal boxes, at most one
             // is around the other.)
             let may_hold = |other: &u32| {
                 let [low, high] = &list[other].bounds;
                 (0..3).all(|axis| low[axis] <= own_low[axis] && own_high[axis] <= high[axis])
-                    && part.volume.unsigned_abs() < list[other].volume.unsigned_abs()
+                    && component.volume.unsigned_abs() < list[other].volume.unsigned_abs()
             };
             let may_be = touched.get(number).into_iter().flatten().copied();
             let may_be: Vec<u32> = may_be.filter(may_hold).collect();
@@ -88,7 +91,7 @@ impl Surface<'_> {
                     && (may_hold(&other)
                         || (0..3).all(|axis| low[axis] < own_low[axis] && own_high[axis] < high[axis]))
             };
-            let mut around = self.around(part, &of_face, &holds);
+            let mut around = self.around(component, &of_face, &holds);
             around.extend(touched);
             around
         });
@@ -120,7 +123,7 @@ impl Surface<'_> {
         };
         let is_turned = |number: u32| list[&root(number)].volume < 0;
         let turned: HashSet<u32> = list.keys().copied().filter(|number| is_turned(*number)).collect();
-        self.turned = of_face.iter().map(|part| turned.contains(part)).collect();
+        self.turned = of_face.iter().map(|component| turned.contains(component)).collect();
         Ok(Turned {
             roots: turned.iter().filter(|number| is_root(**number)).count() as u64,
             faces: self.turned.iter().filter(|turned| **turned).count() as u64,
@@ -128,7 +131,7 @@ impl Surface<'_> {
         })
     }
 
-    fn parts(&self, progress: &dyn Progress) -> Result<Parts> {
+    fn edge_components(&self, progress: &dyn Progress) -> Result<SurfaceComponents> {
         let mut sets = UnionFind::new(self.planes.len());
         let edges = self.sorted_edges(progress)?;
         let manifold = edges.chunk_by(|a, b| a.0 == b.0).filter(|faces| faces.len() == 2);
@@ -138,12 +141,15 @@ impl Surface<'_> {
         // are not closed are joined at such edges.
         let seed = Seed::new();
         let mut closures: BTreeMap<u32, Closure> = BTreeMap::new();
-        for (face, part) in (0..).zip(sets.roots()) {
-            look(face, progress)?;
-            closures.entry(part).or_insert_with(|| Closure::new(seed)).add(&self.face(face));
+        for (face, component) in (0..).zip(sets.roots()) {
+            check_often(face, progress)?;
+            closures.entry(component).or_insert_with(|| Closure::new(seed)).add(&self.face(face));
         }
-        let open: HashSet<u32> =
-            closures.into_iter().filter(|(_, closure)| !closure.is_closed()).map(|(part, _)| part).collect();
+        let open: HashSet<u32> = closures
+            .into_iter()
+            .filter(|(_, closure)| !closure.is_closed())
+            .map(|(component, _)| component)
+            .collect();
         let first_roots = sets.roots();
         let is_open = |face: u32| open.contains(&first_roots[face as usize]);
         for faces in edges.chunk_by(|a, b| a.0 == b.0).filter(|faces| faces.len() > 2) {
@@ -154,25 +160,30 @@ impl Surface<'_> {
         }
         progress.check()?;
         let of_face = sets.roots();
-        let mut list: BTreeMap<u32, Part> = BTreeMap::new();
-        for (face, part) in (0..).zip(&of_face) {
-            look(face, progress)?;
+        let mut list: BTreeMap<u32, SurfaceComponent> = BTreeMap::new();
+        for (face, component) in (0..).zip(&of_face) {
+            check_often(face, progress)?;
             let (volume, bounds) = (self.face(face).six_volumes(), self.bounds(face));
             let first = self.planes[face as usize].is_some().then_some(face);
-            list.entry(*part)
-                .and_modify(|part| {
-                    part.volume += volume;
-                    part.bounds = union(part.bounds, &bounds);
-                    part.first = part.first.or(first);
+            list.entry(*component)
+                .and_modify(|component| {
+                    component.volume += volume;
+                    component.bounds = union(component.bounds, &bounds);
+                    component.first = component.first.or(first);
                 })
-                .or_insert(Part { volume, bounds, first });
+                .or_insert(SurfaceComponent { volume, bounds, first });
         }
-        Ok(Parts { of_face, list })
+        Ok(SurfaceComponents { of_face, list })
     }
 
     /// Returns those candidates that are around a component, from one sample point.
-    fn around(&self, part: &Part, of_face: &[u32], may_be: &dyn Fn(u32) -> bool) -> Vec<u32> {
-        let Some(first) = part.first else { return Vec::new() };
+    fn around(
+        &self,
+        component: &SurfaceComponent,
+        of_face: &[u32],
+        may_be: &dyn Fn(u32) -> bool,
+    ) -> Vec<u32> {
+        let Some(first) = component.first else { return Vec::new() };
         let mut windings: BTreeMap<u32, i32> = BTreeMap::new();
         self.each_above(&self.sample_of(first), &mut |face, up| {
             *windings.entry(of_face[face as usize]).or_default() += up;
@@ -221,12 +232,12 @@ impl Surface<'_> {
             }
         }
         let found = may_be.iter().zip(sides).filter(|(_, sides)| *sides == [false, true]);
-        found.map(|(part, _)| *part).collect()
+        found.map(|(component, _)| *component).collect()
     }
 }
 
 /// Checks for cancellation at every [`OFTEN`]th face.
-fn look(face: u32, progress: &dyn Progress) -> Result<()> {
+fn check_often(face: u32, progress: &dyn Progress) -> Result<()> {
     if face.is_multiple_of(OFTEN) { progress.check() } else { Ok(()) }
 }
 

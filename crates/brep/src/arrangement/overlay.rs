@@ -121,17 +121,17 @@ impl Vertices {
         // searched here; exact coordinates decide. If a point had two numbers, lines that meet
         // there would be cut at different vertices, and rings would not close.
         let (low, high) = (cell(-MARGIN * FINE), cell(MARGIN * FINE));
-        let mut places = [low; 8];
-        for (corner, place) in places.iter_mut().enumerate() {
+        let mut candidates = [low; 8];
+        for (corner, candidate) in candidates.iter_mut().enumerate() {
             for axis in 0..3 {
-                place[axis] = if corner >> axis & 1 == 1 { high[axis] } else { low[axis] };
+                candidate[axis] = if corner >> axis & 1 == 1 { high[axis] } else { low[axis] };
             }
         }
-        for (index, place) in places.iter().enumerate() {
-            if places[..index].contains(place) {
+        for (index, candidate) in candidates.iter().enumerate() {
+            if candidates[..index].contains(candidate) {
                 continue;
             }
-            let known = self.cells.get(place).into_iter().flatten();
+            let known = self.cells.get(candidate).into_iter().flatten();
             if let Some(found) = known.copied().find(|known| self.list[*known as usize].is(&point)) {
                 return found;
             }
@@ -440,10 +440,11 @@ impl Loops {
                 })
             });
         }
-        let mut place = vec![0u32; 2 * edges.len()];
+        // Index of each half-edge among those around its first vertex.
+        let mut index_around = vec![0u32; 2 * edges.len()];
         for halves in &around {
             for (index, half) in (0..).zip(halves) {
-                place[*half as usize] = index;
+                index_around[*half as usize] = index;
             }
         }
         let components = components(overlay);
@@ -468,7 +469,7 @@ impl Loops {
                 let back = half ^ 1;
                 let vertex = origin(back);
                 let halves = &around[vertex as usize];
-                let at = place[back as usize] as usize;
+                let at = index_around[back as usize] as usize;
                 let next = halves[(at + halves.len() - 1) % halves.len()];
                 // At the vertex with the minimum coordinates, all edges lead to greater ones. The
                 // region between the last and the first edge is outside of the loop.

@@ -357,8 +357,8 @@ mod tests {
             let turned = ExactPoint::of_planes([&c, &a, &b]);
             assert!(common.is(&turned));
             // A point one unit away is different.
-            let beside = ExactPoint { at: [common.at[0] + wide(1), common.at[1], common.at[2]], ..common };
-            assert!(!common.is(&beside) && common.compare(&beside, 0) == Ordering::Less);
+            let shifted = ExactPoint { at: [common.at[0] + wide(1), common.at[1], common.at[2]], ..common };
+            assert!(!common.is(&shifted) && common.compare(&shifted, 0) == Ordering::Less);
         }
     }
 
@@ -392,8 +392,8 @@ mod tests {
                 );
                 // One unit off the point decides.
                 let own = ExactPlane::through(at, normal);
-                let beside = |unit: i128| ExactPlane { offset: own.offset + unit, ..own };
-                assert_eq!([-1, 0, 1].map(|unit| beside(unit).side(&blind)), [1, 0, -1]);
+                let shifted = |unit: i128| ExactPlane { offset: own.offset + unit, ..own };
+                assert_eq!([-1, 0, 1].map(|unit| shifted(unit).side(&blind)), [1, 0, -1]);
             }
             let turned = ExactPoint::of_planes([&c.turned(), &b, &a]);
             assert!(blind.is(&ExactPoint { near: [f64::NAN; 3], ..turned }));

@@ -24,23 +24,23 @@ pub(super) fn common(a: &ExactFace, b: &ExactFace) -> Common {
     };
     let direction = cross(a.plane.normal, b.plane.normal);
     let axis = main_axis(direction);
-    let mut places: Vec<ExactPoint> = along_a.points.iter().chain(&along_b.points).copied().collect();
-    sort::by(&mut places, &mut |a, b| a.compare(b, axis));
-    places.dedup_by(|a, b| a.compare(b, axis) == Ordering::Equal);
+    let mut positions: Vec<ExactPoint> = along_a.points.iter().chain(&along_b.points).copied().collect();
+    sort::by(&mut positions, &mut |a, b| a.compare(b, axis));
+    positions.dedup_by(|a, b| a.compare(b, axis) == Ordering::Equal);
     let ([between_a, at_a], [between_b, at_b]) =
-        (along_a.covers(&places, axis), along_b.covers(&places, axis));
+        (along_a.covers(&positions, axis), along_b.covers(&positions, axis));
     let is_common: Vec<bool> = between_a.iter().zip(&between_b).map(|(a, b)| *a && *b).collect();
     let mut found = Common::default();
-    for (_, ends) in places.windows(2).enumerate().filter(|(index, _)| is_common[*index]) {
+    for (_, ends) in positions.windows(2).enumerate().filter(|(index, _)| is_common[*index]) {
         let ends = [ends[0], ends[1]];
         let is_edge = has_edge(a, &ends) && has_edge(b, &ends);
         if is_edge { &mut found.edges } else { &mut found.segments }.push(ends);
     }
-    for (index, place) in places.iter().enumerate().filter(|(index, _)| at_a[*index] && at_b[*index]) {
+    for (index, position) in positions.iter().enumerate().filter(|(index, _)| at_a[*index] && at_b[*index]) {
         let is_end = is_common.get(index).is_some_and(|is| *is) || (index > 0 && is_common[index - 1]);
         if !is_end {
-            let is_corner = has_corner(a, place) && has_corner(b, place);
-            if is_corner { &mut found.corners } else { &mut found.points }.push(*place);
+            let is_corner = has_corner(a, position) && has_corner(b, position);
+            if is_corner { &mut found.corners } else { &mut found.points }.push(*position);
         }
     }
     found
@@ -103,15 +103,15 @@ impl LineSection {
         Some(found)
     }
 
-    /// Whether the polygon contains the intervals after each of `places` along the line, and the
+    /// Whether the polygon contains the intervals after each of `positions` along the line, and the
     /// points themselves.
-    fn covers(&self, places: &[ExactPoint], axis: usize) -> [Vec<bool>; 2] {
-        let mut between = vec![false; places.len()];
+    fn covers(&self, positions: &[ExactPoint], axis: usize) -> [Vec<bool>; 2] {
+        let mut between = vec![false; positions.len()];
         for passed in &self.passed {
-            let mut counts = vec![0u32; places.len()];
+            let mut counts = vec![0u32; positions.len()];
             for point in passed {
-                if let Ok(place) = places.binary_search_by(|place| place.compare(point, axis)) {
-                    counts[place] += 1;
+                if let Ok(position) = positions.binary_search_by(|position| position.compare(point, axis)) {
+                    counts[position] += 1;
                 }
             }
             // Invariant: on each side, a closed ring crosses the line an even number of times, so
@@ -125,10 +125,10 @@ impl LineSection {
             }
         }
         let mut at: Vec<bool> =
-            (0..places.len()).map(|index| between[index] || (index > 0 && between[index - 1])).collect();
+            (0..positions.len()).map(|index| between[index] || (index > 0 && between[index - 1])).collect();
         for point in &self.points {
-            if let Ok(place) = places.binary_search_by(|place| place.compare(point, axis)) {
-                at[place] = true;
+            if let Ok(position) = positions.binary_search_by(|position| position.compare(point, axis)) {
+                at[position] = true;
             }
         }
         [between, at]

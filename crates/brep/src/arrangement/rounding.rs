@@ -6,8 +6,8 @@ use super::overlay::Corner;
 use super::point::ExactPlane;
 use crate::Face;
 use crate::exact::vector::others;
+use crate::face_triangle::FaceTriangle;
 use crate::geometry::Triangulator;
-use crate::piece::Piece;
 use spinney_base::Result;
 
 /// Moves the vertices of faces to the nearest grid points; keeps its buffers from face to face.
@@ -93,38 +93,38 @@ pub(super) fn colours(face: &Face<'_>, plane: &ExactPlane, part: &ExactFace) -> 
     if face.colours.is_empty() {
         return Vec::new();
     }
-    let pieces = Piece::of_face(face.points, face.ring_ends, &mut Triangulator::new());
-    part.corners.iter().map(|corner| colour(plane, face, &pieces, corner.point.near)).collect()
+    let triangles = FaceTriangle::of_face(face.points, face.ring_ends, &mut Triangulator::new());
+    part.corners.iter().map(|corner| colour(plane, face, &triangles, corner.point.near)).collect()
 }
 
 /// Returns the colour of a face at a point.
-fn colour(plane: &ExactPlane, face: &Face<'_>, pieces: &[Piece], at: [f64; 3]) -> [u8; 3] {
+fn colour(plane: &ExactPlane, face: &Face<'_>, triangles: &[FaceTriangle], at: [f64; 3]) -> [u8; 3] {
     let axis = plane.main_axis();
     let [u, v] = others(axis);
     // Barycentric weights: signed areas of the triangles of the point and an edge, as seen along
     // the axis.
-    let weights = |piece: &Piece| {
-        let to = piece.corners.map(|corner| [f64::from(corner[u]) - at[u], f64::from(corner[v]) - at[v]]);
+    let weights = |triangle: &FaceTriangle| {
+        let to = triangle.corners.map(|corner| [f64::from(corner[u]) - at[u], f64::from(corner[v]) - at[v]]);
         [0, 1, 2].map(|i| {
             let (a, b) = (to[(i + 1) % 3], to[(i + 2) % 3]);
             a[0] * b[1] - a[1] * b[0]
         })
     };
     // The triangle that contains the point has the maximum of the minimum weights.
-    let least = |piece: &Piece| {
-        let weights = weights(piece);
+    let least = |triangle: &FaceTriangle| {
+        let weights = weights(triangle);
         let sum: f64 = weights.iter().sum();
         weights.iter().map(|weight| weight / sum).fold(f64::INFINITY, f64::min)
     };
-    let Some(piece) = pieces.iter().max_by(|a, b| least(a).total_cmp(&least(b))) else {
+    let Some(triangle) = triangles.iter().max_by(|a, b| least(a).total_cmp(&least(b))) else {
         return face.colours[0];
     };
-    let sum: f64 = weights(piece).iter().sum();
-    let shares = weights(piece).map(|weight| (weight / sum).max(0.0));
+    let sum: f64 = weights(triangle).iter().sum();
+    let shares = weights(triangle).map(|weight| (weight / sum).max(0.0));
     let whole: f64 = shares.iter().sum();
-    let colours = piece.corners.map(|corner| {
-        let place = face.points.iter().position(|point| *point == corner).unwrap_or(0);
-        face.colours[place].map(f64::from)
+    let colours = triangle.corners.map(|corner| {
+        let vertex = face.points.iter().position(|point| *point == corner).unwrap_or(0);
+        face.colours[vertex].map(f64::from)
     });
     [0, 1, 2].map(|channel| {
         let mean = (0..3).map(|corner| shares[corner] * colours[corner][channel]).sum::<f64>() / whole;

@@ -173,7 +173,7 @@ impl<'a> SamplePoint<'a> {
     // `SamplePoint::is_between` and in `SamplePoint::side`. A line then meets a closed surface as a
     // line in general position does. If two predicates broke ties differently, an edge or a vertex
     // on the line would count twice or not at all.
-    fn passes<P: CornerPlace>(&self, a: &P, b: &P) -> bool {
+    fn passes<P: SampledVertex>(&self, a: &P, b: &P) -> bool {
         let above_b = self.beyond(1, b) > 0;
         if (self.beyond(1, a) > 0) == above_b {
             return false;
@@ -192,13 +192,13 @@ impl<'a> SamplePoint<'a> {
 
     /// Returns the sign of the difference of a vertex's first or second coordinate from the
     /// point's.
-    fn beyond(&self, place: usize, corner: &impl CornerPlace) -> i32 {
-        let axis = others(self.axis)[place];
+    fn beyond(&self, index: usize, corner: &impl SampledVertex) -> i32 {
+        let axis = others(self.axis)[index];
         let difference = corner.near(axis) - self.near[axis];
         if difference.abs() > ORDER_ERROR {
             return if difference > 0.0 { 1 } else { -1 };
         }
-        corner.beyond(self, place)
+        corner.beyond(self, index)
     }
 
     /// Whether the line along the axis through the point, moved as in [`SamplePoint::meets`],
@@ -206,31 +206,31 @@ impl<'a> SamplePoint<'a> {
     pub(crate) fn is_between(&self, low: &[i64; 3], high: &[i64; 3]) -> bool {
         let axes = others(self.axis);
         // (The moved line is beyond a bound that the point is exactly at.)
-        let is_beyond = |place: usize, at: i64| {
-            let difference = at as f64 / 2.0 - self.near[axes[place]];
+        let is_beyond = |index: usize, at: i64| {
+            let difference = at as f64 / 2.0 - self.near[axes[index]];
             if difference.abs() > ORDER_ERROR {
                 return difference < 0.0;
             }
             match self.small {
-                Some((own, weight)) => 2 * own[place] >= i128::from(at) * weight,
-                None => self.at[place] + self.at[place] >= small(at) * self.weight,
+                Some((own, weight)) => 2 * own[index] >= i128::from(at) * weight,
+                None => self.at[index] + self.at[index] >= small(at) * self.weight,
             }
         };
-        (0..2).all(|place| is_beyond(place, low[axes[place]]) && !is_beyond(place, high[axes[place]]))
+        (0..2).all(|index| is_beyond(index, low[axes[index]]) && !is_beyond(index, high[axes[index]]))
     }
 
     /// Returns the side of a plane on which a point of the line lies, given by its coordinate along
     /// the axis in half grid units; 0 in the plane.
-    pub(crate) fn height_at(&self, plane: &ExactPlane, half: i64) -> i32 {
+    pub(crate) fn side_at(&self, plane: &ExactPlane, half_units: i64) -> i32 {
         let mut near = self.near;
-        near[self.axis] = half as f64 / 2.0;
+        near[self.axis] = half_units as f64 / 2.0;
         if let Some(side) = plane.side_near(near) {
             return side;
         }
         let [u, v] = others(self.axis);
         let its = |axis: usize| small(plane.normal[axis]);
         let along = its(u) * self.at[0] + its(v) * self.at[1] - widen(wide_offset(plane)) * self.weight;
-        sign(&(along + along + its(self.axis) * small(half) * self.weight))
+        sign(&(along + along + its(self.axis) * small(half_units) * self.weight))
     }
 
     /// Returns the side of a plane on which the point lies. If it is in the plane, the side to
@@ -259,27 +259,27 @@ impl<'a> SamplePoint<'a> {
 }
 
 /// A vertex of a polygon, as seen from a sample.
-trait CornerPlace {
+trait SampledVertex {
     fn near(&self, axis: usize) -> f64;
 
     /// Returns the sign of the difference of a coordinate from the sample's.
-    fn beyond(&self, sample: &SamplePoint<'_>, place: usize) -> i32;
+    fn beyond(&self, sample: &SamplePoint<'_>, index: usize) -> i32;
 
     /// Whether the sample is to the left (1) of the edge to another vertex, to the right (-1), or
     /// on its line.
     fn turn(&self, to: &Self, sample: &SamplePoint<'_>) -> i32;
 }
 
-impl CornerPlace for [i32; 3] {
+impl SampledVertex for [i32; 3] {
     fn near(&self, axis: usize) -> f64 {
         self[axis].into()
     }
 
-    fn beyond(&self, sample: &SamplePoint<'_>, place: usize) -> i32 {
-        let coordinate = self[others(sample.axis)[place]];
+    fn beyond(&self, sample: &SamplePoint<'_>, index: usize) -> i32 {
+        let coordinate = self[others(sample.axis)[index]];
         match sample.small {
-            Some((at, weight)) => (i128::from(coordinate) * weight - at[place]).signum() as i32,
-            None => sign(&(small(coordinate.into()) * sample.weight - sample.at[place])),
+            Some((at, weight)) => (i128::from(coordinate) * weight - at[index]).signum() as i32,
+            None => sign(&(small(coordinate.into()) * sample.weight - sample.at[index])),
         }
     }
 
@@ -293,22 +293,22 @@ impl CornerPlace for [i32; 3] {
             return if area > 0.0 { 1 } else { -1 };
         }
         if let Some((at, weight)) = sample.small {
-            let to = |place: usize| at[place] - i128::from(self[[u, v][place]]) * weight;
+            let to = |index: usize| at[index] - i128::from(self[[u, v][index]]) * weight;
             return (i128::from(along[0]) * to(1) - i128::from(along[1]) * to(0)).signum() as i32;
         }
-        let to = |place: usize| sample.at[place] - small(self[[u, v][place]].into()) * sample.weight;
+        let to = |index: usize| sample.at[index] - small(self[[u, v][index]].into()) * sample.weight;
         sign(&(small(along[0]) * to(1) - small(along[1]) * to(0)))
     }
 }
 
-impl CornerPlace for ExactPoint {
+impl SampledVertex for ExactPoint {
     fn near(&self, axis: usize) -> f64 {
         self.near[axis]
     }
 
-    fn beyond(&self, sample: &SamplePoint<'_>, place: usize) -> i32 {
-        let at = widen(self.at[others(sample.axis)[place]]);
-        sign(&(at * sample.weight - sample.at[place] * widen(self.weight)))
+    fn beyond(&self, sample: &SamplePoint<'_>, index: usize) -> i32 {
+        let at = widen(self.at[others(sample.axis)[index]]);
+        sign(&(at * sample.weight - sample.at[index] * widen(self.weight)))
     }
 
     fn turn(&self, b: &ExactPoint, sample: &SamplePoint<'_>) -> i32 {

@@ -73,8 +73,8 @@ impl Seams {
         }
     }
 
-    /// Whether the same edges are open, equally often.
-    pub(crate) fn are_those_of(&self, other: &Seams) -> bool {
+    /// Whether the same edges are open in both, equally often.
+    pub(crate) fn has_same_open_edges(&self, other: &Seams) -> bool {
         self.0.len() == other.0.len()
             && self
                 .0
@@ -114,7 +114,7 @@ impl Seams {
         let mut planar = PlanarFaces::default();
         planar.is_coloured = is_coloured;
         let mut path: Vec<([i32; 3], Seam)> = Vec::new();
-        let mut places: HashMap<[i32; 3], usize> = HashMap::new();
+        let mut positions: HashMap<[i32; 3], usize> = HashMap::new();
         while let Some(first) = ways.first_entry() {
             let mut at = *first.key();
             if first.get().is_empty() {
@@ -122,22 +122,22 @@ impl Seams {
                 continue;
             }
             path.clear();
-            places.clear();
+            positions.clear();
             // Invariant: as many missing edges start at a point as end there, since all counted
             // edges are of rings: of all rings of the list's faces; and of settled faces, the
             // watched edges, since their other edges cancel. So a path ends where it started, and a
             // repeated point completes a ring. If the surface is not closed, the rest of a path
             // stays open.
             while let Some((to, seam)) = ways.get_mut(&at).and_then(Vec::pop) {
-                places.insert(at, path.len());
+                positions.insert(at, path.len());
                 path.push((at, seam));
                 at = to;
-                if let Some(start) = places.get(&to).copied() {
+                if let Some(start) = positions.get(&to).copied() {
                     let ring: Vec<[i32; 3]> = path[start..].iter().map(|(from, _)| *from).collect();
                     let Seam { part, source, .. } = path[start].1;
                     path.truncate(start);
                     ring.iter().for_each(|from| {
-                        places.remove(from);
+                        positions.remove(from);
                     });
                     if is_thin(&ring, width) {
                         let colours = vec![[255; 3]; if is_coloured { ring.len() } else { 0 }];
@@ -181,9 +181,9 @@ fn is_thin(ring: &[[i32; 3]], width: u8) -> bool {
     let length = dot(along, along);
     ring.iter().all(|at| {
         let there = minus(*at, from);
-        let place = dot(there, along);
+        let projection = dot(there, along);
         // Squared distance from the line, times the line's squared length.
-        dot(there, there) * length - place * place <= i128::from(width).pow(2) * length
+        dot(there, there) * length - projection * projection <= i128::from(width).pow(2) * length
     })
 }
 

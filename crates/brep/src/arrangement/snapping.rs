@@ -72,11 +72,11 @@ fn between(tree: &BoxTree, vertices: &[[i32; 3]], [from, to]: [[i32; 3]; 2], nea
     tree.each(&|bounds| touch(bounds, &reach), |number| {
         let vertex = vertices[number as usize];
         let there = minus(vertex, from);
-        let place = dot(there, along);
+        let projection = dot(there, along);
         // Squared distance from the edge's line, times the edge's squared length.
-        let distance = dot(there, there) * length - place * place;
-        if place > 0 && place < length && distance < length {
-            found.push((place, vertex));
+        let distance = dot(there, there) * length - projection * projection;
+        if projection > 0 && projection < length && distance < length {
+            found.push((projection, vertex));
         }
     });
     // Invariant: both faces of an edge bend it in the same way. The vertices are chosen by integers

@@ -15,7 +15,8 @@
 //!    crosses: 1 if the face is oriented upwards, -1 if downwards. The number below is the number
 //!    above plus the change at the faces that contain the sample, of which there are several where
 //!    faces coincide. For a body (winding numbers 0 and 1), a face at the sample determines both
-//!    numbers, and the octree has the numbers of other bodies, so no ray is needed.
+//!    numbers, unless two of them cancel. The octree has the numbers of other bodies, so no ray is
+//!    needed.
 //! 5. [`Operands::is_inside`] maps the numbers of all operands on one side to "inside" or
 //!    "outside". If both sides are equal, the region is removed. Otherwise it stays, and is
 //!    reversed if its front would be inside. Of coincident faces, one stays.
@@ -29,7 +30,7 @@ use std::sync::OnceLock;
 
 use super::contact::Contact;
 use super::exact_face::{ExactFace, ExactFaces};
-use super::fate::Fate;
+use super::fate::RegionFate;
 use super::orientation::Turned;
 use super::overlay::{PlaneRegion, PlaneSegment, VertexKey, Vertices, regions};
 use super::point::{ExactPlane, ExactPoint};
@@ -39,8 +40,8 @@ use crate::boxes::{BOX, Bounds, BoxTree};
 use crate::exact::bounds::MARGIN;
 use crate::exact::normal::{newell, ring_normal};
 use crate::exact::union_find::UnionFind;
+use crate::face_triangle::FaceTriangle;
 use crate::geometry::Triangulator;
-use crate::piece::Piece;
 use crate::{Face, Faces};
 use spinney_base::parallel;
 use spinney_base::{Error, Progress, Result, SilentProgress, SubProgress, sort};
@@ -78,15 +79,16 @@ pub(crate) struct Operands<'a> {
     pub(crate) turns_roots: bool,
     /// Maximum count of contacts, beyond which the work is refused; 0 for no limit.
     pub(crate) most_contacts: u64,
-    /// Whether adjacent regions of a face stay separate instead of being merged.
-    pub(crate) keeps_apart: bool,
+    /// Whether the lines at which a face is cut stay edges: adjacent regions that stay are not
+    /// merged.
+    pub(crate) keeps_cuts: bool,
     /// If not empty: which faces may intersect others. Pairs without such a face are not tested.
     pub(crate) changed: &'a [bool],
-    /// Returns the winding number of a body around a point on none of its faces, if it can be had
-    /// without a ray through all faces in the list.
+    /// Returns the winding number of a body just above a sample, where faces that contain the
+    /// sample do not count; `None` if it must be counted along a ray through the list.
     pub(crate) winding: &'a (dyn Fn(usize, &SamplePoint<'_>) -> Option<Result<i32>> + Sync),
     /// If the list is only a part of one surface: the change of the winding number above a sample
-    /// by the other faces. These touch no face of the list, except for neighbours.
+    /// by the other faces. These should touch no face of the list, except for neighbours.
     pub(crate) rest: Option<&'a OtherFaces<'a>>,
     /// Whether points with these winding numbers, one per surface, are inside.
     pub(crate) is_inside: &'a (dyn Fn(&[i32]) -> bool + Sync),
@@ -96,11 +98,11 @@ pub(crate) struct Operands<'a> {
 pub(crate) type OtherFaces<'a> = dyn Fn(&SamplePoint<'_>) -> Result<i32> + Sync + 'a;
 
 /// Remainder of a face in a surface.
-pub(super) enum Kept<'a> {
+pub(super) enum RemainingFace<'a> {
     /// The whole face, or its reverse.
-    Face { face: Face<'a>, is_turned: bool },
+    Whole { face: Face<'a>, is_turned: bool },
     /// A region of the face or of its reverse.
-    PlaneRegion { face: Face<'a>, exact: ExactFace },
+    Region { face: Face<'a>, exact: ExactFace },
 }
 
 /// Faces, or edges, between two checks for cancellation.
@@ -125,7 +127,7 @@ pub(super) fn resolve(
     path: &Path,
     memory: u64,
     progress: &dyn Progress,
-    each: &mut dyn FnMut(Kept<'_>) -> Result<()>,
+    each: &mut dyn FnMut(RemainingFace<'_>) -> Result<()>,
 ) -> Result<Resolved> {
     let total = 2 * faces.list.len();
     let mut surface = Surface::new(faces, operands, path, memory, progress)?;
@@ -138,9 +140,15 @@ pub(super) fn resolve(
     }
     let (components, samples) = surface.components(&of_face, progress)?;
     let fates = parallel::map(&samples, |(_, face)| {
-        if progress.interrupted() { Ok(Fate::Inside) } else { surface.face_fate(*face, operands.are_bodies) }
+        // (Faces of bodies are in a component only if they touch no other body. Winding numbers of
+        // other surfaces are sums over rays, and need all coincident faces.)
+        if progress.interrupted() {
+            Ok(RegionFate::Inside)
+        } else {
+            surface.face_fate(*face, operands.are_bodies)
+        }
     });
-    let mut fate_of: HashMap<u32, Fate> = HashMap::new();
+    let mut fate_of: HashMap<u32, RegionFate> = HashMap::new();
     for ((component, _), fate) in samples.iter().zip(fates) {
         fate_of.insert(*component, fate?);
     }
@@ -184,23 +192,23 @@ pub(super) fn resolve(
             next += 1;
             let found = regions_of.remove(&number).unwrap_or_default();
             match found.whole {
-                Some(is_turned) => each(Kept::Face { face, is_turned })?,
+                Some(is_turned) => each(RemainingFace::Whole { face, is_turned })?,
                 None if found.regions.is_empty() => remove(&face, found.is_outside),
                 None => {
                     divided_faces += 1;
                     found
                         .regions
                         .into_iter()
-                        .try_for_each(|exact| each(Kept::PlaneRegion { face, exact }))?;
+                        .try_for_each(|exact| each(RemainingFace::Region { face, exact }))?;
                 }
             }
         } else {
             let has_area = surface.planes[number as usize].is_some();
             match fate_of.get(&components[number as usize]) {
-                Some(Fate::Stays { is_turned }) if has_area || !operands.are_bodies => {
-                    each(Kept::Face { face, is_turned: *is_turned })?
+                Some(RegionFate::Stays { is_turned }) if has_area || !operands.are_bodies => {
+                    each(RemainingFace::Whole { face, is_turned: *is_turned })?
                 }
-                fate if has_area => remove(&face, matches!(fate, Some(Fate::Outside))),
+                fate if has_area => remove(&face, matches!(fate, Some(RegionFate::Outside))),
                 // (Faces without area do not count as removed.)
                 _ => {}
             }
@@ -230,7 +238,7 @@ pub(super) fn crossings(
 pub(super) fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
     Error::TooLarge {
         path: path.to_path_buf(),
-        what: "the surface that is to be divided, with what its faces have in common,".into(),
+        what: "dividing the surface, with the contacts of its faces,".into(),
         needed,
         limit,
         advice: "allow more with --memory".into(),
@@ -265,7 +273,7 @@ pub(crate) struct Surface<'a> {
     /// A tree over the faces' boxes, built on first use.
     tree: OnceLock<BoxTree>,
     /// Triangles of the faces that are not triangles.
-    pieces: HashMap<u32, Vec<Piece>>,
+    triangles: HashMap<u32, Vec<FaceTriangle>>,
 }
 
 impl<'a> Surface<'a> {
@@ -301,7 +309,7 @@ impl<'a> Surface<'a> {
     ) -> Result<Surface<'a>> {
         let count = faces.list.len() as u32;
         let mut planes = Vec::with_capacity(count as usize);
-        let mut pieces = HashMap::new();
+        let mut triangles = HashMap::new();
         let mut triangulator = Triangulator::new();
         for number in 0..count {
             if number.is_multiple_of(OFTEN) {
@@ -319,11 +327,12 @@ impl<'a> Surface<'a> {
             }
             planes.push(Some(ExactPlane::through(face.points[0], normal)));
             if face.points.len() > 3 {
-                pieces.insert(number, Piece::of_face(face.points, face.ring_ends, &mut triangulator));
+                triangles
+                    .insert(number, FaceTriangle::of_face(face.points, face.ring_ends, &mut triangulator));
             }
         }
         let (turned, tree) = (Vec::new(), OnceLock::new());
-        Ok(Surface { faces, operands, path, bytes, planes, turned, tree, pieces })
+        Ok(Surface { faces, operands, path, bytes, planes, turned, tree, triangles })
     }
 
     /// Returns a tree over the boxes of all faces with an area.
@@ -374,7 +383,7 @@ impl<'a> Surface<'a> {
     pub(crate) fn plane(&self, face: u32) -> &ExactPlane {
         self.planes[face as usize]
             .as_ref()
-            .unwrap_or_else(|| unreachable!("only faces with an area are asked for"))
+            .unwrap_or_else(|| unreachable!("only faces with an area are requested"))
     }
 
     /// Returns the operand of a face.
@@ -383,19 +392,19 @@ impl<'a> Surface<'a> {
     }
 
     /// Returns a face that is a triangle with vertices on the grid.
-    pub(super) fn triangle(&self, face: u32) -> Option<Piece> {
+    pub(super) fn triangle(&self, face: u32) -> Option<FaceTriangle> {
         let points = self.faces.list.get(face as usize).points;
         let corners: [[i32; 3]; 3] = points.try_into().ok()?;
-        self.exact(face).is_none().then(|| Piece::of_triangle(corners))
+        self.exact(face).is_none().then(|| FaceTriangle::of_triangle(corners))
     }
 
     /// Passes the triangles of a face.
-    pub(super) fn with_pieces<R>(&self, face: u32, look: impl FnOnce(&[Piece]) -> R) -> R {
-        match self.pieces.get(&face) {
-            Some(pieces) => look(pieces),
+    pub(super) fn with_triangles<R>(&self, face: u32, use_triangles: impl FnOnce(&[FaceTriangle]) -> R) -> R {
+        match self.triangles.get(&face) {
+            Some(triangles) => use_triangles(triangles),
             None => {
                 let points = self.faces.list.get(face as usize).points;
-                look(&[Piece::of_triangle(std::array::from_fn(|corner| points[corner]))])
+                use_triangles(&[FaceTriangle::of_triangle(std::array::from_fn(|corner| points[corner]))])
             }
         }
     }
@@ -538,11 +547,11 @@ impl<'a> Surface<'a> {
                 return None;
             }
             match self.fate(&sample, face, false) {
-                Ok(Fate::Stays { is_turned }) => {
-                    number.set(number.get() + u32::from(self.operands.keeps_apart));
+                Ok(RegionFate::Stays { is_turned }) => {
+                    number.set(number.get() + u32::from(self.operands.keeps_cuts));
                     return Some((is_turned, number.get()));
                 }
-                Ok(fate) => is_outside.set(is_outside.get() || matches!(fate, Fate::Outside)),
+                Ok(fate) => is_outside.set(is_outside.get() || matches!(fate, RegionFate::Outside)),
                 Err(error) => drop(failed.replace(Some(error))),
             }
             None

@@ -127,12 +127,12 @@ impl Arena {
     pub(super) fn cut(&mut self, code: Code, mark: Mark, word: u32) {
         let (mut faces, mut exact) = (OwnNumbers::default(), OwnNumbers::default());
         let mut leaves = Vec::new();
-        let mut places = vec![0; self.leaves.len() - mark.leaves];
+        let mut offsets = vec![0; self.leaves.len() - mark.leaves];
         let mut at = mark.leaves;
         let (mut own, mut near) = (Vec::new(), Vec::new());
         while at < self.leaves.len() {
             let head = self.leaves[at];
-            places[at - mark.leaves] = leaves.len() as u32;
+            offsets[at - mark.leaves] = leaves.len() as u32;
             let mut list = |numbers: &mut OwnNumbers, out: &mut Vec<u32>| {
                 let count = self.leaves[at + 1] as usize;
                 numbers.of(&self.leaves[at + 2..at + 2 + count], out);
@@ -148,7 +148,9 @@ impl Arena {
         }
         let moved = |word: u32| match word & 7 {
             INNER => ((word >> 3) - mark.words as u32 + 1) << 3 | INNER,
-            state @ (LEAF | NEAR_VOID | NEAR_FULL) => places[(word >> 3) as usize - mark.leaves] << 3 | state,
+            state @ (LEAF | NEAR_VOID | NEAR_FULL) => {
+                offsets[(word >> 3) as usize - mark.leaves] << 3 | state
+            }
             _ => word,
         };
         let mut words = vec![moved(word)];

@@ -11,9 +11,9 @@ use super::cells::{Cell, uniform};
 use super::division::{Division, each_bit};
 use super::items::Items;
 use super::near::NearFaces;
-use super::run::{FaceWords, Run, RunBuilder};
 use super::spread::Spread;
-use super::upper::{RunDivision, Upper, room_for};
+use super::subtree_faces::{FaceWords, SubtreeFaces, SubtreeFacesBuilder};
+use super::upper::{SpooledDivision, Upper, bytes_in_memory};
 use crate::face_set::Renumbering;
 use crate::geometry::Stages;
 use crate::store::segment::LeafHead;
@@ -51,7 +51,12 @@ impl BaseModel<'_> {
     /// Returns the error of an octree that does not match its faces.
     fn wrong(&self, node: &ModelNode<'_>) -> Error {
         let place = format!("node {:?} of level {}", node.position(), node.level());
-        Error::corrupt(self.model.path(), place, "faces that should not cut it", "the octree of the faces")
+        Error::corrupt(
+            self.model.path(),
+            place,
+            "a face list that does not match the faces",
+            "the faces that cut the node",
+        )
     }
 
     /// Returns the new numbers of a node's kept faces.
@@ -65,10 +70,10 @@ impl BaseModel<'_> {
     }
 
     /// Returns the same as [`BaseModel::near`], and loads these faces into `all`.
-    fn tell_near(&self, node: &ModelNode<'_>, all: &mut NearFaces) -> Result<Vec<u32>> {
+    fn load_near(&self, node: &ModelNode<'_>, all: &mut NearFaces) -> Result<Vec<u32>> {
         for face in node.near() {
             if let Some(number) = self.exact.number(face.into()) {
-                all.tell(number, || self.model.exact_face(face))?;
+                all.load(number, || self.model.exact_face(face))?;
             }
         }
         Ok(self.near(node))
@@ -111,16 +116,16 @@ impl Upper<'_> {
 
     /// Builds a cell of the base in which faces are added or removed. The cell's winding number is
     /// relative to that in the base. Returns the word of its node.
-    pub(super) fn change_run(
+    pub(super) fn change_faces(
         &mut self,
         base: &BaseModel<'_>,
         (cell, node): (&Cell, &ModelNode<'_>),
-        [added, removed]: [Run; 2],
+        [added, removed]: [SubtreeFaces; 2],
         near: [&[u32]; 2],
         out: &mut Arena,
     ) -> Result<u32> {
         let length = (added.len() + removed.len()) as u64;
-        if room_for(&added) + room_for(&removed) <= self.memory / 2 {
+        if bytes_in_memory(&added) + bytes_in_memory(&removed) <= self.memory / 2 {
             let items = [Items::of(added)?, Items::of(removed)?];
             let numbers = [&items[0], &items[1]].map(|items| (0..items.len() as u32).collect::<Vec<_>>());
             let changes = Changes { added: &numbers[0], removed: &numbers[1], near };
@@ -130,7 +135,7 @@ impl Upper<'_> {
         }
         if node.state() != ModelNodeState::Inner {
             let (cell, near, words) = self.undivided(base, (cell, node), near[0])?;
-            let mut run = RunBuilder::new((self.memory / 4 / 4) as usize, self.place.clone());
+            let mut run = SubtreeFacesBuilder::new((self.memory / 4 / 4) as usize, self.target.clone());
             let mut count = 0;
             let mut push = |face: FaceWords<'_>| {
                 count += 1;
@@ -142,9 +147,9 @@ impl Upper<'_> {
             return self.cell(&cell, run, (&near, Spread::new(count, self.leaf_size)), out);
         }
         let Upper { bits, memory, stages, progress, .. } = *self;
-        let division = RunDivision { bits, memory, stages, progress };
-        let (added, cells, _) = division.of(cell, added, &mut self.place)?;
-        let (removed, others, _) = division.of(cell, removed, &mut self.place)?;
+        let division = SpooledDivision { bits, memory, stages, progress };
+        let (added, cells, _) = division.of(cell, added, &mut self.target)?;
+        let (removed, others, _) = division.of(cell, removed, &mut self.target)?;
         let (mark, record) = (out.mark(), out.record());
         for (child, runs) in added.into_iter().zip(removed).enumerate() {
             // Removed faces subtract what they had added.
@@ -154,13 +159,13 @@ impl Upper<'_> {
                 [self.near.of(near[0], &cell, self.bits), self.near_removed.of(near[1], &cell, self.bits)];
             let node = base.model.child(node, child)?;
             let near = [&near[0][..], &near[1]];
-            let word = self.change_run(base, (&cell, &node), [runs.0, runs.1], near, out)?;
+            let word = self.change_faces(base, (&cell, &node), [runs.0, runs.1], near, out)?;
             out.set(record, child, word);
         }
         self.complete(cell, mark, record, out)
     }
 
-    /// Builds the same as [`Upper::change_run`], with all changed faces in memory.
+    /// Builds the same as [`Upper::change_faces`], with all changed faces in memory.
     fn change(
         &mut self,
         base: &BaseModel<'_>,
@@ -186,7 +191,7 @@ impl Upper<'_> {
                 let outline = items[0].outline(*item);
                 FaceWords::write(items[0].face(*item), outline.points, outline.ring_ends, &mut words);
             }
-            return self.leaves(&cell, Run::Held(words), &near, out);
+            return self.leaves(&cell, SubtreeFaces::InMemory(words), &near, out);
         }
         let division = Division::of(cell, self.bits);
         let mut windings = [0; 7];
@@ -203,7 +208,7 @@ impl Upper<'_> {
             let sign = if way == 0 { 1 } else { -1 };
             windings.iter_mut().zip(changed).for_each(|(sum, change)| *sum += sign * change);
         }
-        self.stages.lock().expect("nobody panics with this lock").add(&stages);
+        self.stages.lock().expect("no thread panics while it holds this lock").add(&stages);
         let (mark, record) = (out.mark(), out.record());
         for (child, cell) in Division::cells(cell, windings).iter().enumerate() {
             let near = [
@@ -228,7 +233,7 @@ impl Upper<'_> {
         added_near: &[u32],
     ) -> Result<(Cell, Vec<u32>, Vec<u32>)> {
         let added_near = self.near.of(added_near, cell, self.bits);
-        let near = [base.tell_near(node, self.near)?, added_near].concat();
+        let near = [base.load_near(node, self.near)?, added_near].concat();
         let before = match node.state() {
             ModelNodeState::Leaf { inside, .. } => inside,
             state => state == ModelNodeState::Full,
@@ -254,7 +259,7 @@ impl Upper<'_> {
     }
 
     /// Builds a cell with its faces in memory.
-    fn leaves(&mut self, cell: &Cell, run: Run, near: &[u32], out: &mut Arena) -> Result<u32> {
+    fn leaves(&mut self, cell: &Cell, run: SubtreeFaces, near: &[u32], out: &mut Arena) -> Result<u32> {
         if run.len() == 0 {
             let word = uniform(cell, self.bits, out);
             return Ok(out.near(word, near));
@@ -262,7 +267,7 @@ impl Upper<'_> {
         let items = Items::with(run, &mut self.large)?;
         let count = items.len();
         let spread = Spread::new(count as u64, self.leaf_size);
-        let word = self.walk(&items).cell(cell, (0..count as u32).collect(), (near, spread), out)?;
+        let word = self.cell_builder(&items).cell(cell, (0..count as u32).collect(), (near, spread), out)?;
         self.store(out)?;
         Ok(word)
     }

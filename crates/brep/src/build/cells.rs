@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::Mutex;
 
 use super::arena::Arena;
-use super::defects::{DefectKind, Found};
+use super::defects::{DefectKind, GridDefect};
 use super::division::{Division, each_bit};
 use super::equal_faces::EqualFaces;
 use super::items::{Items, bounds_of};
@@ -15,8 +15,8 @@ use super::spread::Spread;
 use crate::boxes::{Bounds, BoxTree, touch};
 use crate::exact::crossing::FinePoint;
 use crate::exact::rank::rank_of_at_most;
+use crate::face_triangle::FaceTriangle;
 use crate::geometry::Stages;
-use crate::piece::Piece;
 use crate::store::segment::{CUT, FULL, INNER, LeafHead, LeafRule, NodeKind, VOID};
 use spinney_base::parallel;
 use spinney_base::sort;
@@ -70,9 +70,9 @@ struct Near<'a> {
 impl Near<'_> {
     fn tree(boxes: &[Bounds]) -> Option<BoxTree> {
         /// For fewer boxes, a tree takes longer.
-        const MANY: usize = 64;
+        const MIN_TREE_BOXES: usize = 64;
         let numbered = || (0..).zip(boxes.iter().copied()).collect();
-        (boxes.len() > MANY).then(|| BoxTree::of(numbered()))
+        (boxes.len() > MIN_TREE_BOXES).then(|| BoxTree::of(numbered()))
     }
 
     /// Visits the indices, from `first` on, of all boxes that pass a test. A box that contains a
@@ -81,15 +81,15 @@ impl Near<'_> {
     fn each(&self, first: usize, meets: &impl Fn(&Bounds) -> bool, mut each: impl FnMut(usize)) {
         match &self.tree {
             None => {
-                for (place, bounds) in self.boxes.iter().enumerate().skip(first) {
+                for (index, bounds) in self.boxes.iter().enumerate().skip(first) {
                     if meets(bounds) {
-                        each(place);
+                        each(index);
                     }
                 }
             }
-            Some(tree) => tree.each(meets, |place| {
-                if place as usize >= first {
-                    each(place as usize);
+            Some(tree) => tree.each(meets, |index| {
+                if index as usize >= first {
+                    each(index as usize);
                 }
             }),
         }
@@ -104,7 +104,7 @@ pub(super) const TASK: usize = 2048;
 const WATCHED: usize = 64;
 
 /// Context shared by all cells of a model.
-pub(super) struct Walk<'a> {
+pub(super) struct CellBuilder<'a> {
     pub(super) items: &'a Items,
     /// Faces with off-grid vertices.
     pub(super) near: &'a NearFaces,
@@ -116,7 +116,7 @@ pub(super) struct Walk<'a> {
     pub(super) progress: &'a dyn Progress,
 }
 
-impl Walk<'_> {
+impl CellBuilder<'_> {
     /// Builds a cell from its faces, and near off-grid faces; returns the word of its node.
     pub(super) fn cell(
         &self,
@@ -129,7 +129,7 @@ impl Walk<'_> {
         let all = 0..items.len();
         let mut lists = Lists { items, children: Vec::new(), boxes: Vec::new() };
         let word = self.node(cell, all, (near, spread), &mut lists, out, &mut stages);
-        self.stages.lock().expect("nobody panics with this lock").add(&stages);
+        self.stages.lock().expect("no thread panics while it holds this lock").add(&stages);
         word
     }
 
@@ -220,8 +220,8 @@ impl Walk<'_> {
         }
         items.resize(starts[8], 0);
         let mut next = starts;
-        for (place, of_item) in list.zip(children) {
-            let item = items[place];
+        for (index, of_item) in list.zip(children) {
+            let item = items[index];
             each_bit(*of_item, |child| {
                 items[next[child]] = item;
                 next[child] += 1;
@@ -288,17 +288,17 @@ impl Walk<'_> {
         let inside = cell.winding == 1;
         if rule != LeafRule::Crossings || !(0..=1).contains(&cell.winding) {
             let corner = FinePoint { at: min, bits: 1 };
-            let mut behind = list.iter().map(|item| self.items.outline(*item).side_of_moved(&corner) < 0);
+            let mut is_inner = list.iter().map(|item| self.items.outline(*item).side_of_moved(&corner) < 0);
             let expected = match rule {
-                LeafRule::All => behind.all(|behind| behind),
-                LeafRule::Any => behind.any(|behind| behind),
+                LeafRule::All => is_inner.all(|is_inner| is_inner),
+                LeafRule::Any => is_inner.any(|is_inner| is_inner),
                 LeafRule::Crossings => false,
             };
             if i32::from(expected) != cell.winding {
                 // Inside of the faces, the winding number is one more than outside.
                 let more = cell.winding - i32::from(expected);
                 rule = LeafRule::Crossings;
-                out.defects.push(Found {
+                out.defects.push(GridDefect {
                     kind: DefectKind::Winding(if more > 0 { more + 1 } else { more }),
                     at: min.map(|at| at as f64 / 2.0),
                     faces: list.iter().take(2).map(|item| self.items.face(*item)).collect(),
@@ -335,17 +335,18 @@ impl Walk<'_> {
             let [low, high] = near.boxes[index];
             others.clear();
             // (Without a branch per axis.)
-            let apart = |axis: usize, [other_low, other_high]: &Bounds| {
+            let is_disjoint = |axis: usize, [other_low, other_high]: &Bounds| {
                 (other_low[axis] > high[axis]) | (low[axis] > other_high[axis])
             };
-            let touches = |other: &Bounds| !(apart(0, other) | apart(1, other) | apart(2, other));
+            let touches =
+                |other: &Bounds| !(is_disjoint(0, other) | is_disjoint(1, other) | is_disjoint(2, other));
             near.each(index + 1, &touches, |other| others.push(other));
-            for &place in &others {
-                if near.equal.before(place).is_some() {
+            for &other_index in &others {
+                if near.equal.before(other_index).is_some() {
                     continue;
                 }
-                let other = list[place];
-                let within = [near.boxes[index], near.boxes[place]];
+                let other = list[other_index];
+                let within = [near.boxes[index], near.boxes[other_index]];
                 if let Some(kind) = self.conflict([one, other], within, list, owns) {
                     out.defects.push(self.defect(kind, [one, other]));
                 }
@@ -355,7 +356,7 @@ impl Walk<'_> {
     }
 
     /// Returns a defect of two faces, at the centre of their bounds' intersection.
-    fn defect(&self, kind: DefectKind, pair: [u32; 2]) -> Found {
+    fn defect(&self, kind: DefectKind, pair: [u32; 2]) -> GridDefect {
         let [[low, high], [other_low, other_high]] = pair.map(|item| *self.items.bounds(item));
         let at = [0, 1, 2].map(|axis| {
             let (low, high) = (low[axis].max(other_low[axis]), high[axis].min(other_high[axis]));
@@ -363,7 +364,7 @@ impl Walk<'_> {
         });
         let mut faces = pair.map(|item| self.items.face(item)).to_vec();
         sort::numbers32(&mut faces);
-        Found { kind, at, faces }
+        GridDefect { kind, at, faces }
     }
 
     /// Returns the sample of a face if it is in a cell.
@@ -387,26 +388,26 @@ impl Walk<'_> {
     ) -> Option<DefectKind> {
         let [firsts, seconds] = [one, other].map(|item| self.items.triangles(item));
         if firsts.len() == 1 && seconds.len() == 1 {
-            return self.conflict_of_pieces(firsts, seconds, list, owns);
+            return self.conflict_of_triangles(firsts, seconds, list, owns);
         }
         // For many triangles: those that reach the bounds of both faces.
         // Invariant: the criterion of a pair is in the cell and in both faces' bounds there: a
         // common vertex or a point where they meet. So no pair is skipped that no other cell tests.
-        let near = |triangles: &[Piece]| -> Vec<Piece> {
-            let is_near = |piece: &&Piece| {
-                let bounds = bounds_of(&piece.corners);
+        let near = |triangles: &[FaceTriangle]| -> Vec<FaceTriangle> {
+            let is_near = |triangle: &&FaceTriangle| {
+                let bounds = bounds_of(&triangle.corners);
                 within.iter().all(|within| touch(&bounds, within))
             };
             triangles.iter().filter(is_near).copied().collect()
         };
-        self.conflict_of_pieces(&near(firsts), &near(seconds), list, owns)
+        self.conflict_of_triangles(&near(firsts), &near(seconds), list, owns)
     }
 
     /// Returns the defect between triangles of two faces of a cell.
-    fn conflict_of_pieces(
+    fn conflict_of_triangles(
         &self,
-        firsts: &[Piece],
-        seconds: &[Piece],
+        firsts: &[FaceTriangle],
+        seconds: &[FaceTriangle],
         list: &[u32],
         owns: impl Fn([i32; 3]) -> bool,
     ) -> Option<DefectKind> {
@@ -429,9 +430,10 @@ impl Walk<'_> {
                         let owner = if has_edge(a, across) { a } else { b };
                         // The face on the other side of the edge is in the cell in which they meet.
                         let turned = [across[1], across[0]];
-                        let pieces = list.iter().flat_map(|item| self.items.triangles(*item));
-                        let twins =
-                            pieces.filter(|piece| has_edge(piece, turned)).map(|piece| &piece.corners);
+                        let triangles = list.iter().flat_map(|item| self.items.triangles(*item));
+                        let twins = triangles
+                            .filter(|triangle| has_edge(triangle, turned))
+                            .map(|triangle| &triangle.corners);
                         let twin = twin(&owner.corners, across, twins);
                         if twin.is_some_and(|twin| passes(through, &owner.corners, twin)) {
                             return Some(DefectKind::Crossing);
@@ -506,7 +508,7 @@ impl Walk<'_> {
             let other_side = winding + beyond;
             if let Some(wrong) = [winding, other_side].into_iter().find(|winding| !(0..=1).contains(winding))
             {
-                out.defects.push(Found {
+                out.defects.push(GridDefect {
                     kind: DefectKind::Winding(wrong),
                     at: sample.at.map(|at| at as f64 / (1 << sample.bits) as f64),
                     faces: vec![self.items.face(item)],
@@ -550,8 +552,8 @@ impl Walk<'_> {
 }
 
 /// Returns whether a triangle has an edge in this direction.
-fn has_edge(piece: &Piece, edge: [[i32; 3]; 2]) -> bool {
-    let [a, b, c] = piece.corners;
+fn has_edge(triangle: &FaceTriangle, edge: [[i32; 3]; 2]) -> bool {
+    let [a, b, c] = triangle.corners;
     [[a, b], [b, c], [c, a]].contains(&edge)
 }
 
@@ -560,7 +562,7 @@ pub(super) fn uniform(cell: &Cell, bits: u8, out: &mut Arena) -> u32 {
     if !(0..=1).contains(&cell.winding) {
         let (min, width) = cell.bounds(bits);
         let at = min.map(|min| (min + width / 2) as f64 / 2.0);
-        out.defects.push(Found { kind: DefectKind::Winding(cell.winding), at, faces: Vec::new() });
+        out.defects.push(GridDefect { kind: DefectKind::Winding(cell.winding), at, faces: Vec::new() });
     }
     if cell.winding > 0 {
         out.counts.full += 1;

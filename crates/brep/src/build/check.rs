@@ -6,13 +6,13 @@ use std::sync::Mutex;
 
 use super::Defect;
 use super::arena::Arena;
-use super::cells::{Cell, Lists, TASK, Walk, uniform};
-use super::defects::{Defects, MOST};
+use super::cells::{Cell, CellBuilder, Lists, TASK, uniform};
+use super::defects::{Defects, MAX_LISTED};
 use super::division::Division;
 use super::items::Items;
 use super::near::NearFaces;
-use super::run::{FaceWords, Place, Run, RunBuilder};
-use super::upper::{RunDivision, room_for};
+use super::subtree_faces::{FaceWords, SpoolTarget, SubtreeFaces, SubtreeFacesBuilder};
+use super::upper::{SpooledDivision, bytes_in_memory};
 use crate::arrangement::ExactFace;
 use crate::geometry::Stages;
 use crate::store::segment::{LeafHead, LeafRule, NodeKind};
@@ -38,7 +38,7 @@ pub(crate) struct Checked {
 /// Collects the faces of a model for comparison with its octree.
 pub(crate) struct OctreeCheck {
     memory: u64,
-    run: RunBuilder,
+    run: SubtreeFacesBuilder,
     words: Vec<u32>,
     near: NearFaces,
 }
@@ -47,8 +47,8 @@ impl OctreeCheck {
     /// Creates a check that takes about `memory` bytes; what exceeds them goes to temporary files.
     /// Faces are at most `reach` grid units from their proxies.
     pub(crate) fn new(memory: u64, reach: u8) -> OctreeCheck {
-        let place = Place::Folder(std::env::temp_dir());
-        let run = RunBuilder::new((memory / 4 / 4) as usize, place);
+        let target = SpoolTarget::Directory(std::env::temp_dir());
+        let run = SubtreeFacesBuilder::new((memory / 4 / 4) as usize, target);
         OctreeCheck { memory, run, words: Vec::new(), near: NearFaces::new(reach) }
     }
 
@@ -76,14 +76,14 @@ impl OctreeCheck {
         progress: &dyn Progress,
         (from, total): (u64, u64),
     ) -> Result<Checked> {
-        let (run, place) = self.run.finish()?;
+        let (run, target) = self.run.finish()?;
         let words = run.len() as u64;
         let stages = Mutex::new(Stages::default());
         let mut upper = Upper {
             model,
             near: &self.near,
             memory: self.memory,
-            place,
+            target,
             stages: &stages,
             progress,
             words,
@@ -115,7 +115,7 @@ struct Differences {
 impl Differences {
     fn append(&mut self, other: Differences) {
         self.findings.extend(other.findings);
-        self.findings.truncate(MOST);
+        self.findings.truncate(MAX_LISTED);
         self.counts.add(&other.counts);
         self.cut += other.cut;
         let defects: Defects = other.arena.defects;
@@ -123,7 +123,7 @@ impl Differences {
     }
 
     fn add(&mut self, cell: &Cell, problem: impl FnOnce() -> String) {
-        if self.findings.len() < MOST {
+        if self.findings.len() < MAX_LISTED {
             let [x, y, z] = cell.position;
             let place = format!("node {x}, {y}, {z} of level {}", cell.level);
             self.findings.push(Finding { place, problem: problem() });
@@ -136,7 +136,7 @@ struct Upper<'a> {
     model: &'a ExactModel,
     near: &'a NearFaces,
     memory: u64,
-    place: Place,
+    target: SpoolTarget,
     stages: &'a Mutex<Stages>,
     progress: &'a dyn Progress,
     /// Words of all faces, and of those that are done.
@@ -152,18 +152,19 @@ impl Upper<'_> {
         &mut self,
         cell: &Cell,
         node: &ModelNode<'_>,
-        run: Run,
+        run: SubtreeFaces,
         near: &[u32],
         found: &mut Differences,
     ) -> Result<()> {
         let Grid { bits, .. } = *self.model.grid();
         let Upper { model, near: all_near, memory, stages, progress, .. } = *self;
-        let needed = room_for(&run);
+        let needed = bytes_in_memory(&run);
         if needed <= memory / 2 {
             let length = run.len() as u64;
             let items = Items::of(run)?;
-            let walk = Walk { items: &items, near: all_near, bits, depth: 0, leaf_size: 0, stages, progress };
-            let check = CellCheck { walk, model };
+            let cell_builder =
+                CellBuilder { items: &items, near: all_near, bits, depth: 0, leaf_size: 0, stages, progress };
+            let check = CellCheck { cell_builder, model };
             check.cell(cell, node, (0..items.len() as u32).collect(), near, found)?;
             // (Faces in several cells count once.)
             let share = |words: u64| {
@@ -177,15 +178,15 @@ impl Upper<'_> {
         if node.state() != ModelNodeState::Inner {
             return Err(Error::TooLarge {
                 path: model.path().to_path_buf(),
-                what: format!("the faces of a cell of level {} that is not divided", cell.level),
+                what: format!("checking a leaf at level {}", cell.level),
                 needed,
                 limit: memory / 2,
                 advice: "allow more memory".into(),
             });
         }
         found.counts.inner += 1;
-        let division = RunDivision { bits, memory, stages, progress };
-        let (runs, cells, _) = division.of(cell, run, &mut self.place)?;
+        let division = SpooledDivision { bits, memory, stages, progress };
+        let (runs, cells, _) = division.of(cell, run, &mut self.target)?;
         for (child, (run, cell)) in runs.into_iter().zip(&cells).enumerate() {
             let child = model.child(node, child)?;
             found.cut += u64::from(child.begins_segment());
@@ -198,7 +199,7 @@ impl Upper<'_> {
 
 /// Cells whose faces are in memory.
 struct CellCheck<'a> {
-    walk: Walk<'a>,
+    cell_builder: CellBuilder<'a>,
     model: &'a ExactModel,
 }
 
@@ -225,7 +226,7 @@ impl CellCheck<'_> {
         found: &mut Differences,
         stages: &mut Stages,
     ) -> Result<()> {
-        let Walk { items, bits, progress, .. } = self.walk;
+        let CellBuilder { items, bits, progress, .. } = self.cell_builder;
         if node.state() != ModelNodeState::Inner {
             let there = node.near();
             compare(cell, &there, near, ["exact face", "which is near it", "which is not near it"], found);
@@ -236,7 +237,7 @@ impl CellCheck<'_> {
                 if let Some(item) = lists.items[list].first() {
                     *if is_full { &mut found.counts.full } else { &mut found.counts.void } += 1;
                     let face = items.face(*item);
-                    found.add(cell, || format!("{}, and face {face} cuts it", named(is_full)));
+                    found.add(cell, || format!("is {}, but face {face} cuts it", named(is_full)));
                     return Ok(());
                 }
                 let before = found.arena.counts;
@@ -245,7 +246,7 @@ impl CellCheck<'_> {
                 *if is_full { &mut found.counts.full } else { &mut found.counts.void } += 1;
                 if is_full != is_inside {
                     let (is, was) = (named(is_full), named(is_inside));
-                    found.add(cell, || format!("{is}, and {was} by the faces around it"));
+                    found.add(cell, || format!("is {is}, expected {was} from the faces around it"));
                 }
                 Ok(())
             }
@@ -261,13 +262,13 @@ impl CellCheck<'_> {
                 }
                 if list.is_empty() {
                     return self.children(cell, node, found, &mut |cell, node, found| {
-                        let near = self.walk.near.of(near, cell, bits);
+                        let near = self.cell_builder.near.of(near, cell, bits);
                         self.node(cell, node, (0..0, &near), lists, found, stages)
                     });
                 }
                 let end = lists.items.len();
                 let is_large = list.len() > TASK;
-                let (starts, cells) = self.walk.divide(cell, list, lists, stages);
+                let (starts, cells) = self.cell_builder.divide(cell, list, lists, stages);
                 let of = |child: usize| starts[child]..starts[child + 1];
                 if is_large {
                     progress.check()?;
@@ -277,7 +278,7 @@ impl CellCheck<'_> {
                         let node = self.model.child(node, child)?;
                         part.cut += u64::from(node.begins_segment());
                         let list = lists.items[of(child)].to_vec();
-                        let near = self.walk.near.of(near, &cells[child], bits);
+                        let near = self.cell_builder.near.of(near, &cells[child], bits);
                         self.cell(&cells[child], &node, list, &near, &mut part).map(|()| part)
                     });
                     for part in checked {
@@ -287,7 +288,7 @@ impl CellCheck<'_> {
                     for (child, cell) in cells.iter().enumerate() {
                         let node = self.model.child(node, child)?;
                         found.cut += u64::from(node.begins_segment());
-                        let near = self.walk.near.of(near, cell, bits);
+                        let near = self.cell_builder.near.of(near, cell, bits);
                         self.node(cell, &node, (of(child), &near), lists, found, stages)?;
                     }
                 }
@@ -322,30 +323,31 @@ impl CellCheck<'_> {
         boxes: &mut Vec<crate::boxes::Bounds>,
         found: &mut Differences,
     ) -> Result<()> {
-        let items = self.walk.items;
+        let items = self.cell_builder.items;
         let there: Vec<u32> = node.faces().map(|face| face as u32).collect();
         let expected: Vec<u32> = list.iter().map(|item| items.face(*item)).collect();
         compare(cell, &there, &expected, ["face", "which cuts it", "which does not cut it"], found);
         if list.is_empty() {
             return Ok(());
         }
-        let kind = self.walk.kind(list);
-        self.walk.leaf(cell, list, (kind, &[]), boxes, &mut found.arena)?;
+        let kind = self.cell_builder.kind(list);
+        self.cell_builder.leaf(cell, list, (kind, &[]), boxes, &mut found.arena)?;
         let Some(made) = found.arena.take_leaf() else { return Ok(()) };
         if head.kind != kind {
-            found.add(cell, || format!("a leaf of the kind {:?}, and its faces make it {kind:?}", head.kind));
+            found.add(cell, || format!("a leaf of kind {:?}, expected {kind:?} from its faces", head.kind));
         }
         // (In a single plane, the rules `All` and `Any` are equivalent.)
         let is_either = kind == NodeKind::Face && made.rule == LeafRule::All && head.rule == LeafRule::Any;
         if head.rule != LeafRule::Crossings && head.rule != made.rule && !is_either {
             let (is, was) = (head.rule, made.rule);
-            found.add(cell, || format!("a leaf with the rule {is:?}, and its faces allow {was:?}"));
+            found.add(cell, || format!("a leaf with the rule {is:?}, expected {was:?} from its faces"));
         }
         if head.inside != made.inside {
             let place = |inside: bool| if inside { "inside" } else { "outside" };
             let (is, was) = (place(head.inside), place(made.inside));
-            found
-                .add(cell, || format!("a leaf whose least corner is {is}, and {was} by the faces around it"));
+            found.add(cell, || {
+                format!("a leaf whose minimum corner is {is}, expected {was} from the faces around it")
+            });
         }
         Ok(())
     }

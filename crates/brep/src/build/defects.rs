@@ -8,7 +8,7 @@ use crate::Grid;
 use spinney_base::Error;
 
 /// Maximum number of defects that are kept.
-pub(super) const MOST: usize = 100;
+pub(super) const MAX_LISTED: usize = 100;
 
 /// Number of defects after which a subtree is not checked any further: of equal bodies in one
 /// position, any two faces overlap.
@@ -45,7 +45,7 @@ impl BuildReport {
         Error::NotASolid {
             path: path.to_path_buf(),
             what: what.into(),
-            places: self.defects.iter().map(Defect::to_string).collect(),
+            locations: self.defects.iter().map(Defect::to_string).collect(),
             count: self.defect_count,
             advice: advice.into(),
         }
@@ -55,10 +55,10 @@ impl BuildReport {
 impl fmt::Display for DefectKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            DefectKind::Crossing => write!(f, "faces that pass through each other"),
-            DefectKind::Overlap => write!(f, "faces that lie on each other"),
+            DefectKind::Crossing => write!(f, "faces that intersect"),
+            DefectKind::Overlap => write!(f, "faces that overlap"),
             DefectKind::Winding(times) => {
-                write!(f, "a place that the surface goes around {times} times, where 0 or 1 is right,")
+                write!(f, "winding number {times}, expected 0 or 1,")
             }
             DefectKind::Boundary(edges) => write!(f, "a boundary of {edges} edges"),
         }
@@ -67,7 +67,7 @@ impl fmt::Display for DefectKind {
 
 impl fmt::Display for Defect {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} at {}", self.kind, show_place(self.place))?;
+        write!(f, "{} at {}", self.kind, format_position(self.place))?;
         if self.faces.is_empty() {
             return Ok(());
         }
@@ -77,7 +77,7 @@ impl fmt::Display for Defect {
 }
 
 /// Formats coordinates with single precision.
-pub fn show_place(point: [f64; 3]) -> String {
+pub fn format_position(point: [f64; 3]) -> String {
     let [x, y, z] = point.map(|at| (at as f32).to_string());
     format!("{x}, {y}, {z}")
 }
@@ -86,20 +86,20 @@ pub fn show_place(point: [f64; 3]) -> String {
 #[derive(Default)]
 pub(super) struct Defects {
     /// Positions in grid units, and face numbers.
-    pub(super) list: Vec<Found>,
+    pub(super) list: Vec<GridDefect>,
     pub(super) count: u64,
 }
 
 /// A defect on the grid.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Found {
+pub(super) struct GridDefect {
     pub(super) kind: DefectKind,
     /// A point, in grid units.
     pub(super) at: [f64; 3],
     pub(super) faces: Vec<u32>,
 }
 
-impl Found {
+impl GridDefect {
     pub(super) fn in_world(self, grid: &Grid) -> Defect {
         Defect {
             kind: self.kind,
@@ -110,7 +110,7 @@ impl Found {
 }
 
 impl Defects {
-    pub(super) fn push(&mut self, found: Found) {
+    pub(super) fn push(&mut self, found: GridDefect) {
         // (A pair of faces is tested in every cell that both cut.)
         if self
             .list
@@ -120,7 +120,7 @@ impl Defects {
             return;
         }
         self.count += 1;
-        if self.list.len() < MOST {
+        if self.list.len() < MAX_LISTED {
             self.list.push(found);
         }
     }

@@ -17,11 +17,11 @@ const WAYS: [(usize, usize, usize); 7] =
 const _: () = {
     let (mut known, mut way) = (1u8, 0);
     while way < WAYS.len() {
-        assert!(known >> WAYS[way].0 & 1 == 1, "a way begins where none has ended");
+        assert!(known >> WAYS[way].0 & 1 == 1, "a path starts where no earlier one ended");
         known |= 1 << WAYS[way].1;
         way += 1;
     }
-    assert!(known == 0xff, "a child to which no way leads");
+    assert!(known == 0xff, "no path leads to a child");
 };
 
 /// The lower children along each axis, as bits.
@@ -53,7 +53,7 @@ impl Reach {
     /// without further tests.
     #[inline]
     pub(super) fn only_child(self, stages: &mut Stages) -> Option<u8> {
-        stages.apart[Stage::Boxes as usize] += u64::from(self.children.count_zeros());
+        stages.disjoint[Stage::Boxes as usize] += u64::from(self.children.count_zeros());
         let is_alone = self.children.is_power_of_two();
         stages.cutting[Stage::Boxes as usize] += u64::from(is_alone);
         is_alone.then_some(self.children)

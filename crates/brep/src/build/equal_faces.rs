@@ -17,18 +17,18 @@ pub(super) struct EqualFaces {
 impl EqualFaces {
     /// Finds the equal faces of a list. In short lists, they are found by the pair tests instead.
     pub(super) fn of(items: &Items, list: &[u32]) -> EqualFaces {
-        const MANY: usize = 64;
-        if list.len() <= MANY {
+        const MAX_COMPARED: usize = 64;
+        if list.len() <= MAX_COMPARED {
             return EqualFaces { first: Vec::new() };
         }
         let mut known: HashMap<(Vec<[i32; 3]>, &[usize]), usize> = HashMap::new();
-        let first = list.iter().enumerate().map(|(place, item)| {
+        let first = list.iter().enumerate().map(|(index, item)| {
             let outline = items.outline(*item);
             let mut points = outline.points.to_vec();
             let outer = &mut points[..outline.ring_ends[0]];
             let least = (0..outer.len()).min_by_key(|at| outer[*at]).unwrap_or(0);
             outer.rotate_left(least);
-            *known.entry((points, outline.ring_ends)).or_insert(place)
+            *known.entry((points, outline.ring_ends)).or_insert(index)
         });
         let first: Vec<usize> = first.collect();
         let are_all_new = known.len() == first.len();
@@ -37,8 +37,8 @@ impl EqualFaces {
 
     /// Returns the index of the earlier face that is equal to this one.
     #[inline]
-    pub(super) fn before(&self, place: usize) -> Option<usize> {
-        self.first.get(place).copied().filter(|first| *first != place)
+    pub(super) fn before(&self, index: usize) -> Option<usize> {
+        self.first.get(index).copied().filter(|first| *first != index)
     }
 }
 
@@ -53,7 +53,7 @@ mod tests {
     /// A part that is repeated 4,000 times has 128 million pairs of faces in each of many cells,
     /// none of which has all vertices.
     #[test]
-    fn parts_that_are_there_very_often_are_found_without_their_pairs() {
+    fn many_copies_of_a_face_are_found_without_testing_all_pairs() {
         const CORNERS: [[i32; 3]; 4] = [[0, 0, 0], [4000, 0, 0], [0, 4000, 0], [0, 0, 4000]];
         const FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
         let grid = Grid { bits: 12, origin: [0; 3], step: 1.0, divisor: 1.0 };
@@ -64,8 +64,8 @@ mod tests {
             let source = source as u64;
             list.push(&Face { number: 0, points: &points, ring_ends: &[3], colours: &[], part: 0, source });
         }
-        let folder = tempfile::tempdir().unwrap();
-        let output = Output::create(&folder.path().join("x.goblin")).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let output = Output::create(&directory.path().join("x.goblin")).unwrap();
         let mut builder = ModelBuilder::new(output, grid, 64 << 20).unwrap();
         list.each(&mut |face| builder.push(face)).unwrap();
         let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();

@@ -4,13 +4,13 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::division::{Division, Reach};
-use super::run::{FaceWords, Run, TRIANGLE_WORDS};
+use super::subtree_faces::{FaceWords, SubtreeFaces, TRIANGLE_WORDS};
 use crate::MAX_BITS;
 use crate::exact::crossing::{FinePoint, Outline};
 use crate::exact::normal::ring_normal;
 use crate::exact::rank::PlaneAt;
+use crate::face_triangle::FaceTriangle;
 use crate::geometry::{Flaw, GridPolygon, Stages, Triangulator};
-use crate::piece::Piece;
 use spinney_base::Result;
 use spinney_base::sort;
 use spinney_base::space::{Dimension, morton_encode};
@@ -28,7 +28,7 @@ pub(super) struct Items {
 struct Item {
     normal: [i64; 3],
     /// The triangle; for other faces, the first triangle of the triangulation.
-    piece: Piece,
+    triangle: FaceTriangle,
     face: u32,
     /// Index into the polygons; [`TRIANGLE`] for triangles.
     polygon: u32,
@@ -42,7 +42,7 @@ struct PolygonItem {
     ring_ends: Vec<usize>,
     /// In half units of the grid.
     polygon: GridPolygon,
-    triangles: Vec<Piece>,
+    triangles: Vec<FaceTriangle>,
 }
 
 /// Cache of polygons with many vertices, by face number: a wall with many holes is triangulated
@@ -98,12 +98,12 @@ const ONE_RING: [usize; 1] = [3];
 
 impl Items {
     /// Loads faces into memory. They are planar and have an area.
-    pub(super) fn of(run: Run) -> Result<Items> {
+    pub(super) fn of(run: SubtreeFaces) -> Result<Items> {
         Items::with(run, &mut LargePolygons::new(0))
     }
 
     /// Does the same as [`Items::of`], but uses polygons of the cache.
-    pub(super) fn with(run: Run, large: &mut LargePolygons) -> Result<Items> {
+    pub(super) fn with(run: SubtreeFaces, large: &mut LargePolygons) -> Result<Items> {
         let words = run.into_words()?;
         // Spreading allows 21 bits per coordinate; the lowest bits do not matter for locality.
         let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MAX_BITS - 21));
@@ -112,7 +112,7 @@ impl Items {
             x | y << 1 | z << 2
         };
         let mut order = Vec::with_capacity(words.len() / TRIANGLE_WORDS);
-        let mut place = 0;
+        let mut offset = 0;
         for face in FaceWords::all(&words) {
             let bounds = match face.triangle() {
                 Some(corners) => bounds_of(&corners),
@@ -121,10 +121,10 @@ impl Items {
             // Invariant: the sort keys are distinct, since faces with equal codes have different
             // positions. So the order, which cell lists and files depend on, does not depend on the
             // number of threads.
-            order.push(u128::from(code(bounds)) << 32 | place as u128);
-            place += face.0.len();
+            order.push(u128::from(code(bounds)) << 32 | offset as u128);
+            offset += face.0.len();
         }
-        debug_assert!(u32::try_from(place).is_ok());
+        debug_assert!(u32::try_from(offset).is_ok());
         // (Keys ascend with the position of equal codes.)
         sort::numbers128(&mut order);
         let mut items = Items {
@@ -146,15 +146,15 @@ impl Items {
             None => {
                 let item = large.polygon(face, triangulator);
                 let normal = ring_normal(&item.points[..item.ring_ends[0]]);
-                let corners = item.triangles.first().map_or([item.points[0]; 3], |piece| piece.corners);
+                let corners = item.triangles.first().map_or([item.points[0]; 3], |triangle| triangle.corners);
                 let bounds = bounds_of(&item.points);
                 self.polygons.push(item);
                 (corners, normal, bounds, self.polygons.len() as u32 - 1)
             }
         };
-        let piece = Piece::of_triangle(corners);
+        let triangle = FaceTriangle::of_triangle(corners);
         self.bounds.push(bounds);
-        self.list.push(Item { normal, piece, face: face.number(), polygon });
+        self.list.push(Item { normal, triangle, face: face.number(), polygon });
     }
 
     pub(super) fn len(&self) -> usize {
@@ -169,8 +169,8 @@ impl Items {
 
     #[inline]
     pub(super) fn plane(&self, item: u32) -> PlaneAt {
-        let Item { normal, piece, .. } = &self.list[item as usize];
-        PlaneAt { normal: *normal, point: piece.corners[0] }
+        let Item { normal, triangle, .. } = &self.list[item as usize];
+        PlaneAt { normal: *normal, point: triangle.corners[0] }
     }
 
     /// Returns the minimum and maximum coordinates of a face.
@@ -196,7 +196,7 @@ impl Items {
         }
         let item = &self.list[item as usize];
         match self.polygon(item) {
-            None => division.children_of_triangle(reach, &item.piece.corners, item.normal, stages),
+            None => division.children_of_triangle(reach, &item.triangle.corners, item.normal, stages),
             Some(polygon) => division.children_of_polygon(reach, &polygon.polygon, stages),
         }
     }
@@ -206,17 +206,17 @@ impl Items {
         let item = &self.list[item as usize];
         let normal = item.normal;
         match self.polygon(item) {
-            None => Outline { points: &item.piece.corners, ring_ends: &ONE_RING, normal },
+            None => Outline { points: &item.triangle.corners, ring_ends: &ONE_RING, normal },
             Some(polygon) => Outline { points: &polygon.points, ring_ends: &polygon.ring_ends, normal },
         }
     }
 
     /// Returns the face's triangles.
     #[inline]
-    pub(super) fn triangles(&self, item: u32) -> &[Piece] {
+    pub(super) fn triangles(&self, item: u32) -> &[FaceTriangle] {
         let item = &self.list[item as usize];
         match self.polygon(item) {
-            None => std::slice::from_ref(&item.piece),
+            None => std::slice::from_ref(&item.triangle),
             Some(polygon) => &polygon.triangles,
         }
     }
@@ -225,7 +225,7 @@ impl Items {
     pub(super) fn points(&self, item: u32) -> &[[i32; 3]] {
         let item = &self.list[item as usize];
         match self.polygon(item) {
-            None => &item.piece.corners,
+            None => &item.triangle.corners,
             Some(polygon) => &polygon.points,
         }
     }
@@ -233,7 +233,7 @@ impl Items {
     /// Returns a point inside a face that is not on a wall between cells.
     #[inline]
     pub(super) fn sample(&self, item: u32) -> FinePoint {
-        sample(&self.list[item as usize].piece.corners)
+        sample(&self.list[item as usize].triangle.corners)
     }
 }
 
@@ -290,11 +290,11 @@ impl PolygonItem {
     fn of(face: FaceWords<'_>, triangulator: &mut Triangulator) -> PolygonItem {
         let (points, ring_ends) = face.rings();
         let wide: Vec<[i64; 3]> = points.iter().map(|point| point.map(|at| 2 * i64::from(at))).collect();
-        let triangles = Piece::of_face(&points, &ring_ends, triangulator);
+        let triangles = FaceTriangle::of_face(&points, &ring_ends, triangulator);
         let polygon = match GridPolygon::new(&wide, &ring_ends, triangulator) {
             Ok(polygon) => polygon,
             Err(Flaw::NoArea | Flaw::NotSimple) => {
-                unreachable!("faces that are no polygons are refused before: {points:?}")
+                unreachable!("faces that are not polygons were rejected before: {points:?}")
             }
         };
         PolygonItem { points, ring_ends, polygon, triangles }

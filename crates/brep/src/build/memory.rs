@@ -3,11 +3,11 @@
 use std::sync::Mutex;
 
 use super::arena::Arena;
-use super::cells::{Cell, Walk};
+use super::cells::{Cell, CellBuilder};
 use super::items::Items;
 use super::near::NearFaces;
-use super::run::{FaceWords, Place, RunBuilder};
 use super::spread::Spread;
+use super::subtree_faces::{FaceWords, SpoolTarget, SubtreeFacesBuilder};
 use super::{Defect, LEAF_SIZE};
 use crate::face_check::{FaceCheck, FaceFlaw};
 use crate::geometry::Stages;
@@ -21,7 +21,7 @@ use spinney_base::{Error, Progress, Result};
 pub(crate) fn defects_of(faces: &FaceList, progress: &dyn Progress) -> Result<Vec<Defect>> {
     let grid = faces.grid();
     let mut check = FaceCheck::new(grid.bits);
-    let mut run = RunBuilder::new(usize::MAX, Place::Folder(std::env::temp_dir()));
+    let mut run = SubtreeFacesBuilder::new(usize::MAX, SpoolTarget::Directory(std::env::temp_dir()));
     let mut words = Vec::new();
     faces.each(&mut |face| {
         let has_area = check.has_area(face).map_err(|FaceFlaw { found, expected }| {
@@ -36,7 +36,7 @@ pub(crate) fn defects_of(faces: &FaceList, progress: &dyn Progress) -> Result<Ve
     })?;
     let items = Items::of(run.finish()?.0)?;
     let (near, stages) = (NearFaces::new(1), Mutex::new(Stages::default()));
-    let walk = Walk {
+    let cell_builder = CellBuilder {
         items: &items,
         near: &near,
         bits: grid.bits,
@@ -49,6 +49,6 @@ pub(crate) fn defects_of(faces: &FaceList, progress: &dyn Progress) -> Result<Ve
     let all: Vec<u32> = (0..items.len() as u32).collect();
     let spread = Spread::new(all.len() as u64, LEAF_SIZE);
     let mut arena = Arena::default();
-    walk.cell(&root, all, (&[], spread), &mut arena)?;
+    cell_builder.cell(&root, all, (&[], spread), &mut arena)?;
     Ok(arena.defects.list.into_iter().map(|found| found.in_world(grid)).collect())
 }

@@ -12,8 +12,8 @@ mod items;
 mod memory;
 mod near;
 mod pairs;
-mod run;
 mod spread;
+mod subtree_faces;
 mod upper;
 
 use std::collections::BTreeMap;
@@ -24,8 +24,8 @@ use self::arena::Arena;
 use self::cells::Cell;
 use self::items::LargePolygons;
 use self::near::NearFaces;
-use self::run::{FaceWords, Place, RunBuilder};
 use self::spread::Spread;
+use self::subtree_faces::{FaceWords, SpoolTarget, SubtreeFacesBuilder};
 use self::upper::Upper;
 use super::store::exact::ExactBlock;
 use super::store::objects::{ColumnNames, ObjectWriter};
@@ -38,14 +38,14 @@ use crate::arrangement::{ExactFace, Rounded};
 use crate::exact::normal::ring_normal;
 use crate::face_check::{FaceCheck, FaceFlaw};
 use crate::geometry::Stages;
-use spinney_base::io::{Output, folder};
+use spinney_base::io::{Output, directory_of};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Codec, Metadata};
 
 pub(crate) use self::base::BaseModel;
 pub(crate) use self::check::{Checked, OctreeCheck};
-pub use self::defects::show_place;
+pub use self::defects::format_position;
 pub use self::defects::{Defect, DefectKind};
 pub(crate) use self::memory::defects_of;
 
@@ -73,15 +73,15 @@ pub struct ModelBuilder {
     writer: ModelWriter,
     grid: Grid,
     memory: u64,
-    run: RunBuilder,
+    run: SubtreeFacesBuilder,
     /// Removed faces of the base.
-    removed: RunBuilder,
+    removed: SubtreeFacesBuilder,
     near_removed: NearFaces,
     words: Vec<u32>,
     faces: u64,
     /// Number of faces that have an area.
     wide: u64,
-    stand_ins: u64,
+    proxies: u64,
     /// The largest part number of a face.
     last_part: u32,
     leaf_size: usize,
@@ -107,10 +107,11 @@ impl ModelBuilder {
     /// # Errors
     /// If it cannot be written.
     pub fn new(output: Output, grid: Grid, memory: u64) -> Result<ModelBuilder> {
-        let place: PathBuf = folder(output.path()).to_path_buf();
+        let directory: PathBuf = directory_of(output.path()).to_path_buf();
         let writer = ModelWriter::new(output, &grid, memory / 16)?;
-        let run = RunBuilder::new((memory / 4 / 4) as usize, Place::Folder(place.clone()));
-        let removed = RunBuilder::new((memory / 8 / 4) as usize, Place::Folder(place));
+        let run =
+            SubtreeFacesBuilder::new((memory / 4 / 4) as usize, SpoolTarget::Directory(directory.clone()));
+        let removed = SubtreeFacesBuilder::new((memory / 8 / 4) as usize, SpoolTarget::Directory(directory));
         let check = FaceCheck::new(grid.bits);
         Ok(ModelBuilder {
             writer,
@@ -122,7 +123,7 @@ impl ModelBuilder {
             words: Vec::new(),
             faces: 0,
             wide: 0,
-            stand_ins: 0,
+            proxies: 0,
             last_part: 0,
             leaf_size: LEAF_SIZE,
             is_unbounded: false,
@@ -151,7 +152,7 @@ impl ModelBuilder {
     /// If faces were already added.
     #[must_use]
     pub fn codec(mut self, codec: Codec) -> ModelBuilder {
-        assert!(self.writer.is_empty(), "the codec is that of all faces");
+        assert!(self.writer.is_empty(), "set the codec before adding faces");
         self.writer.set_codec(codec);
         self
     }
@@ -174,21 +175,21 @@ impl ModelBuilder {
     /// # Errors
     /// If the file cannot be written, or the memory is not enough.
     pub(super) fn push_exact(&mut self, face: ExactFace) -> Result<()> {
-        self.check_exact_room(1)?;
+        self.check_exact_memory(1)?;
         self.last_part = self.last_part.max(face.part);
         self.near.push(&face);
         self.writer.exact_face(face)
     }
 
     /// Fails if `more` additional faces with off-grid vertices exceed the memory.
-    fn check_exact_room(&self, more: u64) -> Result<()> {
+    fn check_exact_memory(&self, more: u64) -> Result<()> {
         let (needed, limit) = ((self.writer.exact_faces() + more) * NearFaces::BYTES, self.memory / 4);
         if needed <= limit {
             return Ok(());
         }
         Err(Error::TooLarge {
             path: self.writer.path().to_path_buf(),
-            what: "boxes and planes of the faces with corners beside the grid".into(),
+            what: "storing boxes and planes of the faces with off-grid vertices".into(),
             needed,
             limit,
             advice: "allow more with --memory".into(),
@@ -232,7 +233,7 @@ impl ModelBuilder {
     /// # Errors
     /// The errors of [`ModelBuilder::push_exact`].
     pub(super) fn push_kept_exact(&mut self, block: &ExactBlock<'_>, last_part: u32) -> Result<()> {
-        self.check_exact_room(block.len() as u64)?;
+        self.check_exact_memory(block.len() as u64)?;
         self.last_part = self.last_part.max(last_part);
         self.near.skip(block.len());
         self.writer.exact_block(block)
@@ -256,19 +257,14 @@ impl ModelBuilder {
     /// Writes a face; returns its number if it has an area.
     fn write_face(&mut self, face: &Face<'_>, is_proxy: bool) -> Result<Option<u32>> {
         let Ok(number) = u32::try_from(self.faces) else {
-            return Err(Error::TooLarge {
-                path: self.writer.path().to_path_buf(),
-                what: "numbers of 2^32 faces or more".into(),
-                needed: self.faces,
-                limit: u64::from(u32::MAX),
-                advice: "divide the model".into(),
-            });
+            let path = self.writer.path();
+            return Err(Error::unsupported(path, "a model of 2^32 or more faces", "divide the model"));
         };
         let has_area = self.check.has_area(face).map_err(|FaceFlaw { found, expected }| {
             Error::invalid(format!("face {}", face.number), found, expected)
         })?;
         self.faces += 1;
-        self.stand_ins += u64::from(is_proxy);
+        self.proxies += u64::from(is_proxy);
         self.last_part = self.last_part.max(face.part);
         self.writer.face(&Face { number: number.into(), ..*face }, is_proxy)?;
         // (Several faces may have the same source.)
@@ -306,7 +302,7 @@ impl ModelBuilder {
     }
 
     /// Returns whether faces with off-grid vertices were added.
-    pub fn is_beside_grid(&self) -> bool {
+    pub fn has_exact_faces(&self) -> bool {
         self.writer.exact_faces() > 0
     }
 
@@ -317,10 +313,10 @@ impl ModelBuilder {
     /// If the file cannot be written, or the name or the attributes have more than 16 MiB.
     pub fn part(&mut self, name: &str, attributes: Option<&str>) -> Result<()> {
         for text in [Some(name), attributes].into_iter().flatten() {
-            self.check_length(text, "a name of a part, or what is said of it,")?;
+            self.check_length(text, "a name, or attributes of a part,")?;
         }
         let ModelBuilder { writer, objects, .. } = self;
-        objects.part(name, attributes, &mut |key, bytes| writer.piece(List::Objects, key, bytes))
+        objects.part(name, attributes, &mut |key, bytes| writer.chunk(List::Objects, key, bytes))
     }
 
     /// Adds the metadata of a source file, a JSON object.
@@ -328,9 +324,9 @@ impl ModelBuilder {
     /// # Errors
     /// If the file cannot be written, or the object has more than 16 MiB.
     pub fn about_file(&mut self, text: &str) -> Result<()> {
-        self.check_length(text, "what is said of a file")?;
+        self.check_length(text, "metadata of a source file")?;
         let ModelBuilder { writer, objects, .. } = self;
-        objects.file(text, &mut |key, bytes| writer.piece(List::Objects, key, bytes))
+        objects.file(text, &mut |key, bytes| writer.chunk(List::Objects, key, bytes))
     }
 
     /// Sets a value, in JSON, of the last pushed face in a named column. A face has at most one
@@ -344,12 +340,16 @@ impl ModelBuilder {
         let name = serde_json::Value::from(vec![column]).to_string();
         let number = if self.faces > 0 { self.face_columns.number(&name) } else { None };
         let Some(number) = number else {
-            return Err(Error::invalid("column", column, "at most 4096, and a face before its values"));
+            return Err(Error::invalid(
+                "column",
+                column,
+                "at most 4096 columns, and a face before its values",
+            ));
         };
         // (Larger face numbers were rejected by `write_face`.)
         let face = (self.faces - 1) as u32;
         let ModelBuilder { writer, face_values, .. } = self;
-        let take = &mut |key, bytes: &[u8]| writer.piece(List::FaceValues, key, bytes);
+        let take = &mut |key, bytes: &[u8]| writer.chunk(List::FaceValues, key, bytes);
         face_values.push(FIRST_NAMED + number, face, json.as_bytes(), take)
     }
 
@@ -357,13 +357,8 @@ impl ModelBuilder {
         if text.len() <= MAX_BYTES {
             return Ok(());
         }
-        Err(Error::TooLarge {
-            path: self.writer.path().to_path_buf(),
-            what: what.into(),
-            needed: text.len() as u64,
-            limit: MAX_BYTES as u64,
-            advice: "leave out some of it".into(),
-        })
+        let found = format!("{what} of {} bytes", text.len());
+        Err(Error::unsupported(self.writer.path(), found, format!("shorten it to {MAX_BYTES} bytes")))
     }
 
     /// Sets the formula that the model is computed by.
@@ -404,7 +399,7 @@ impl ModelBuilder {
             near_removed,
             faces,
             wide,
-            stand_ins,
+            proxies,
             last_part,
             leaf_size,
             is_unbounded,
@@ -415,7 +410,7 @@ impl ModelBuilder {
             formula,
             ..
         } = self;
-        let (run, place) = run.finish()?;
+        let (run, target) = run.finish()?;
         let (removed, _) = removed.finish()?;
         let stages = Mutex::new(Stages::default());
         let total = (run.len() + if base.is_some() { removed.len() } else { 0 }) as u64;
@@ -426,7 +421,7 @@ impl ModelBuilder {
             near: &mut all_near,
             near_removed: &near_removed,
             memory,
-            place,
+            target,
             stages: &stages,
             progress,
             writer: &mut writer,
@@ -448,7 +443,7 @@ impl ModelBuilder {
                 let node = base.model.root()?;
                 let near = [upper.near.from(base.exact.len()), near_removed.all()];
                 let (root, runs) = (Cell { winding, ..root }, [run, removed]);
-                upper.change_run(base, (&root, &node), runs, [&near[0], &near[1]], &mut arena)?
+                upper.change_faces(base, (&root, &node), runs, [&near[0], &near[1]], &mut arena)?
             }
         };
         // The root always has its own segment.
@@ -458,7 +453,7 @@ impl ModelBuilder {
         upper.store(&mut arena)?;
         let mut report = BuildReport {
             nodes: arena.counts,
-            stages: *stages.lock().expect("nobody panics with this lock"),
+            stages: *stages.lock().expect("no thread panics while it holds this lock"),
             defects: Vec::new(),
             defect_count: arena.defects.count,
         };
@@ -468,12 +463,12 @@ impl ModelBuilder {
             return Ok(report);
         }
         complete(metadata, &report);
-        let parts = objects.finish(&mut |key, bytes| writer.piece(List::Objects, key, bytes))?;
+        let parts = objects.finish(&mut |key, bytes| writer.chunk(List::Objects, key, bytes))?;
         if u64::from(last_part) >= parts {
-            let expected = format!("less than {parts}, the parts that were added");
-            return Err(Error::invalid("part of a face", last_part.to_string(), expected));
+            let expected = format!("a number below {parts}, the number of added parts");
+            return Err(Error::invalid("part number of a face", last_part.to_string(), expected));
         }
-        let take = &mut |key, bytes: &[u8]| writer.piece(List::FaceValues, key, bytes);
+        let take = &mut |key, bytes: &[u8]| writer.chunk(List::FaceValues, key, bytes);
         face_columns.write(&mut face_values, take)?;
         face_values.finish(take)?;
         let (nodes, exact_faces, reach) = (
@@ -482,8 +477,7 @@ impl ModelBuilder {
             if writer.exact_faces() == 0 { 1 } else { all_near.reach() },
         );
         let codec = writer.codec();
-        let summary =
-            Summary { grid, codec, faces, is_unbounded, nodes, exact_faces, stand_ins, reach, parts };
+        let summary = Summary { grid, codec, faces, is_unbounded, nodes, exact_faces, proxies, reach, parts };
         writer.finish(&summary, &formula, metadata)?;
         Ok(report)
     }

@@ -25,10 +25,10 @@ impl NearFaces {
 
     /// Adds a face. Faces are numbered in this order.
     pub(crate) fn push(&mut self, face: &ExactFace) {
-        self.list.push(Some(self.place(face)));
+        self.list.push(Some(self.bounds_and_plane(face)));
     }
 
-    fn place(&self, face: &ExactFace) -> (Bounds, ExactPlane) {
+    fn bounds_and_plane(&self, face: &ExactFace) -> (Bounds, ExactPlane) {
         (bounds_of(&face.rounded(), self.reach.into()), face.plane)
     }
 
@@ -38,9 +38,9 @@ impl NearFaces {
     }
 
     /// Loads a skipped face, unless it was loaded already.
-    pub(super) fn tell(&mut self, number: u32, face: impl FnOnce() -> Result<ExactFace>) -> Result<()> {
+    pub(super) fn load(&mut self, number: u32, face: impl FnOnce() -> Result<ExactFace>) -> Result<()> {
         if self.list[number as usize].is_none() {
-            self.list[number as usize] = Some(self.place(&face()?));
+            self.list[number as usize] = Some(self.bounds_and_plane(&face()?));
         }
         Ok(())
     }

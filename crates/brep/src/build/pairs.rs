@@ -9,7 +9,7 @@ use super::defects::DefectKind;
 use crate::exact::bounds::TRIANGLE_HEIGHT_ROUNDING;
 use crate::exact::normal::ring_normal;
 use crate::exact::vector::{dot, main_axis, others, subtract};
-use crate::piece::Piece;
+use crate::face_triangle::FaceTriangle;
 
 pub(super) type Triangle = [[i32; 3]; 3];
 
@@ -95,7 +95,7 @@ impl Shared {
 }
 
 /// Returns the contact of two triangles that have an area and these common vertices.
-pub(super) fn contact(first: &Piece, second: &Piece, shared: Shared) -> Contact {
+pub(super) fn contact(first: &FaceTriangle, second: &FaceTriangle, shared: Shared) -> Contact {
     let (a, b) = (&first.corners, &second.corners);
     let plane_of_a = Plane::of(a);
     // Common vertices are on the plane.
@@ -129,7 +129,7 @@ fn all_on_one_side(sides: [i32; 3]) -> bool {
 }
 
 /// Returns the contact of `b`'s edges with `a`; `sides` are those of `b`'s vertices.
-fn edges_cross(a: &Piece, b: &Piece, sides: [i32; 3]) -> Contact {
+fn edges_cross(a: &FaceTriangle, b: &FaceTriangle, sides: [i32; 3]) -> Contact {
     let mut found = Contact::Fine;
     for i in 0..3 {
         let j = (i + 1) % 3;
@@ -192,11 +192,11 @@ pub(super) fn passes([from, to]: [[i32; 3]; 2], one: &Triangle, other: &Triangle
     // The surface is bent along the edge to the inside, to the outside, or not at all.
     let bend = other.iter().map(|point| orientation(one[0], one[1], one[2], *point)).find(|side| *side != 0);
     let is_inside = |point: [i32; 3]| {
-        let behind = |t: &Triangle| orientation(t[0], t[1], t[2], point) < 0;
+        let is_below = |t: &Triangle| orientation(t[0], t[1], t[2], point) < 0;
         match bend {
-            Some(-1) => behind(one) && behind(other),
-            Some(_) => behind(one) || behind(other),
-            None => behind(one),
+            Some(-1) => is_below(one) && is_below(other),
+            Some(_) => is_below(one) || is_below(other),
+            None => is_below(one),
         }
     };
     // (An edge along one of the triangles is decided by other edges.)
@@ -267,8 +267,8 @@ mod tests {
 
     fn both(a: &Triangle, b: &Triangle) -> Option<DefectKind> {
         let conflict = |a: &Triangle, b: &Triangle| {
-            let piece = |corners: &Triangle| Piece { corners: *corners, internal: [false; 3] };
-            match contact(&piece(a), &piece(b), Shared::of(a, b)) {
+            let triangle = |corners: &Triangle| FaceTriangle { corners: *corners, internal: [false; 3] };
+            match contact(&triangle(a), &triangle(b), Shared::of(a, b)) {
                 Contact::Wrong(kind) => Some(kind),
                 _ => None,
             }
@@ -309,19 +309,19 @@ mod tests {
         let in_one_plane = [[8, 0, 0], [0, 0, 0], [0, -8, 0]];
         let turned_round = [[0, 0, 0], [0, 8, 0], [8, 0, 0]];
         let at_a_corner = [[0, 0, 0], [-8, 0, 1], [0, -8, 1]];
-        let standing_on_it = [[1, 1, 0], [3, 1, 0], [1, 1, 5]];
+        let edge_on_it = [[1, 1, 0], [3, 1, 0], [1, 1, 5]];
         let point_on_it = [[2, 2, 0], [3, 1, 5], [1, 1, 5]];
-        let beside_a_corner = [[0, 0, 0], [-8, -1, 2], [-1, -8, -2]];
-        let apart = [[20, 0, 1], [28, 0, -1], [20, 8, 1]];
+        let next_to_a_corner = [[0, 0, 0], [-8, -1, 2], [-1, -8, -2]];
+        let separate = [[20, 0, 1], [28, 0, -1], [20, 8, 1]];
         let cases = [
             neighbour,
             in_one_plane,
             turned_round,
             at_a_corner,
-            standing_on_it,
+            edge_on_it,
             point_on_it,
-            beside_a_corner,
-            apart,
+            next_to_a_corner,
+            separate,
         ];
         for b in cases {
             assert_eq!(both(&A, &b), None, "{b:?}");
@@ -354,12 +354,12 @@ mod tests {
         let into = [[-1, 0, 5], [1, 0, -5]];
         assert!(!passes(over, &one, &other) && passes(into, &one, &other));
         assert!(passes(into, &one, &flat));
-        let piece = |corners: Triangle| Piece { corners, internal: [false; 3] };
-        let b = piece([into[0], into[1], [-9, 0, -20]]);
+        let triangle = |corners: Triangle| FaceTriangle { corners, internal: [false; 3] };
+        let b = triangle([into[0], into[1], [-9, 0, -20]]);
         let shared = Shared::of(&one, &b.corners);
-        let found = contact(&piece(one), &b, shared);
+        let found = contact(&triangle(one), &b, shared);
         assert!(matches!(found, Contact::Edges { .. }), "{found:?}");
-        let internal = Piece { internal: [false, false, true], ..piece(one) };
+        let internal = FaceTriangle { internal: [false, false, true], ..triangle(one) };
         assert_eq!(contact(&internal, &b, shared), Contact::Wrong(DefectKind::Crossing));
     }
 

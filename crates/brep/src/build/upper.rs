@@ -3,12 +3,12 @@
 use std::sync::Mutex;
 
 use super::arena::Arena;
-use super::cells::{Cell, Walk, uniform};
+use super::cells::{Cell, CellBuilder, uniform};
 use super::division::Division;
 use super::items::{ITEM, Items, LargePolygons, bounds_of};
 use super::near::NearFaces;
-use super::run::{Place, Run, RunBuilder, TRIANGLE_WORDS};
 use super::spread::Spread;
+use super::subtree_faces::{SpoolTarget, SubtreeFaces, SubtreeFacesBuilder, TRIANGLE_WORDS};
 use crate::exact::crossing::Outline;
 use crate::exact::normal::ring_normal;
 use crate::geometry::{GridPolygon, Stages, Triangulator};
@@ -24,7 +24,7 @@ pub(super) struct Upper<'a> {
     /// Removed off-grid faces of the base.
     pub(super) near_removed: &'a NearFaces,
     pub(super) memory: u64,
-    pub(super) place: Place,
+    pub(super) target: SpoolTarget,
     pub(super) stages: &'a Mutex<Stages>,
     pub(super) progress: &'a dyn Progress,
     pub(super) writer: &'a mut ModelWriter,
@@ -43,9 +43,9 @@ impl Upper<'_> {
     }
 
     /// Returns the context for faces in memory.
-    pub(super) fn walk<'w>(&'w self, items: &'w Items) -> Walk<'w> {
+    pub(super) fn cell_builder<'w>(&'w self, items: &'w Items) -> CellBuilder<'w> {
         let Upper { bits, depth, leaf_size, stages, progress, .. } = *self;
-        Walk { items, near: self.near, bits, depth, leaf_size, stages, progress }
+        CellBuilder { items, near: self.near, bits, depth, leaf_size, stages, progress }
     }
 
     /// Reports the words of faces that are done.
@@ -60,7 +60,7 @@ impl Upper<'_> {
     pub(super) fn cell(
         &mut self,
         cell: &Cell,
-        run: Run,
+        run: SubtreeFaces,
         (near, spread): (&[u32], Spread),
         out: &mut Arena,
     ) -> Result<u32> {
@@ -68,11 +68,11 @@ impl Upper<'_> {
             let word = uniform(cell, self.bits, out);
             return Ok(out.near(word, near));
         }
-        let needed = room_for(&run);
+        let needed = bytes_in_memory(&run);
         let fits = needed <= self.memory / 2;
         let too_large = || Error::TooLarge {
             path: self.writer.path().to_path_buf(),
-            what: "the faces of a cell that cannot be divided any further".into(),
+            what: "building a cell that cannot be divided further".into(),
             needed,
             limit: self.memory / 2,
             advice: "allow more with --memory".into(),
@@ -83,15 +83,15 @@ impl Upper<'_> {
         if fits {
             let length = run.len() as u64;
             let items = Items::of(run)?;
-            let walk = self.walk(&items);
-            let word = walk.cell(cell, (0..items.len() as u32).collect(), (near, spread), out)?;
+            let cell_builder = self.cell_builder(&items);
+            let word = cell_builder.cell(cell, (0..items.len() as u32).collect(), (near, spread), out)?;
             self.store(out)?;
             self.advance(length);
             return Ok(word);
         }
         let Upper { bits, memory, stages, progress, .. } = *self;
-        let division = RunDivision { bits, memory, stages, progress };
-        let (runs, cells, counts) = division.of(cell, run, &mut self.place)?;
+        let division = SpooledDivision { bits, memory, stages, progress };
+        let (runs, cells, counts) = division.of(cell, run, &mut self.target)?;
         let Some(spread) = spread.divided(counts.0, counts.1) else { return Err(too_large()) };
         let mark = out.mark();
         let record = out.record();
@@ -109,7 +109,7 @@ impl Upper<'_> {
 
 /// Returns the bytes of a run in memory, including data derived from its faces. (That of a polygon
 /// is several times as large as its words.)
-pub(super) fn room_for(run: &Run) -> u64 {
+pub(super) fn bytes_in_memory(run: &SubtreeFaces) -> u64 {
     run.len() as u64 * (ITEM / TRIANGLE_WORDS + 1) as u64
 }
 
@@ -117,25 +117,26 @@ pub(super) fn room_for(run: &Run) -> u64 {
 pub(super) type FaceCounts = (u64, [u64; 8]);
 
 /// Division of runs that exceed memory.
-pub(super) struct RunDivision<'a> {
+pub(super) struct SpooledDivision<'a> {
     pub(super) bits: u8,
     pub(super) memory: u64,
     pub(super) stages: &'a Mutex<Stages>,
     pub(super) progress: &'a dyn Progress,
 }
 
-impl RunDivision<'_> {
+impl SpooledDivision<'_> {
     /// Returns the children's faces, the children, and the face counts of the cell and the
     /// children.
     pub(super) fn of(
         &self,
         cell: &Cell,
-        run: Run,
-        at: &mut Place,
-    ) -> Result<(Vec<Run>, [Cell; 8], FaceCounts)> {
+        run: SubtreeFaces,
+        at: &mut SpoolTarget,
+    ) -> Result<(Vec<SubtreeFaces>, [Cell; 8], FaceCounts)> {
         let division = Division::of(cell, self.bits);
         let limit = (self.memory / 4 / 4 / 16) as usize;
-        let mut builders: Vec<RunBuilder> = (0..8).map(|_| RunBuilder::new(limit, at.clone())).collect();
+        let mut builders: Vec<SubtreeFacesBuilder> =
+            (0..8).map(|_| SubtreeFacesBuilder::new(limit, at.clone())).collect();
         let mut stages = Stages::default();
         let mut triangulator = Triangulator::new();
         let mut changes = [0; 7];
@@ -164,7 +165,7 @@ impl RunDivision<'_> {
                     let wide: Vec<[i64; 3]> =
                         points.iter().map(|point| point.map(|at| 2 * i64::from(at))).collect();
                     let Ok(polygon) = GridPolygon::new(&wide, &ring_ends, &mut triangulator) else {
-                        unreachable!("faces that are no polygons are refused before: {points:?}")
+                        unreachable!("faces that are not polygons were rejected before: {points:?}")
                     };
                     children = reach
                         .only_child(&mut stages)
@@ -182,13 +183,13 @@ impl RunDivision<'_> {
             division.count_changes(reach, || outline, &mut changes);
             Ok(())
         })?;
-        self.stages.lock().expect("nobody panics with this lock").add(&stages);
+        self.stages.lock().expect("no thread panics while it holds this lock").add(&stages);
         let mut runs = Vec::with_capacity(8);
         for builder in builders {
-            let (run, place) = builder.finish()?;
+            let (run, target) = builder.finish()?;
             // All runs share one temporary file.
-            if matches!(place, Place::Spool(_)) {
-                *at = place;
+            if matches!(target, SpoolTarget::Spool(_)) {
+                *at = target;
             }
             runs.push(run);
         }

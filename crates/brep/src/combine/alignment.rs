@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::placed::{bounds, world_box};
+use super::common_grid::{bounds, world_box};
 use crate::motion::regrid;
 use crate::{ExactModel, Faces, Grid, MAX_BITS};
 use spinney_base::io::{FileAccess, Output};
@@ -54,8 +54,8 @@ impl Aligned {
         }
         let units: Vec<String> = distinct(models).iter().map(|grid| grid.width().to_string()).collect();
         let text = format!(
-            "{} of {} models were moved to a common grid of unit {}, by {displacement} at most: their own units are {} \
-             (build all of them with one --snap to choose it)",
+            "{} of {} models were moved to a common grid with unit {}, by at most {displacement}: their own units are {} \
+             (build all of them with the same --snap to choose it)",
             moved.iter().flatten().count(),
             models.len(),
             unit.width(),
@@ -111,7 +111,7 @@ fn common_unit(models: &[&ExactModel]) -> Result<Grid> {
     let all = all.unwrap_or([[0.0; 3]; 2]);
     let longest = (0..3).map(|axis| all[1][axis] - all[0][axis]).fold(0.0, f64::max);
     if !longest.is_finite() {
-        return Err(Error::invalid("models", "coordinates beyond all numbers", "smaller ones"));
+        return Err(Error::invalid("models", "coordinates that are not finite", "finite ones"));
     }
     let finest = grids[0].width();
     let stay = |unit: &Grid| models.iter().filter(|model| model.grid().steps_of(unit).is_some()).count();
@@ -120,7 +120,9 @@ fn common_unit(models: &[&ExactModel]) -> Result<Grid> {
         let is_better = other.0 > best.0 || other.0 == best.0 && other.1.width() < best.1.width();
         if is_better { other } else { best }
     });
-    let no_unit = || Error::invalid("models", "bounds that no grid holds", "models of one region");
+    let no_unit = || {
+        Error::invalid("models", "bounds too large for any grid of 2^26 units", "models of the same region")
+    };
     Ok(best.ok_or_else(no_unit)?.1)
 }
 
@@ -153,13 +155,13 @@ fn widened([low, high]: [[f64; 3]; 2], unit: f64) -> [[f64; 3]; 2] {
 
 /// Adds advice to the error of an operand that is too small or too thin for the common grid.
 fn unlike(error: Error, model: &ExactModel, unit: &Grid) -> Error {
-    let Error::NotASolid { what, places, count, .. } = error else { return error };
-    let advice = "the models are too far apart, or too unlike in size, for one grid of 2^26 units: combine cells of them (build \
-                  without --brep), or those models with each other that are near";
+    let Error::NotASolid { what, locations, count, .. } = error else { return error };
+    let advice = "the models are too far from each other, or differ too much in size, for one grid of 2^26 units: combine cells of \
+                  them (build without --brep), or only models that are near each other";
     Error::NotASolid {
         path: model.path().to_path_buf(),
-        what: format!("on a grid of unit {}, which holds all models, {what}", unit.width()),
-        places,
+        what: format!("on the common grid of unit {}, {what}", unit.width()),
+        locations,
         count,
         advice: advice.into(),
     }

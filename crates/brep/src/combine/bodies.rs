@@ -9,7 +9,7 @@
 //! - Input of the output file: [`Bodies::settled`], [`Bodies::keep_exact`] and
 //!   [`Bodies::settled_exact`] yield the settled faces, kept or reversed.
 //!
-//! | face of the octree                                | [`Use`]        |
+//! | face of the octree                                | [`FaceUse`]        |
 //! | ------------------------------------------------- | -------------- |
 //! | proxy: near, zero area, or its source is replaced | `Replaced`     |
 //! | any other face with a fate and an area            | `Settled`      |
@@ -18,8 +18,8 @@
 use std::collections::HashSet;
 use std::path::Path;
 
+use super::common_grid::{CommonGrid, incompatible_grids};
 use super::overlap::Overlap;
-use super::placed::{Placed, unlike_grids};
 use super::table::Fate;
 use super::table::OperationTable;
 use super::values::FaceValues;
@@ -33,15 +33,24 @@ use spinney_base::{Error, Progress, Result, SetOperation};
 use spinney_container::Tag;
 
 /// Operands whose faces are read in sequence, as one list.
+///
+/// The order of calls matters: first [`Bodies::new`], then [`Bodies::settle_components`] or
+/// [`Bodies::drop_untouched`], then [`Bodies::near`] once, then all others. `near` completes
+/// `first` and `replaced`. Before it, [`Bodies::use_of`] would return `Settled` for proxies that
+/// are replaced, and faces would have the sources of their own models. (Stages before `near` read
+/// faces by number, without part, source and use.)
 pub(super) struct Bodies<'a> {
     pub(super) models: &'a [&'a ExactModel],
-    pub(super) placed: &'a Placed,
+    pub(super) common_grid: &'a CommonGrid,
     pub(super) table: OperationTable,
     pub(super) overlaps: Vec<Overlap>,
-    /// Per model: the proxies that are replaced.
+    /// Per model: the proxies that are replaced. Complete after [`Bodies::near`].
     replaced: Vec<Replaced>,
     is_coloured: bool,
-    /// First part number and first source number of each model.
+    /// Number that is added to a model's parts, and number that is added to its sources.
+    ///
+    /// Source numbers are 0 until [`Bodies::near`] sets them: a model's number depends on the
+    /// sources of the models before it.
     first: Vec<(u32, u64)>,
     /// The model whose octree is copied where no face changes: one with the common grid, if any.
     base: Option<usize>,
@@ -70,7 +79,7 @@ impl Replaced {
 
 /// Treatment of a face of an octree in an operation.
 #[derive(Clone, Copy)]
-pub(super) enum Use {
+pub(super) enum FaceUse {
     /// The face is far from other bodies, and its fate is known.
     Settled(Fate),
     /// The face is arranged: it is near other bodies, or it has no area and only joins edges.
@@ -80,7 +89,7 @@ pub(super) enum Use {
 }
 
 /// Visitor of faces: the face, whether it is a proxy, and its use.
-type FaceVisitor<'f> = dyn FnMut(&Face<'_>, bool, Use) -> Result<()> + 'f;
+type FaceVisitor<'f> = dyn FnMut(&Face<'_>, bool, FaceUse) -> Result<()> + 'f;
 
 /// Input of the arrangement: the faces near other bodies, and what their replacement affects.
 pub(super) struct Near<'a> {
@@ -90,7 +99,7 @@ pub(super) struct Near<'a> {
     /// Edges at which faces that are arranged or replaced meet settled ones.
     pub(super) seams: Seams,
     /// Settled exact faces whose proxies are replaced, kept or reversed as in the result.
-    pub(super) beside: Vec<ExactFace>,
+    pub(super) settled_faces: Vec<ExactFace>,
     /// The base, and which of its faces stay unchanged.
     pub(super) base: Option<BaseModel<'a>>,
 }
@@ -99,7 +108,7 @@ impl<'a> Bodies<'a> {
     /// Classifies the faces of all operands: traverses all octrees.
     pub(super) fn new(
         models: &'a [&'a ExactModel],
-        placed: &'a Placed,
+        common_grid: &'a CommonGrid,
         table: OperationTable,
         progress: &dyn Progress,
     ) -> Result<Bodies<'a>> {
@@ -107,26 +116,32 @@ impl<'a> Bodies<'a> {
         let mut first = Vec::new();
         let mut parts = 0;
         for (number, model) in models.iter().enumerate() {
-            overlaps.push(Overlap::of(number, models, placed, table, progress)?);
+            overlaps.push(Overlap::of(number, models, common_grid, table, progress)?);
             // (On a finer grid, proxies would lie many grid units from their exact faces.)
-            let is_all = model.is_beside_grid() && placed.times(number) > 1;
+            let is_all = model.has_exact_faces() && common_grid.times(number) > 1;
             replaced.push(Replaced { is_all, sources: HashSet::new() });
             is_coloured |= model.is_coloured()?;
             first.push((parts, 0));
             parts += model.parts().len() as u32;
         }
-        // Where a surface is thinner than a grid unit, its octree's winding numbers are unreliable.
+        // A model with intersecting proxies (where its surface is thinner than a grid unit) cannot
+        // be the base. There, winding numbers of proxies may be other than 0 and 1, but leaves and
+        // nodes near exact faces store one bit. The builder would start from that bit in changed
+        // cells, and would not report the defects of copied cells again. All other uses of an
+        // octree's winding numbers are safe: `ModelNode::winding` has none in such cells, since
+        // each exact face is near all cells between it and its proxies. (That fails only if mending
+        // lost the proxies of a component: see `on_grid`.)
         let is_base = |number: &usize| {
             let model = models[*number];
-            let is_reached = !model.is_beside_grid() || model.reach() == reach(models);
-            let is_thin = model.metadata().tag(Tag::ModelThinPlaces).is_some();
-            *model.grid() == placed.grid && is_reached && !is_thin
+            let is_reached = !model.has_exact_faces() || model.reach() == reach(models);
+            let is_thin = model.metadata().tag(Tag::ModelIntersections).is_some();
+            *model.grid() == common_grid.grid && is_reached && !is_thin
         };
         let base = (0..models.len()).filter(is_base).max_by_key(|number| models[*number].len());
-        let mut bodies = Bodies { models, placed, table, overlaps, replaced, is_coloured, first, base };
-        for number in (0..models.len()).filter(|number| models[*number].is_beside_grid()) {
+        let mut bodies = Bodies { models, common_grid, table, overlaps, replaced, is_coloured, first, base };
+        for number in (0..models.len()).filter(|number| models[*number].has_exact_faces()) {
             bodies.settle_exact_faces(number, progress)?;
-            bodies.replace_stand_ins(number, progress)?;
+            bodies.replace_proxies(number, progress)?;
         }
         Ok(bodies)
     }
@@ -146,19 +161,25 @@ impl<'a> Bodies<'a> {
             if overlap.exact.of(index.into()).is_none() {
                 return Ok(());
             }
-            // Invariant: the grid point nearest to a vertex is in the same cell as the vertex,
-            // since cell walls lie between grid points. So this cell is one of the face's cells,
-            // which are all far from the others' surfaces. (A cell that the face is only near would
-            // not do: the face may not reach it, and another body may lie between.)
-            let at = self.placed.exact_point(number, head.corner).rounded().map(|at| 2 * i64::from(at));
-            let mut places = Vec::with_capacity(self.models.len());
+            // Invariant: the other bodies' winding numbers at the common grid's point nearest to a
+            // vertex are those at the vertex. The model's cell that contains the vertex lists the
+            // face, and no other surface is within a common grid unit of that cell (see `Overlap`).
+            // The point is at most half such a unit away from the vertex along each axis. (It may
+            // be in the model's next cell: walls lie between points of the model's own grid, but
+            // may contain points of a finer common grid. Any point of a cell that the face is only
+            // near would not do: the face may not reach it, and another body may lie between.)
+            let at = self.common_grid.exact_point(number, head.corner).rounded().map(|at| 2 * i64::from(at));
+            let mut windings = Vec::with_capacity(self.models.len());
             for other in 0..self.models.len() {
-                let place =
-                    if other == number { Some(0) } else { self.placed.winding_at(self.models, other, at)? };
-                places.extend(place);
+                let winding = if other == number {
+                    Some(0)
+                } else {
+                    self.common_grid.winding_at(self.models, other, at)?
+                };
+                windings.extend(winding);
             }
-            match places.len() == self.models.len() {
-                true => overlap.exact.note(index.into(), self.table.fate(number, &places)),
+            match windings.len() == self.models.len() {
+                true => overlap.exact.note(index.into(), self.table.fate(number, &windings)),
                 // (In corrupt files only.)
                 false => overlap.exact.set_near(index.into()),
             }
@@ -169,7 +190,7 @@ impl<'a> Bodies<'a> {
     }
 
     /// Takes proxies off the near faces, and marks their sources as replaced.
-    fn replace_stand_ins(&mut self, number: usize, progress: &dyn Progress) -> Result<()> {
+    fn replace_proxies(&mut self, number: usize, progress: &dyn Progress) -> Result<()> {
         let near: Vec<u32> = self.overlaps[number].faces.near().collect();
         let mut buffer = crate::FaceBuffer::default();
         for (index, face) in near.into_iter().enumerate() {
@@ -178,7 +199,7 @@ impl<'a> Bodies<'a> {
             }
             self.models[number].face(face.into(), &mut buffer)?;
             if buffer.is_proxy {
-                self.overlaps[number].faces.settle(face.into(), Fate::Kept);
+                self.overlaps[number].faces.unset_near(face.into());
                 self.replaced[number].sources.insert((buffer.part, buffer.source));
             }
         }
@@ -187,7 +208,7 @@ impl<'a> Bodies<'a> {
 
     /// Collects the faces near other bodies. Removes the base's faces that do not stay from the
     /// builder and from the surface of the result. Records the values of all faces that may be
-    /// divided.
+    /// divided. Must be called once, before faces are read with their parts, sources and uses.
     pub(super) fn near(
         &mut self,
         mut result: Option<(&mut ModelBuilder, &mut SurfaceClosure, &mut FaceValues<'_>)>,
@@ -195,9 +216,9 @@ impl<'a> Bodies<'a> {
         progress: &dyn Progress,
     ) -> Result<Near<'a>> {
         let parts = self.models.iter().flat_map(|model| model.parts().iter().cloned()).collect();
-        let faces = ExactFaces::of_grid(FaceList::new(self.placed.grid.clone(), parts));
+        let faces = ExactFaces::of_grid(FaceList::new(self.common_grid.grid.clone(), parts));
         let mut found =
-            Near { faces, ends: Vec::new(), seams: Seams::default(), beside: Vec::new(), base: None };
+            Near { faces, ends: Vec::new(), seams: Seams::default(), settled_faces: Vec::new(), base: None };
         let (mut first_source, mut exact_bytes) = (0u64, 0u64);
         for (number, model) in self.models.iter().enumerate() {
             self.first[number].1 = first_source;
@@ -210,20 +231,23 @@ impl<'a> Bodies<'a> {
             let mut stays = [model.len(), model.exact_faces().0]
                 .map(|count| FaceSet::new(if is_base { count } else { 0 }));
             let list = &mut found.faces.list;
-            self.each(number, progress, &mut |face, is_proxy, becomes| {
+            self.each(number, progress, &mut |face, is_proxy, face_use| {
                 sources = sources.max(face.source.saturating_add(1));
-                if matches!(becomes, Use::Settled(Fate::Kept)) {
+                if matches!(face_use, FaceUse::Settled(Fate::Keep)) {
                     stays[0].set(face.number, true);
                     return Ok(());
                 }
+                // (Dropped faces have their own part and source here, which both calls ignore.
+                // `sources` may stay below theirs, which no face of the result has. Their vertices
+                // are right, since the base's grid is the common grid.)
                 if let Some((builder, surface, _)) = result.as_mut().filter(|_| is_base) {
                     surface.remove(face, is_proxy);
                     builder.remove(face)?;
                 }
-                match becomes {
-                    Use::Settled(_) => return Ok(()),
-                    Use::Arranged => list.push(face),
-                    Use::Replaced => {}
+                match face_use {
+                    FaceUse::Settled(_) => return Ok(()),
+                    FaceUse::Arranged => list.push(face),
+                    FaceUse::Replaced => {}
                 }
                 open.add(face);
                 if let Some((.., values)) = &mut result {
@@ -231,7 +255,7 @@ impl<'a> Bodies<'a> {
                 }
                 if face.number.is_multiple_of(1 << 12) {
                     let values = result.as_ref().map_or(0, |(.., values)| values.bytes());
-                    self.check_room(number, list.bytes() + open.bytes() + values + exact_bytes, memory)?;
+                    self.check_memory(number, list.bytes() + open.bytes() + values + exact_bytes, memory)?;
                 }
                 Ok(())
             })?;
@@ -242,12 +266,12 @@ impl<'a> Bodies<'a> {
                 if index.is_multiple_of(1 << 8) {
                     progress.check()?;
                     let bytes = found.faces.list.bytes().saturating_add(exact_bytes) + open_bytes;
-                    self.check_room(number, bytes, memory)?;
+                    self.check_memory(number, bytes, memory)?;
                 }
                 sources = sources.max(first_source.saturating_add(head.source).saturating_add(1));
                 let fate = overlap.of(index.into());
                 let is_settled = fate.is_some() && !replaced.has(head.part, head.source);
-                if is_settled && (!is_base || fate == Some(Fate::Kept)) {
+                if is_settled && (!is_base || fate == Some(Fate::Keep)) {
                     stays[1].set(index.into(), true);
                     return Ok(());
                 }
@@ -262,7 +286,7 @@ impl<'a> Bodies<'a> {
                 exact_bytes += face.bytes();
                 match fate {
                     None => found.faces.push(face),
-                    Some(fate) => found.beside.extend(settled(face, fate)),
+                    Some(fate) => found.settled_faces.extend(settled(face, fate)),
                 }
                 Ok(())
             })?;
@@ -270,7 +294,7 @@ impl<'a> Bodies<'a> {
                 let [faces, exact] = stays.map(Renumbering::of);
                 found.base = Some(BaseModel { model, faces, exact });
             }
-            self.check_room(number, found.faces.list.bytes().saturating_add(exact_bytes), memory)?;
+            self.check_memory(number, found.faces.list.bytes().saturating_add(exact_bytes), memory)?;
             first_source = sources;
             found.ends.push(found.faces.list.len() as u32);
         }
@@ -288,8 +312,8 @@ impl<'a> Bodies<'a> {
         each: &mut dyn FnMut(usize, &Face<'_>, bool, bool) -> Result<()>,
     ) -> Result<()> {
         if let Some(base) = self.base {
-            self.each(base, progress, &mut |face, is_proxy, becomes| match becomes {
-                Use::Settled(Fate::Kept) => each(base, face, is_proxy, true),
+            self.each(base, progress, &mut |face, is_proxy, face_use| match face_use {
+                FaceUse::Settled(Fate::Keep) => each(base, face, is_proxy, true),
                 _ => Ok(()),
             })?;
         }
@@ -299,9 +323,9 @@ impl<'a> Bodies<'a> {
             if is_base && !self.overlaps[number].faces.are_some_turned() {
                 continue;
             }
-            self.each(number, progress, &mut |face, is_proxy, becomes| match becomes {
-                Use::Settled(Fate::Kept) if !is_base => each(number, face, is_proxy, false),
-                Use::Settled(Fate::Turned) => each(number, &turner.turn(face), is_proxy, false),
+            self.each(number, progress, &mut |face, is_proxy, face_use| match face_use {
+                FaceUse::Settled(Fate::Keep) if !is_base => each(number, face, is_proxy, false),
+                FaceUse::Settled(Fate::Reverse) => each(number, &turner.turn(face), is_proxy, false),
                 _ => Ok(()),
             })?;
         }
@@ -350,8 +374,8 @@ impl<'a> Bodies<'a> {
                 }
                 let fate = overlap.of(index.into()).filter(|_| !replaced.has(head.part, head.source));
                 match fate {
-                    None | Some(Fate::Dropped) => Ok(()),
-                    Some(Fate::Kept) if is_kept => Ok(()),
+                    None | Some(Fate::Drop) => Ok(()),
+                    Some(Fate::Keep) if is_kept => Ok(()),
                     Some(fate) => {
                         let face = self.exact(number, model.exact_face(index)?);
                         settled(face, fate).map_or(Ok(()), &mut *each)
@@ -363,7 +387,7 @@ impl<'a> Bodies<'a> {
     }
 
     /// Moves an exact face of a model to the common grid, with the result's part and source
-    /// numbers.
+    /// numbers: see the order of calls in [`Bodies`].
     fn exact(&self, number: usize, mut face: ExactFace) -> ExactFace {
         let (first_part, first_source) = self.first[number];
         if self.is_coloured && face.colours.is_empty() {
@@ -371,23 +395,24 @@ impl<'a> Bodies<'a> {
         }
         let part = face.part.saturating_add(first_part);
         let source = face.source.saturating_add(first_source);
-        ExactFace { part, source, ..self.placed.exact(number, face) }
+        ExactFace { part, source, ..self.common_grid.exact(number, face) }
     }
 
-    /// Returns the use of a face of a model's octree.
-    pub(super) fn becomes(&self, number: usize, face: &Face<'_>, is_proxy: bool) -> Use {
+    /// Returns the use of a face of a model's octree: see the order of calls in [`Bodies`].
+    pub(super) fn use_of(&self, number: usize, face: &Face<'_>, is_proxy: bool) -> FaceUse {
         let (fate, replaced) = (self.overlaps[number].faces.of(face.number), &self.replaced[number]);
         // (A face without area is in no cell, so that its recorded fate is meaningless.)
         match (is_proxy, fate) {
-            (true, None) => Use::Replaced,
-            (true, _) if replaced.has(face.part, face.source) || !has_area(face) => Use::Replaced,
-            (_, Some(fate)) if has_area(face) => Use::Settled(fate),
-            _ => Use::Arranged,
+            (true, None) => FaceUse::Replaced,
+            (true, _) if replaced.has(face.part, face.source) || !has_area(face) => FaceUse::Replaced,
+            (_, Some(fate)) if has_area(face) => FaceUse::Settled(fate),
+            _ => FaceUse::Arranged,
         }
     }
 
-    /// Yields the faces of a model's octree on the common grid, with `is_proxy` and the use of
-    /// each. Dropped faces are yielded on the model's own grid.
+    /// Yields the faces of a model's octree on the common grid, with the result's part and source
+    /// numbers, `is_proxy` and the use of each. Dropped faces are yielded unchanged: on the model's
+    /// own grid, with its own numbers and colours.
     fn each(&self, number: usize, progress: &dyn Progress, each: &mut FaceVisitor<'_>) -> Result<()> {
         let model = self.models[number];
         let (first_part, first_source) = self.first[number];
@@ -396,16 +421,16 @@ impl<'a> Bodies<'a> {
             if face.number.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
-            let becomes = self.becomes(number, face, is_proxy);
-            if matches!(becomes, Use::Settled(Fate::Dropped)) {
-                return each(face, is_proxy, becomes);
+            let face_use = self.use_of(number, face, is_proxy);
+            if matches!(face_use, FaceUse::Settled(Fate::Drop)) {
+                return each(face, is_proxy, face_use);
             }
             self.put(number, face.number, face.points, &mut points)?;
             white.resize(if self.is_coloured { points.len() } else { 0 }, [255; 3]);
             let colours = if face.colours.is_empty() { &white[..] } else { face.colours };
             let (part, source) =
                 (face.part.saturating_add(first_part), face.source.saturating_add(first_source));
-            each(&Face { points: &points, colours, part, source, ..*face }, is_proxy, becomes)
+            each(&Face { points: &points, colours, part, source, ..*face }, is_proxy, face_use)
         })
     }
 
@@ -418,21 +443,21 @@ impl<'a> Bodies<'a> {
         points: &mut Vec<[i32; 3]>,
     ) -> Result<()> {
         points.clear();
-        points.extend(corners.iter().map(|point| self.placed.point(number, *point)));
-        match points.iter().flatten().any(|at| (*at as u32) >> self.placed.grid.bits != 0) {
+        points.extend(corners.iter().map(|point| self.common_grid.point(number, *point)));
+        match points.iter().flatten().any(|at| (*at as u32) >> self.common_grid.grid.bits != 0) {
             true => Err(not_in_the_octree(self.models[number].path(), face)),
             false => Ok(()),
         }
     }
 
     /// Fails if `needed` bytes, for the faces of this model and those before it, exceed `memory`.
-    pub(super) fn check_room(&self, number: usize, needed: u64, memory: u64) -> Result<()> {
+    pub(super) fn check_memory(&self, number: usize, needed: u64, memory: u64) -> Result<()> {
         if needed <= memory {
             return Ok(());
         }
         Err(Error::TooLarge {
             path: self.models[number].path().to_path_buf(),
-            what: "the faces of the models where these come near each other".into(),
+            what: "holding the faces near other models".into(),
             needed,
             limit: memory,
             advice: "allow more with --memory".into(),
@@ -453,9 +478,9 @@ fn has_area(face: &Face<'_>) -> bool {
 /// Applies a fate to an exact face; `None` if it is dropped.
 fn settled(face: ExactFace, fate: Fate) -> Option<ExactFace> {
     match fate {
-        Fate::Kept => Some(face),
-        Fate::Turned => Some(face.turned()),
-        Fate::Dropped => None,
+        Fate::Keep => Some(face),
+        Fate::Reverse => Some(face.turned()),
+        Fate::Drop => None,
     }
 }
 
@@ -479,13 +504,17 @@ impl NearFaces {
     /// If grids, coordinate systems or units are incompatible, if `memory` bytes are insufficient,
     /// if files are corrupt or cannot be read, or on cancellation.
     pub(crate) fn of(models: [&ExactModel; 2], memory: u64, progress: &dyn Progress) -> Result<NearFaces> {
-        let placed = Placed::of(&models)?.ok_or_else(|| unlike_grids(&models))?;
+        let common_grid = CommonGrid::of(&models)?.ok_or_else(|| incompatible_grids(&models))?;
         // (Any operation would do: being near does not depend on it.)
-        let mut bodies =
-            Bodies::new(&models, &placed, OperationTable::new(SetOperation::Intersection, 2)?, progress)?;
+        let mut bodies = Bodies::new(
+            &models,
+            &common_grid,
+            OperationTable::new(SetOperation::Intersection, 2)?,
+            progress,
+        )?;
         let near: usize = (0..2).map(|body| bodies.near_of(body).len()).sum();
         if near as u64 * FACE > memory {
-            bodies.drop_apart(memory, progress)?;
+            bodies.drop_untouched(memory, progress)?;
         }
         let Near { faces, ends, .. } = bodies.near(None, memory, progress)?;
         Ok(NearFaces { faces, ends, first_sources: [0, bodies.first[1].1] })
@@ -494,6 +523,6 @@ impl NearFaces {
 
 /// Returns the error for a face with vertices outside of the octree.
 fn not_in_the_octree(path: &Path, face: u64) -> Error {
-    let found = format!("face {face} with corners beyond those of all cells");
-    Error::corrupt(path, "faces", found, "faces that are in the octree")
+    let found = format!("face {face}, which extends beyond the octree");
+    Error::corrupt(path, "faces", found, "faces within the octree")
 }

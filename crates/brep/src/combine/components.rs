@@ -11,8 +11,8 @@ use crate::arrangement::{ExactFace, ExactPlane, SamplePoint};
 use crate::boxes::{Bounds, BoxTree, bounds_of, touch};
 use crate::exact::normal::ring_normal;
 use crate::exact::union_find::UnionFind;
+use crate::face_triangle::FaceTriangle;
 use crate::geometry::Triangulator;
-use crate::piece::Piece;
 use crate::{ExactModel, FaceBuffer};
 use spinney_base::{Progress, Result, parallel};
 
@@ -96,14 +96,14 @@ impl Bodies<'_> {
     /// cancellation.
     pub(super) fn settle_components(&mut self, memory: u64, progress: &dyn Progress) -> Result<()> {
         let (tree, ends) = self.near_boxes(memory, progress)?;
-        let room = memory.saturating_sub(ends.last().map_or(0, |count| u64::from(*count) * BOX));
+        let available = memory.saturating_sub(ends.last().map_or(0, |count| u64::from(*count) * BOX));
         for body in 0..self.models.len() {
-            let components = self.components(body, &tree, &ends, room, progress)?;
+            let components = self.components(body, &tree, &ends, available, progress)?;
             let Components { mut sets, firsts, faces, .. } = components;
             let roots: Vec<u32> =
                 (0..).zip(sets.roots()).filter(|(own, root)| own == root).map(|(own, _)| own).collect();
             let fates = parallel::map(&roots, |root| match progress.interrupted() {
-                true => Ok(Fate::Dropped),
+                true => Ok(Fate::Drop),
                 false => self.fate_of(body, firsts[*root as usize]),
             });
             progress.check()?;
@@ -119,20 +119,22 @@ impl Bodies<'_> {
         Ok(())
     }
 
-    /// Drops the near faces whose boxes touch no box of another body's faces. Takes about 100 bytes
-    /// for each near face.
+    /// Drops the near faces whose boxes touch no box of another body's faces: contacts of two
+    /// surfaces do not need them. Takes about 100 bytes for each near face.
     ///
     /// # Errors
     /// Those of [`Bodies::settle_components`].
-    pub(super) fn drop_apart(&mut self, memory: u64, progress: &dyn Progress) -> Result<()> {
+    pub(super) fn drop_untouched(&mut self, memory: u64, progress: &dyn Progress) -> Result<()> {
         let (tree, ends) = self.near_boxes(memory, progress)?;
         for body in 0..self.models.len() {
             let numbers = self.near_of(body);
             let chunks: Vec<&[FaceNumber]> = numbers.chunks(TASK).collect();
             for chunks in chunks.chunks(64) {
                 progress.check()?;
-                for apart in parallel::map(chunks, |chunk| self.apart(body, chunk, &tree, &ends)) {
-                    apart?.into_iter().for_each(|face| self.settle(body, face, Fate::Dropped));
+                for separate_faces in
+                    parallel::map(chunks, |chunk| self.separate_faces(body, chunk, &tree, &ends))
+                {
+                    separate_faces?.into_iter().for_each(|face| self.settle(body, face, Fate::Drop));
                 }
             }
         }
@@ -160,7 +162,7 @@ impl Bodies<'_> {
         let (mut boxes, mut ends) = (Vec::new(), Vec::new());
         for body in 0..self.models.len() {
             let numbers = self.near_of(body);
-            self.check_room(body, (boxes.len() + numbers.len()) as u64 * BOX, memory)?;
+            self.check_memory(body, (boxes.len() + numbers.len()) as u64 * BOX, memory)?;
             for (index, chunk) in numbers.chunks(TASK).enumerate() {
                 if index % 4 == 0 {
                     progress.check()?;
@@ -176,14 +178,14 @@ impl Bodies<'_> {
     }
 
     /// Returns those of `faces` whose boxes touch no box of another body's faces.
-    fn apart(
+    fn separate_faces(
         &self,
         body: usize,
         faces: &[FaceNumber],
         tree: &BoxTree,
         ends: &[u32],
     ) -> Result<Vec<FaceNumber>> {
-        let mut apart = Vec::new();
+        let mut separate_faces = Vec::new();
         self.each_of(body, faces, &mut |number, face| {
             // (One grid unit more, since new vertices move.)
             let own = face.bounds(1);
@@ -193,11 +195,11 @@ impl Bodies<'_> {
                 is_touched.set(is_touched.get() || is_other);
             });
             if !is_touched.get() {
-                apart.push(number);
+                separate_faces.push(number);
             }
             Ok(())
         })?;
-        Ok(apart)
+        Ok(separate_faces)
     }
 
     /// Groups a body's near faces that touch no box of another body's faces.
@@ -214,28 +216,28 @@ impl Bodies<'_> {
         let chunks: Vec<&[FaceNumber]> = numbers.chunks(TASK).collect();
         for chunks in chunks.chunks(64) {
             progress.check()?;
-            let apart = parallel::map(chunks, |chunk| self.apart(body, chunk, tree, ends));
-            for apart in apart {
-                self.each_of(body, &apart?, &mut |number, face| {
+            let separate_faces = parallel::map(chunks, |chunk| self.separate_faces(body, chunk, tree, ends));
+            for separate_faces in separate_faces {
+                self.each_of(body, &separate_faces?, &mut |number, face| {
                     face.with_points(|points, _| found.add(number, points));
                     Ok(())
                 })?;
             }
-            self.check_room(body, found.bytes(), memory)?;
+            self.check_memory(body, found.bytes(), memory)?;
         }
         Ok(found)
     }
 
     /// Returns the fate of a face that touches no other body, by a sample point.
     fn fate_of(&self, body: usize, number: FaceNumber) -> Result<Fate> {
-        let mut fate = Fate::Dropped;
+        let mut fate = Fate::Drop;
         self.each_of(body, &[number], &mut |_, face| {
             let plane;
             let (sample, region);
             match face {
                 NearFace::OnGrid { points, ring_ends } => {
-                    let pieces = Piece::of_face(points, ring_ends, &mut Triangulator::new());
-                    let corners = pieces.first().map_or([points[0]; 3], |piece| piece.corners);
+                    let triangles = FaceTriangle::of_face(points, ring_ends, &mut Triangulator::new());
+                    let corners = triangles.first().map_or([points[0]; 3], |triangle| triangle.corners);
                     plane = ExactPlane::through(points[0], ring_normal(&points[..ring_ends[0]]));
                     sample = SamplePoint::of_triangle(&plane, &corners);
                 }
@@ -244,12 +246,12 @@ impl Bodies<'_> {
                     sample = SamplePoint::of_region(&face.plane, &region);
                 }
             }
-            let mut places = Vec::with_capacity(self.models.len());
+            let mut windings = Vec::with_capacity(self.models.len());
             for (other, model) in self.models.iter().enumerate() {
                 let is_own = other == body;
-                places.push(if is_own { 0 } else { winding(model, other, self.placed, &sample)? });
+                windings.push(if is_own { 0 } else { winding(model, other, self.common_grid, &sample)? });
             }
-            fate = self.table.fate(body, &places);
+            fate = self.table.fate(body, &windings);
             Ok(())
         })?;
         Ok(fate)
@@ -272,7 +274,7 @@ impl Bodies<'_> {
                     each(number, &NearFace::OnGrid { points: &points, ring_ends: &buffer.ring_ends })?;
                 }
                 FaceNumber::Exact(face) => {
-                    each(number, &NearFace::Exact(self.placed.exact(body, model.exact_face(face)?)))?;
+                    each(number, &NearFace::Exact(self.common_grid.exact(body, model.exact_face(face)?)))?;
                 }
             }
         }

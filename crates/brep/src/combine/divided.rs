@@ -20,8 +20,8 @@ use spinney_container::Codec;
 /// use spinney::raw::brep::divide_faces;
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 /// # use spinney::{Codec, Output};
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = |name: &str| folder.path().join(name);
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = |name: &str| directory.path().join(name);
 /// # let made = |name: &str, z: i32| -> spinney::Result<ExactModel> {
 /// #     let [mesh, model] = ["off", "goblin"].map(|ending| path(name).with_extension(ending));
 /// #     let points = format!("0 0 {z}\n8 0 {z}\n0 8 {z}\n0 0 {}\n", z + 8);

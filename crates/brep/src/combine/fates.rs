@@ -24,9 +24,9 @@ impl Fates {
         // matter.
         match (self.near.has(number), self.turned.has(number), self.dropped.has(number)) {
             (true, ..) => None,
-            (_, _, true) => Some(Fate::Dropped),
-            (_, true, _) => Some(Fate::Turned),
-            _ => Some(Fate::Kept),
+            (_, _, true) => Some(Fate::Drop),
+            (_, true, _) => Some(Fate::Reverse),
+            _ => Some(Fate::Keep),
         }
     }
 
@@ -38,15 +38,20 @@ impl Fates {
     /// Records the fate of a face. A face that is near stays so.
     pub(super) fn note(&mut self, number: u64, fate: Fate) {
         match fate {
-            Fate::Kept => {}
-            Fate::Turned => self.turned.set(number, true),
-            Fate::Dropped => self.dropped.set(number, true),
+            Fate::Keep => {}
+            Fate::Reverse => self.turned.set(number, true),
+            Fate::Drop => self.dropped.set(number, true),
         }
+    }
+
+    /// Unmarks a face as near. It has the fate that was recorded for it, or is kept.
+    pub(super) fn unset_near(&mut self, number: u64) {
+        self.near.set(number, false);
     }
 
     /// Records the fate of a face, and unmarks it as near.
     pub(super) fn settle(&mut self, number: u64, fate: Fate) {
-        self.near.set(number, false);
+        self.unset_near(number);
         self.note(number, fate);
     }
 

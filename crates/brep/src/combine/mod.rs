@@ -19,11 +19,13 @@
 //!    component.
 //! 2. Arrange (`Bodies::near`, `divide`). Input: the remaining near faces, on the common grid.
 //!    Output: the exact faces that bound the result.
-//! 3. Snap (`on_grid`: `round`, `Rounded::closed`). Input: these exact faces. Output: planar faces
-//!    with vertices on the grid, which of them are proxies, and the exact faces that the proxies
-//!    represent.
-//! 4. Stitch (`Seams::close`). Input: the edges at which new faces meet settled ones. Output: faces
-//!    without area that close the surface on the grid.
+//! 3. Snap (`on_grid`: `round`). Input: these exact faces. Output: planar faces with vertices on
+//!    the grid, which of them are proxies, and the exact faces that the proxies represent. If the
+//!    planar faces intersect each other, `Rounded::stitch_and_mend` does the work of stage 4 first,
+//!    since winding numbers need a closed surface, and then removes the intersections.
+//! 4. Stitch (`Seams::close`). Input: the edges at which new faces meet settled ones. Output: thin
+//!    faces, most of them without area, that close the surface on the grid. If stage 3 has
+//!    stitched, no seams are left, and this stage adds nothing.
 //! 5. Emit (`ModelBuilder`). Input: settled faces, new faces, and the base's octree. Output: the
 //!    file.
 //!
@@ -31,17 +33,18 @@
 //! an operand like any other model. In the octree, on-grid faces represent an exact face: its
 //! proxies. Files do not store the exact face of a proxy, but both have the same part and source.
 //!
-//! Results of an operand's faces ("arranged": kept, reversed, divided or dropped by stage 2;
-//! "fate": as stage 1 decides; "proxy": what represents them in the result's octree):
+//! What becomes of an operand's faces. "Stage 1": it is kept, reversed or dropped as a whole.
+//! "Stage 2": the same, or it is divided, and each region is kept, reversed or dropped.
 //!
-//! | face                         | kept | reversed | dropped | arranged | proxy               |
-//! | ---------------------------- | ---- | -------- | ------- | -------- | ------------------- |
-//! | on-grid, settled             | fate | fate     | fate    | no       | none                |
-//! | on-grid, near or zero area   | -    | -        | -       | yes      | of off-grid regions |
-//! | exact, settled               | fate | fate     | fate    | no       | old, or new (*)     |
-//! | exact, near                  | -    | -        | -       | yes      | new                 |
-//! | proxy, settled               | fate | fate     | fate    | no       | is one              |
-//! | proxy, near or zero area     | no   | no       | always  | no       | new                 |
+//! | face             | decided by     | what represents it in the result's octree               |
+//! | ---------------- | -------------- | ------------------------------------------------------- |
+//! | on-grid, settled | stage 1        | itself                                                  |
+//! | on-grid, near    | stage 2        | itself or its regions; new proxies of off-grid regions  |
+//! | exact, settled   | stage 1        | its old proxies, or new ones (*)                        |
+//! | exact, near      | stage 2        | new proxies                                             |
+//! | proxy, settled   | stage 1 (*)    | itself                                                  |
+//! | proxy, near      | always dropped | (new proxies are made of its exact face)                |
+//! | without area     | always dropped | (stitching makes new ones where the result needs them)  |
 //!
 //! (*) If an exact face or a proxy is near, all proxies of its part and source are dropped, and new
 //! ones are made for all exact faces of that part and source. The same holds for all proxies of a
@@ -49,12 +52,12 @@
 
 mod alignment;
 mod bodies;
+mod boundary;
+mod common_grid;
 mod components;
 mod divided;
 mod fates;
 mod overlap;
-mod parts;
-mod placed;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -67,9 +70,9 @@ use std::path::Path;
 use self::alignment::Aligned;
 pub(super) use self::bodies::NearFaces;
 use self::bodies::{Bodies, Near};
+pub use self::boundary::{BoundaryClass, boundary_classes};
+use self::common_grid::CommonGrid;
 pub use self::divided::divide_faces;
-pub use self::parts::{BoundaryPart, boundary_parts};
-use self::placed::Placed;
 use self::table::OperationTable;
 use self::values::FaceValues;
 use self::winding::{settled_above, winding};
@@ -79,7 +82,7 @@ use super::arrangement::{
 use super::store::formula::formula;
 use super::{BuildReport, ExactModel, Faces, Grid, ModelBuilder};
 use crate::closure::SurfaceClosure;
-use spinney_base::io::{Output, folder};
+use spinney_base::io::{Output, directory_of};
 use spinney_base::{Error, Progress, Result, SetOperation, SubProgress};
 use spinney_container::{Codec, Metadata, Tag};
 
@@ -91,8 +94,8 @@ pub struct CombineReport {
     pub before: Vec<u64>,
     /// Face count of the result.
     pub after: u64,
-    /// Faces that were arranged, since they are near other bodies. For all other faces, no geometry
-    /// is computed.
+    /// Faces that were arranged: those near other bodies, and all faces without area, wherever they
+    /// are. For all other faces, no geometry is computed.
     pub near: u64,
     /// Pairs of faces that touch or intersect.
     pub pairs: u64,
@@ -203,7 +206,7 @@ pub fn combine_as(
 }
 
 fn combined(
-    (operation, origin, keeps_apart): (SetOperation, Option<&Origin>, bool),
+    (operation, origin, keeps_cuts): (SetOperation, Option<&Origin>, bool),
     models: &[&ExactModel],
     (output, codec): (Output, Codec),
     memory: u64,
@@ -214,40 +217,42 @@ fn combined(
     let table = OperationTable::new(operation, models.len())?;
     let before = models.iter().map(|model| model.len()).collect();
     let aligned;
-    let (placed, models, snapped) = match Placed::of(models)? {
-        Some(placed) => (placed, models.to_vec(), 0.0),
+    let (common_grid, models, snapped) = match CommonGrid::of(models)? {
+        Some(common_grid) => (common_grid, models.to_vec(), 0.0),
         None => {
-            aligned = Aligned::of(models, folder(output.path()), output.access(), memory, progress)?;
+            aligned = Aligned::of(models, directory_of(output.path()), output.access(), memory, progress)?;
             let on_one_grid = aligned.models(models);
-            let placed = Placed::of(&on_one_grid)?.ok_or_else(|| {
-                Error::invalid("models", "bounds that no grid of 2^26 units holds", "models of one region")
+            let common_grid = CommonGrid::of(&on_one_grid)?.ok_or_else(|| {
+                Error::invalid(
+                    "models",
+                    "bounds too large for any grid of 2^26 units",
+                    "models of the same region",
+                )
             })?;
-            (placed, on_one_grid, aligned.displacement)
+            (common_grid, on_one_grid, aligned.displacement)
         }
     };
-    let (those, table) = match keeps_apart {
+    let (relevant, table) = match keeps_cuts {
         // (The second model matters, too: it divides the faces of the first.)
         true => ((0..models.len()).collect(), table),
-        false => table.on_those_that_matter(),
+        false => table.on_relevant_bodies(),
     };
-    let (placed, models) =
-        (placed.of_those(&those), those.iter().map(|number| models[*number]).collect::<Vec<_>>());
-    let is_again = |index: usize| models[..index].iter().any(|model| std::ptr::eq(*model, models[index]));
-    for index in (0..models.len()).filter(|index| !is_again(*index)) {
+    let (common_grid, models) =
+        (common_grid.subset(&relevant), relevant.iter().map(|number| models[*number]).collect::<Vec<_>>());
+    let is_repeated = |index: usize| models[..index].iter().any(|model| std::ptr::eq(*model, models[index]));
+    for index in (0..models.len()).filter(|index| !is_repeated(*index)) {
         models[index].check_surface(progress)?;
     }
-    let make = || {
-        made(
-            (operation, origin, keeps_apart, snapped),
-            &models,
-            &placed,
-            table,
-            (output, codec),
-            memory,
-            progress,
-        )
-    };
-    match make() {
+    let written = write_result(
+        (operation, origin, keeps_cuts, snapped),
+        &models,
+        &common_grid,
+        table,
+        (output, codec),
+        memory,
+        progress,
+    );
+    match written {
         Ok(report) => Ok(CombineReport { before, ..report }),
         // The cause may be an operand that is not a solid.
         Err(error @ (Error::NotASolid { .. } | Error::Invalid { .. })) => {
@@ -262,11 +267,11 @@ fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Resu
     for model in models {
         let findings = model.verify(memory, progress)?;
         if !findings.is_empty() {
-            let places = findings.iter().map(|finding| format!("{}: {}", finding.place, finding.problem));
+            let locations = findings.iter().map(|finding| format!("{}: {}", finding.place, finding.problem));
             return Ok(Some(Error::NotASolid {
                 path: model.path().to_path_buf(),
-                what: "the model is no body, or its octree is not that of its faces".into(),
-                places: places.collect(),
+                what: "the model is not a solid, or its octree does not match its faces".into(),
+                locations: locations.collect(),
                 count: findings.len() as u64,
                 advice: "build it again".into(),
             }));
@@ -276,18 +281,18 @@ fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Resu
 }
 
 /// Writes the result of an operation on the bodies on which it depends.
-fn made(
-    (operation, origin, keeps_apart, snapped): (SetOperation, Option<&Origin>, bool, f64),
+fn write_result(
+    (operation, origin, keeps_cuts, snapped): (SetOperation, Option<&Origin>, bool, f64),
     models: &[&ExactModel],
-    placed: &Placed,
+    common_grid: &CommonGrid,
     table: OperationTable,
     (output, codec): (Output, Codec),
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
-    let grid = placed.grid.clone();
+    let grid = common_grid.grid.clone();
     let path = models.first().map_or(Path::new(""), |model| model.path());
-    let mut bodies = Bodies::new(models, placed, table, progress)?;
+    let mut bodies = Bodies::new(models, common_grid, table, progress)?;
     bodies.settle_components(memory / 2, progress)?;
     let is_unbounded = table.is_inside(&models.iter().map(|model| model.far_winding()).collect::<Vec<_>>());
     let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
@@ -298,7 +303,7 @@ fn made(
     // that go; those that stay need not be added.
     let mut surface = SurfaceClosure::new(true);
     let mut values = FaceValues::of(models)?;
-    let Near { faces, ends, mut seams, beside, base } =
+    let Near { faces, ends, mut seams, settled_faces, base } =
         bodies.near(Some((&mut builder, &mut surface, &mut values)), memory / 2, progress)?;
     let far: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
     let operands = Operands {
@@ -307,24 +312,24 @@ fn made(
         are_bodies: true,
         turns_roots: false,
         most_contacts: 0,
-        keeps_apart,
+        keeps_cuts,
         changed: &[],
-        winding: &|number, sample| Some(winding(models[number], number, placed, sample)),
+        winding: &|number, sample| Some(winding(models[number], number, common_grid, sample)),
         rest: None,
         is_inside: &|windings| table.is_inside(windings),
     };
     let near = faces.list.len();
     let all = models.iter().map(|model| model.len()).sum::<u64>();
-    let part = |share: u64| SubProgress::new(progress, share, near + all);
-    let (mut exact, done) = divide(&faces, &operands, path, memory / 2, &part(near))?;
+    let progress_of = |faces: u64| SubProgress::new(progress, faces, near + all);
+    let (mut exact, done) = divide(&faces, &operands, path, memory / 2, &progress_of(near))?;
     drop(faces);
     let Resolved { pairs, divided, .. } = done;
-    beside.into_iter().for_each(|face| exact.push(face));
+    settled_faces.into_iter().for_each(|face| exact.push(face));
     let rounded = on_grid(exact, &bodies, &mut seams, (is_unbounded, path), memory / 2, progress)?;
     // Invariant: the leaves list exact faces up to the file's `reach`, the maximum distance of a
     // proxy from its exact face. So a base with exact faces whose octree is copied must have the
     // result's reach. (If the base is rejected, removals already recorded for it are discarded.)
-    let base = base.filter(|base| !base.model.is_beside_grid() || base.model.reach() == rounded.reach);
+    let base = base.filter(|base| !base.model.has_exact_faces() || base.model.reach() == rounded.reach);
     if base.is_none() {
         surface = SurfaceClosure::new(true);
     }
@@ -371,19 +376,19 @@ fn made(
     if let Some(flaw) = surface.flaw() {
         return Err(Error::NotASolid {
             path: path.to_path_buf(),
-            what: format!("the result would be no body, and so at least one of the models is none: {flaw}"),
-            places: Vec::new(),
+            what: format!("the result would not be a solid, so at least one of the models is not: {flaw}"),
+            locations: Vec::new(),
             count: 0,
             advice: "check them with verify, and build them again".into(),
         });
     }
-    let is_on_grid = !builder.is_beside_grid();
+    let is_on_grid = !builder.has_exact_faces();
     let mut builder = builder.formula(match origin {
         Some(origin) => origin.formula.clone(),
         None => formula(operation, models)?,
     });
     // (Divided faces all belong to the first model.)
-    let kept = if keeps_apart { &models[..1] } else { models };
+    let kept = if keeps_cuts { &models[..1] } else { models };
     for model in kept {
         for (part, name) in (0..).zip(model.parts()) {
             builder.part(name, model.part_attributes(part)?.as_deref())?;
@@ -396,29 +401,28 @@ fn made(
         metadata.provenance.clone_from(&origin.provenance);
         origin.tags.iter().for_each(|(tag, text)| metadata.set_tag(*tag, text));
     }
-    let built = builder.finish_with(base.as_ref(), &mut metadata, &part(all), &mut |metadata, built| {
-        if built.defect_count > 0 {
-            metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());
-        }
-    })?;
+    let built =
+        builder.finish_with(base.as_ref(), &mut metadata, &progress_of(all), &mut |metadata, built| {
+            if built.defect_count > 0 {
+                metadata.set_tag(Tag::ModelIntersections, built.defect_count.to_string());
+            }
+        })?;
     if built.defect_count > 0 && is_on_grid {
         return Err(built.error(
             path,
-            "the result passes through itself, and so at least one of the models does",
+            "the result intersects itself, so at least one of the models does",
             "check them with verify, and build them again",
         ));
     }
     let FaceValues { lost_columns, lost_values, .. } = values;
     if lost_columns > 0 {
         let most = ModelBuilder::MAX_COLUMNS;
-        let text = format!(
-            "{lost_columns} columns of values of faces are not kept, as there would be more than {most}"
-        );
+        let text = format!("{lost_columns} columns of face values are not kept: the maximum is {most}");
         progress.warn(path, &text);
     }
     if lost_values > 0 {
         let text = format!(
-            "values of {lost_values} faces that were divided are not kept: other faces of the same sources have others"
+            "the values of {lost_values} divided faces are not kept: other faces with the same sources have different values"
         );
         progress.warn(path, &text);
     }
@@ -439,8 +443,9 @@ fn made(
     })
 }
 
-/// Snaps the arranged faces to the grid, and mends them where they intersect there. `seams` holds
-/// the edges at which they meet the settled faces. It is empty after mending.
+/// Snaps the arranged faces to the grid. If they intersect there, also stitches and mends them.
+/// `seams` holds the edges at which they meet the settled faces. It is empty after stitching;
+/// otherwise the caller stitches, after it has counted the settled faces.
 fn on_grid(
     exact: ExactFaces,
     bodies: &Bodies<'_>,
@@ -457,13 +462,22 @@ fn on_grid(
             seams.add_watched(face);
             Ok(())
         })?;
-        // Invariant: settled faces intersect none of the new ones. The new vertices lie on other
-        // bodies' faces, which are at least one grid unit away, and move by less than that. So
-        // settled faces are in no contact, and their contribution to winding numbers is constant
-        // within a region.
+        // Settled faces are not tested for contacts with the new ones, and their contribution to
+        // winding numbers is assumed to be constant within a region. Rounding keeps it so: each
+        // new vertex lies on faces of two bodies, and so on a face of another body than a given
+        // settled face. It is more than one grid unit away from the settled face along some axis
+        // (see `Overlap` and `components`), and moves by at most half a unit per axis.
+        //
+        // Known defect: nothing guarantees it in two cases. A face that rounding tilts may cross a
+        // settled face of its own body, if they are closer than a grid unit. And mending moves
+        // proxies by up to 10 units, with contacts tested within the list only. A sample may then
+        // lie on the wrong side of a settled face, and faces that should stay are removed. If that
+        // opens an edge or removes a whole body, mending fails, and the unmended faces are used.
+        // The exact faces are kept in all cases, and the builder reports where proxies intersect
+        // settled faces.
         let rest = |sample: &SamplePoint<'_>| settled_above(bodies, sample);
         let around = Surroundings { is_unbounded, reach: bodies.reach(), rest: Some(&rest) };
-        rounded = rounded.closed(mem::take(seams), crossings, &around, path, memory, progress)?;
+        rounded = rounded.stitch_and_mend(mem::take(seams), crossings, &around, path, memory, progress)?;
     }
     // (New proxies lie within the reach that mending needed; unchanged ones within the operands'
     // reach.)

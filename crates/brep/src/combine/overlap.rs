@@ -1,8 +1,8 @@
 //! Where bodies come near each other: all octrees are traversed together, and faces far from all
 //! other surfaces are settled per cell, without reading them.
 
+use super::common_grid::CommonGrid;
 use super::fates::Fates;
-use super::placed::Placed;
 use super::table::{Fate, OperationTable};
 use crate::query::half_of;
 use crate::{ExactModel, Faces, ModelNode, ModelNodeState};
@@ -37,21 +37,21 @@ impl Overlap {
     pub(super) fn of(
         own: usize,
         models: &[&ExactModel],
-        placed: &Placed,
+        common_grid: &CommonGrid,
         table: OperationTable,
         progress: &dyn Progress,
     ) -> Result<Overlap> {
         let model = models[own];
         let found = Overlap { faces: Fates::new(model.len()), exact: Fates::new(model.exact_faces().0) };
-        let mut walk = Walk { own, models, placed, table, progress, found, visited: 0 };
-        let places: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
+        let mut classifier = FaceClassifier { own, models, common_grid, table, progress, found, visited: 0 };
+        let windings: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
         let mut others = Vec::new();
         for body in (0..models.len()).filter(|body| *body != own) {
             let node = models[body].root()?;
-            others.push(OtherNode { body, cell: placed.half_units(body, &node), node });
+            others.push(OtherNode { body, cell: common_grid.half_units(body, &node), node });
         }
-        walk.node(&models[own].root()?, &others, &places)?;
-        Ok(walk.found)
+        classifier.node(&models[own].root()?, &others, &windings)?;
+        Ok(classifier.found)
     }
 }
 
@@ -68,20 +68,20 @@ fn meet([low, high]: &[[i64; 3]; 2], [other_low, other_high]: &[[i64; 3]; 2]) ->
     (0..3).all(|axis| low[axis] <= other_high[axis] && other_low[axis] <= high[axis])
 }
 
-struct Walk<'a> {
+struct FaceClassifier<'a> {
     own: usize,
     models: &'a [&'a ExactModel],
-    placed: &'a Placed,
+    common_grid: &'a CommonGrid,
     table: OperationTable,
     progress: &'a dyn Progress,
     found: Overlap,
     visited: u64,
 }
 
-impl<'a> Walk<'a> {
-    /// Traverses a node. `others` are nodes of other bodies that may be near it. `places` has the
+impl<'a> FaceClassifier<'a> {
+    /// Traverses a node. `others` are nodes of other bodies that may be near it. `windings` has the
     /// winding number of each body without such nodes.
-    fn node(&mut self, node: &ModelNode<'a>, others: &[OtherNode<'a>], places: &[i32]) -> Result<()> {
+    fn node(&mut self, node: &ModelNode<'a>, others: &[OtherNode<'a>], windings: &[i32]) -> Result<()> {
         self.visited += 1;
         if self.visited.is_multiple_of(1 << 12) {
             self.progress.check()?;
@@ -89,10 +89,12 @@ impl<'a> Walk<'a> {
         if node.winding().is_some() {
             return Ok(());
         }
-        // Invariant: no face of another body is within a grid unit of a face that is settled here.
-        // The cell is enlarged by a grid unit on each side, and new vertices move by at most half a
-        // unit. Otherwise, an undivided face could intersect one whose vertices were rounded.
-        let [low, high] = self.placed.half_units(self.own, node);
+        // Invariant: no face of another body is within a grid unit of a face that is settled here:
+        // the cell is enlarged by a grid unit of the common grid on each side. New vertices lie on
+        // other bodies' faces, too, and rounding moves them by at most half a unit per axis.
+        // Otherwise, an undivided face could intersect one whose vertices were rounded. (Mending
+        // may move proxies farther: see `on_grid` in `combine`.)
+        let [low, high] = self.common_grid.half_units(self.own, node);
         let around = [low.map(|at| at - 2), high.map(|at| at + 2)];
         let is_leaf = node.state() != ModelNodeState::Inner;
         if is_leaf {
@@ -104,7 +106,7 @@ impl<'a> Walk<'a> {
                 }
             }
         }
-        let mut places = places.to_vec();
+        let mut windings = windings.to_vec();
         let mut near: Vec<OtherNode<'a>> = Vec::new();
         let mut is_far = true;
         for nodes in others.chunk_by(|a, b| a.body == b.body) {
@@ -117,20 +119,20 @@ impl<'a> Walk<'a> {
                 is_far = false;
                 continue;
             }
-            // Invariant: if none of a body's faces is near, its entry in `places` is constant in
+            // Invariant: if none of a body's faces is near, its entry in `windings` is constant in
             // the cell, since winding numbers change at faces only. So any of its nodes there has
             // the value, and without nodes the cell is outside of its octree. The children of the
             // cell inherit the value, and do not query that body again.
             let found = near[first..].first().and_then(|other| other.node.winding());
-            places[other] = found.unwrap_or_else(|| self.models[other].far_winding());
+            windings[other] = found.unwrap_or_else(|| self.models[other].far_winding());
             near.truncate(first);
         }
         if is_far {
-            return self.settle(node, &places);
+            return self.settle(node, &windings);
         }
         for child in 0..8 {
             let child = self.models[self.own].child(node, child)?;
-            self.node(&child, &near, &places)?;
+            self.node(&child, &near, &windings)?;
         }
         Ok(())
     }
@@ -181,9 +183,9 @@ impl<'a> Walk<'a> {
     }
 
     /// Records the fate of the faces in a cell that no other surface is near.
-    fn settle(&mut self, node: &ModelNode<'a>, places: &[i32]) -> Result<()> {
-        match self.table.fate(self.own, places) {
-            Fate::Kept => Ok(()),
+    fn settle(&mut self, node: &ModelNode<'a>, windings: &[i32]) -> Result<()> {
+        match self.table.fate(self.own, windings) {
+            Fate::Keep => Ok(()),
             fate => self.note(node, fate),
         }
     }

@@ -12,20 +12,20 @@ pub(super) struct OperationTable {
     count: usize,
 }
 
-/// Fate of a face that touches no other body. `Turned` is reversed.
+/// Fate of a whole face that touches no other body. (Regions of other faces have a `RegionFate`.)
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Fate {
-    Kept,
-    Turned,
-    Dropped,
+    Keep,
+    Reverse,
+    Drop,
 }
 
 impl OperationTable {
     pub(super) fn new(operation: SetOperation, count: usize) -> Result<OperationTable> {
         let (bodies, are_right) = match operation.index() {
-            0 | 3 | 12 | 15 if count == 1 => ("one body or more", true),
-            0 | 1 | 2 | 6 | 7 | 8 | 9 | 13 | 14 | 15 => ("two bodies or more", count >= 2),
-            3 | 12 => ("one body or two", count <= 2 && count > 0),
+            0 | 3 | 12 | 15 if count == 1 => ("at least one body", true),
+            0 | 1 | 2 | 6 | 7 | 8 | 9 | 13 | 14 | 15 => ("at least two bodies", count >= 2),
+            3 | 12 => ("one or two bodies", count <= 2 && count > 0),
             _ => ("two bodies", count == 2),
         };
         if !are_right {
@@ -37,21 +37,21 @@ impl OperationTable {
 
     /// Returns the fate of a face of body `own`, from the winding number of each other body around
     /// it. The entry of `own` is ignored.
-    pub(super) fn fate(self, own: usize, places: &[i32]) -> Fate {
-        let inside = |place: i32| {
-            let mut places = places.to_vec();
-            places[own] = place;
-            self.is_inside(&places)
+    pub(super) fn fate(self, own: usize, windings: &[i32]) -> Fate {
+        let inside = |winding: i32| {
+            let mut windings = windings.to_vec();
+            windings[own] = winding;
+            self.is_inside(&windings)
         };
         match (inside(0), inside(1)) {
-            (false, true) => Fate::Kept,
-            (true, false) => Fate::Turned,
-            _ => Fate::Dropped,
+            (false, true) => Fate::Keep,
+            (true, false) => Fate::Reverse,
+            _ => Fate::Drop,
         }
     }
 
     /// Returns the bodies on which the result depends, and the operation on them.
-    pub(super) fn on_those_that_matter(self) -> (Vec<usize>, OperationTable) {
+    pub(super) fn on_relevant_bodies(self) -> (Vec<usize>, OperationTable) {
         let of_one = |operation| OperationTable { operation, count: 1 };
         match (self.operation, self.count) {
             (SetOperation::Empty | SetOperation::Everything, _) => (Vec::new(), of_one(self.operation)),
@@ -88,15 +88,15 @@ mod tests {
     /// neither.
     #[test]
     fn tables_are_those_of_the_literature() {
-        let places = [[1, 1], [1, 0], [0, 1], [0, 0]];
+        let windings = [[1, 1], [1, 0], [0, 1], [0, 0]];
         for operation in SetOperation::ALL {
             let table = OperationTable::new(operation, 2).unwrap();
             let found: u8 =
-                (0..).zip(places).map(|(bit, place)| u8::from(table.is_inside(&place)) << bit).sum();
+                (0..).zip(windings).map(|(bit, winding)| u8::from(table.is_inside(&winding)) << bit).sum();
             assert_eq!(found, operation.index());
             // Operations on many bodies match those on two where the third body adds nothing.
             let Ok(of_three) = OperationTable::new(operation, 3) else { continue };
-            for [a, b] in places {
+            for [a, b] in windings {
                 let nothing = of_three.is_inside(&[a, b, 0]);
                 if matches!(operation.index(), 0 | 2 | 6 | 7 | 8 | 9 | 13 | 15) {
                     assert_eq!(nothing, table.is_inside(&[a, b]), "{operation}");

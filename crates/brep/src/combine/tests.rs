@@ -39,8 +39,8 @@ fn model_of_leaves(triangles: &[[[i32; 3]; 3]], leaf_size: usize) -> ExactModel 
     for (source, points) in (0..).zip(triangles) {
         list.push(&Face { number: 0, points, ring_ends: &[3], colours: &[], part: 0, source });
     }
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.goblin");
     let builder = ModelBuilder::new(Output::create(&path).unwrap(), grid, 64 << 20).unwrap();
     let mut builder = builder.leaf_size(leaf_size);
     list.each(&mut |face| builder.push(face)).unwrap();
@@ -74,8 +74,8 @@ fn set(index: u8) -> SetOperation {
 }
 
 fn result(operation: u8, models: &[&ExactModel]) -> ExactModel {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.goblin");
     combine(set(operation), models, Output::create(&path).unwrap(), Codec::Plain, 64 << 20, &())
         .unwrap_or_else(|error| panic!("{operation}: {error}"));
     ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap()
@@ -298,14 +298,17 @@ fn chains_of_operations() {
             let chosen: [_; 4] = std::array::from_fn(|_| corners[number(corners.len() as i32) as usize]);
             let point = [0, 1, 2]
                 .map(|axis| chosen.iter().map(|corner| corner[axis]).sum::<i32>() + number(121) - 60);
-            let places: Option<Vec<bool>> = steps.iter().map(|(_, faces)| is_in(faces, point)).collect();
-            let Some(places) = places else { continue };
+            let are_inside: Option<Vec<bool>> = steps.iter().map(|(_, faces)| is_in(faces, point)).collect();
+            let Some(are_inside) = are_inside else { continue };
             let expected =
-                steps.iter().zip(places).fold(false, |all, ((operation, _), place)| match operation {
-                    7 => all || place,
-                    2 => all && !place,
-                    _ => all != place,
-                });
+                steps.iter().zip(are_inside).fold(
+                    false,
+                    |all, ((operation, _), is_inside)| match operation {
+                        7 => all || is_inside,
+                        2 => all && !is_inside,
+                        _ => all != is_inside,
+                    },
+                );
             let location = all.locate(point.map(|at| f64::from(at) / 4.0)).unwrap();
             assert_eq!(location == Location::Inside, expected, "{seed}: {point:?} is {location:?}");
             seen[usize::from(expected)] += 1;
@@ -325,8 +328,8 @@ fn only_what_is_near_is_arranged() {
         let corner = |more: [i32; 3]| [0, 1, 2].map(|axis| at[axis] + more[axis]);
         let solid = [[0, 0, 0], [61, 3, 2], [2, 59, 5], [4, 1, 63]].map(corner);
         let other = model(&tetrahedron(solid).unwrap());
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("x.goblin");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("x.goblin");
         // (Too little to divide all faces again.)
         let memory = 512 << 10;
         let report =
@@ -363,6 +366,45 @@ fn numbers_of_faces_that_stay_are_those_of_leaves() {
         let of_swapped = combined(set(operation).exchanged().index(), &[&other, &all]);
         assert_eq!(of_both.len(), of_swapped.len(), "{operation}");
     }
+}
+
+/// Two tetrahedra with a common face, and the coincident faces between the cavities that they leave
+/// in another body: the outside is on both sides, and a third body may touch them.
+#[test]
+fn walls_between_cavities_have_the_outside_on_both_sides() {
+    let of = |corners: &[Tetrahedron]| -> ExactModel {
+        model(&corners.iter().flat_map(|corners| tetrahedron(*corners).unwrap()).collect::<Vec<_>>())
+    };
+    let [p, q, r] = [[32, 16, 16], [32, 48, 16], [32, 16, 48]];
+    let around = of(&[[[0, 0, 0], [400, 0, 0], [0, 400, 0], [0, 0, 400]]]);
+    let cavities = of(&[[p, q, r, [16, 20, 20]], [p, q, r, [48, 20, 20]]]);
+    let inside = of(&[[[32, 20, 20], [32, 30, 20], [32, 20, 30], [40, 21, 21]]]);
+    let hollow = combined(2, &[&around, &cavities]);
+    let sum = (six_volumes(&hollow) + six_volumes(&inside)) % P;
+    assert_eq!(six_volumes(&combined(7, &[&hollow, &inside])), sum);
+    assert_eq!(combined(1, &[&hollow, &inside]).len(), 0);
+}
+
+/// A face between a sample and the end of its leaf, less than the margin of a millionth above the
+/// sample, in no cell above: with other leaves, the result is the same.
+#[test]
+fn faces_next_to_the_end_of_a_leaf_count() {
+    const FAR: i32 = 1 << 25;
+    // Cells are 128 units wide. At `x`, the body's upper face is just below a wall.
+    let x = FAR / 2;
+    let of = |corners: Tetrahedron| tetrahedron(corners).unwrap();
+    let mut body = of([[0, 0, 127], [FAR, 0, 128], [FAR, 4096, 128], [FAR, 0, 0]]);
+    for from in [x - 240, x - 220] {
+        body.extend(of([[from, 540, 180], [from + 9, 540, 180], [from, 549, 180], [from, 540, 189]]));
+    }
+    let below = model(&of([[0, 512, 127], [FAR, 512, 128], [0, 512 + FAR, 126], [0, 512, 0]]));
+    let small = [[x - 20, 514, 100], [x - 2, 514, 100], [x - 2, 522, 100], [x - 6, 516, 160]];
+    let small = model(&of(small));
+    let volume = |leaf_size: usize| {
+        let body = model_of_leaves(&body, leaf_size);
+        six_volumes(&combined(1, &[&below, &body, &small]))
+    };
+    assert_eq!(volume(0), volume(LEAF_SIZE));
 }
 
 /// Leaves of a model's octree: kinds, faces, and boxes in half units.
@@ -486,12 +528,12 @@ fn cells_are_as_the_tables_say() {
                         continue;
                     };
                     assert!(sides.iter().all(|side| *side == sides[0]), "{from:?}: {face} in {sides:?}");
-                    let mut places = [sides[0]; 2];
-                    places[own] = 0;
-                    let fate = table.fate(own, &places);
+                    let mut windings = [sides[0]; 2];
+                    windings[own] = 0;
+                    let fate = table.fate(own, &windings);
                     let ring = corners(model, face);
                     let turned: Vec<[i32; 3]> = ring.iter().rev().copied().collect();
-                    let expected = [fate == Fate::Kept, fate == Fate::Turned];
+                    let expected = [fate == Fate::Keep, fate == Fate::Reverse];
                     assert_eq!(
                         [has(&ring), has(&turned)],
                         expected,

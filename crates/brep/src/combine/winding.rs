@@ -3,8 +3,8 @@
 use std::collections::HashSet;
 use std::ops::ControlFlow;
 
-use super::bodies::{Bodies, Use};
-use super::placed::Placed;
+use super::bodies::{Bodies, FaceUse};
+use super::common_grid::CommonGrid;
 use super::table::Fate;
 use crate::arrangement::{ExactPlane, SamplePoint};
 use crate::exact::bounds::MARGIN;
@@ -12,22 +12,21 @@ use crate::exact::normal::ring_normal;
 use crate::{ExactModel, FaceBuffer, ModelNode, ModelNodeState};
 use spinney_base::{Result, sort};
 
-/// Returns the winding number of a model's surface around a sample that lies on none of its faces.
-/// Counts exact faces instead of their proxies.
+/// Returns the winding number of a model's surface just above a sample: faces that contain the
+/// sample do not count. Counts exact faces instead of their proxies.
 pub(super) fn winding(
     model: &ExactModel,
     number: usize,
-    placed: &Placed,
+    common_grid: &CommonGrid,
     sample: &SamplePoint<'_>,
 ) -> Result<i32> {
-    let mut line = LineWalk::new(model, number, placed, sample, true);
+    let mut line = WindingTraversal::new(model, number, common_grid, sample, true);
     let root = model.root()?;
     // Height at which a cell without faces starts, and the winding number in the cell.
     // Invariant: the ray ends in a cell that no face cuts and that no exact face is near, or after
     // all faces. There, the winding number does not depend on how ties are broken (cells and
     // samples do so in different ways), or on whether proxies or exact faces are counted. Every
-    // face that the ray meets before is in a leaf along the ray. (Leaves that end within 1e-6 of
-    // the point are skipped.)
+    // face that the ray meets before is in a leaf along the ray.
     let (end, mut winding) = match line.node(&root)? {
         ControlFlow::Break((at, side)) => (Some(at), side),
         ControlFlow::Continue(()) => (None, model.far_winding()),
@@ -37,7 +36,7 @@ pub(super) fn winding(
     let change = |plane: &ExactPlane| {
         let up = plane.normal[sample.axis].signum() as i32;
         let is_above = sample.side(plane) * up < 0;
-        let is_before = end.is_none_or(|end| sample.height_at(plane, end) * up >= 0);
+        let is_before = end.is_none_or(|end| sample.side_at(plane, end) * up >= 0);
         if is_above && is_before { up } else { 0 }
     };
     let (mut buffer, mut points) = (FaceBuffer::default(), Vec::new());
@@ -51,7 +50,7 @@ pub(super) fn winding(
             continue;
         }
         points.clear();
-        points.extend(buffer.points.iter().map(|point| placed.point(number, *point)));
+        points.extend(buffer.points.iter().map(|point| common_grid.point(number, *point)));
         let normal = ring_normal(&points[..buffer.ring_ends[0]]);
         if normal[sample.axis] != 0 && sample.meets(&points, &buffer.ring_ends) {
             winding += change(&ExactPlane::through(points[0], normal));
@@ -60,7 +59,7 @@ pub(super) fn winding(
     let mut known = HashSet::new();
     for face in line.exact {
         if known.insert(face) {
-            let face = placed.exact(number, model.exact_face(face)?);
+            let face = common_grid.exact(number, model.exact_face(face)?);
             if face.plane.normal[sample.axis] != 0 && sample.meets_exact(&face) {
                 winding += change(&face.plane);
             }
@@ -80,15 +79,15 @@ pub(super) fn settled_above(bodies: &Bodies<'_>, sample: &SamplePoint<'_>) -> Re
     let mut known = HashSet::new();
     let mut sum = 0;
     for (number, model) in bodies.models.iter().enumerate() {
-        let mut line = LineWalk::new(model, number, bodies.placed, sample, false);
+        let mut line = WindingTraversal::new(model, number, bodies.common_grid, sample, false);
         // (Never stops early.)
         let _ = line.node(&model.root()?)?;
         known.clear();
         for face in line.faces.into_iter().filter(|face| known.insert(*face)) {
             model.face(face, &mut buffer)?;
-            let way = match bodies.becomes(number, &buffer.face(), buffer.is_proxy) {
-                Use::Settled(Fate::Kept) => 1,
-                Use::Settled(Fate::Turned) => -1,
+            let way = match bodies.use_of(number, &buffer.face(), buffer.is_proxy) {
+                FaceUse::Settled(Fate::Keep) => 1,
+                FaceUse::Settled(Fate::Reverse) => -1,
                 _ => continue,
             };
             bodies.put(number, face, &buffer.points, &mut points)?;
@@ -103,10 +102,10 @@ pub(super) fn settled_above(bodies: &Bodies<'_>, sample: &SamplePoint<'_>) -> Re
     Ok(sum)
 }
 
-struct LineWalk<'a> {
+struct WindingTraversal<'a> {
     model: &'a ExactModel,
     number: usize,
-    placed: &'a Placed,
+    common_grid: &'a CommonGrid,
     sample: &'a SamplePoint<'a>,
     /// Whether to stop at the first cell without faces.
     stops: bool,
@@ -116,28 +115,31 @@ struct LineWalk<'a> {
     exact: Vec<u32>,
 }
 
-impl<'a> LineWalk<'a> {
+impl<'a> WindingTraversal<'a> {
     fn new(
         model: &'a ExactModel,
         number: usize,
-        placed: &'a Placed,
+        common_grid: &'a CommonGrid,
         sample: &'a SamplePoint<'a>,
         stops: bool,
-    ) -> LineWalk<'a> {
-        LineWalk { model, number, placed, sample, stops, faces: Vec::new(), exact: Vec::new() }
+    ) -> WindingTraversal<'a> {
+        WindingTraversal { model, number, common_grid, sample, stops, faces: Vec::new(), exact: Vec::new() }
     }
 
     /// Follows the ray through a cell, if it gets there. With `stops`, breaks at the first subcell
     /// without faces, with the height at which it starts and its winding number.
     fn node(&mut self, node: &ModelNode<'a>) -> Result<ControlFlow<(i64, i32)>> {
-        let [low, high] = self.placed.half_units(self.number, node);
+        let [low, high] = self.common_grid.half_units(self.number, node);
         let SamplePoint { axis, near, .. } = *self.sample;
-        // (A cell that ends at the point may be skipped, if others follow.)
-        let margin = if self.stops { MARGIN } else { -MARGIN };
-        if (high[axis] as f64) / 2.0 < near[axis] + margin || !self.sample.is_between(&low, &high) {
+        let end = high[axis] as f64 / 2.0;
+        if end < near[axis] - MARGIN || !self.sample.is_between(&low, &high) {
             return Ok(ControlFlow::Continue(()));
         }
-        if let Some(winding) = node.winding().filter(|_| self.stops) {
+        // A cell that ends within the margin of the sample may end below it: `near` is approximate.
+        // Its faces count, since they are compared with the sample exactly. But the ray must not
+        // stop there, since a face may lie between the cell and the sample.
+        let ends_above = end >= near[axis] + MARGIN;
+        if let Some(winding) = node.winding().filter(|_| self.stops && ends_above) {
             return Ok(ControlFlow::Break((low[axis], winding)));
         }
         if node.state() != ModelNodeState::Inner {

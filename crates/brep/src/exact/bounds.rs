@@ -285,10 +285,10 @@ mod tests {
             let share = i64::from(next() as u32 >> 1);
             let at = [0, 1, 2].map(|axis| {
                 let [p, q, r] = [p, q, r].map(|corner| i64::from(corner[axis]) << FINE_BITS);
-                let beside = (next() % 3) as i64 - 1;
+                let deviation = (next() % 3) as i64 - 1;
                 p + ((i128::from(q - p) * i128::from(share)) >> 33) as i64
                     + (r - p) / 4 * (share & 1)
-                    + beside
+                    + deviation
             });
             let point = FinePoint { at, bits: FINE_BITS };
             let exact: I256 = (0..3).fold(I256::default(), |sum, axis| {

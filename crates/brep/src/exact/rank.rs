@@ -30,14 +30,14 @@ pub(crate) struct PlaneAt {
 /// An approximate number, and the sum of its terms' magnitudes, to which its rounding error is
 /// proportional.
 #[derive(Clone, Copy)]
-struct Rough {
+struct BoundedValue {
     value: f64,
     size: f64,
 }
 
-impl Rough {
-    fn new(value: f64) -> Rough {
-        Rough { value, size: value.abs() }
+impl BoundedValue {
+    fn new(value: f64) -> BoundedValue {
+        BoundedValue { value, size: value.abs() }
     }
 
     /// Returns whether the exact number is certainly not zero.
@@ -46,43 +46,43 @@ impl Rough {
     }
 }
 
-impl Add for Rough {
-    type Output = Rough;
+impl Add for BoundedValue {
+    type Output = BoundedValue;
 
     #[inline]
-    fn add(self, other: Rough) -> Rough {
-        Rough { value: self.value + other.value, size: self.size + other.size }
+    fn add(self, other: BoundedValue) -> BoundedValue {
+        BoundedValue { value: self.value + other.value, size: self.size + other.size }
     }
 }
 
-impl Sub for Rough {
-    type Output = Rough;
+impl Sub for BoundedValue {
+    type Output = BoundedValue;
 
     #[inline]
-    fn sub(self, other: Rough) -> Rough {
-        Rough { value: self.value - other.value, size: self.size + other.size }
+    fn sub(self, other: BoundedValue) -> BoundedValue {
+        BoundedValue { value: self.value - other.value, size: self.size + other.size }
     }
 }
 
-impl Mul for Rough {
-    type Output = Rough;
+impl Mul for BoundedValue {
+    type Output = BoundedValue;
 
     #[inline]
-    fn mul(self, other: Rough) -> Rough {
-        Rough { value: self.value * other.value, size: self.size * other.size }
+    fn mul(self, other: BoundedValue) -> BoundedValue {
+        BoundedValue { value: self.value * other.value, size: self.size * other.size }
     }
 }
 
 /// Returns the rank of planes, which is known to be at most `most`, if doubles are sufficient to
 /// decide it.
 fn clear_rank(planes: impl Iterator<Item = PlaneAt> + Clone, most: usize) -> Option<usize> {
-    let normal = |plane: &PlaneAt| plane.normal.map(|n| Rough::new(n as f64));
+    let normal = |plane: &PlaneAt| plane.normal.map(|n| BoundedValue::new(n as f64));
     let mut rest = planes.clone();
     let first = rest.next()?;
     let n0 = normal(&first);
     // Offsets are relative to a point of the first plane.
     let offset = |plane: &PlaneAt| {
-        let from = [0, 1, 2].map(|axis| Rough::new(f64::from(plane.point[axis] - first.point[axis])));
+        let from = [0, 1, 2].map(|axis| BoundedValue::new(f64::from(plane.point[axis] - first.point[axis])));
         dot(normal(plane), from)
     };
     let (second, line) = rest.find_map(|plane| {

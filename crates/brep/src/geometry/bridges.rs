@@ -29,7 +29,7 @@ const NEAREST: usize = 16;
 /// # Panics
 /// If `ring_ends` does not ascend to the number of points, or there are at least 2^32 points.
 pub fn join_rings(points: &[[i64; 3]], ring_ends: &[usize]) -> Vec<u32> {
-    assert!(u32::try_from(points.len()).is_ok(), "faces have fewer than 2^32 corners");
+    assert!(u32::try_from(points.len()).is_ok(), "faces have fewer than 2^32 vertices");
     let mut start = 0;
     let mut rings = ring_ends.iter().map(|&end| {
         let ring: Vec<u32> = (start as u32..end as u32).collect();
@@ -216,7 +216,7 @@ fn edge(a: [i64; 2], b: [i64; 2]) -> [[i64; 2]; 2] {
 /// # Panics
 /// If there are at least 2^32 vertices.
 pub fn split_bridges(ring: &[[i64; 3]]) -> Vec<Vec<u32>> {
-    let count = u32::try_from(ring.len()).unwrap_or_else(|_| panic!("faces have fewer than 2^32 corners"));
+    let count = u32::try_from(ring.len()).unwrap_or_else(|_| panic!("faces have fewer than 2^32 vertices"));
     let end = |corner: u32| ring[(corner as usize + 1) % ring.len()];
     // Sorts edges by their ends, then by the index of their start vertex.
     let key = |corner: u32| {

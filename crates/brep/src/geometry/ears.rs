@@ -15,12 +15,12 @@ pub(super) struct Ears<'a> {
     flat: &'a [[i64; 2]],
     triangles: Vec<[u32; 3]>,
     /// Number of vertex visits so far.
-    looks: Cell<u64>,
+    visits: Cell<u64>,
 }
 
 impl<'a> Ears<'a> {
     pub(super) fn new(flat: &'a [[i64; 2]]) -> Ears<'a> {
-        Ears { flat, triangles: Vec::new(), looks: Cell::new(0) }
+        Ears { flat, triangles: Vec::new(), visits: Cell::new(0) }
     }
 
     /// Triangulates the region between a counterclockwise ring and clockwise holes.
@@ -36,14 +36,14 @@ impl<'a> Ears<'a> {
     }
 
     /// Returns the number of vertex visits so far.
-    pub(super) fn looks(&self) -> u64 {
-        self.looks.get()
+    pub(super) fn visits(&self) -> u64 {
+        self.visits.get()
     }
 
     /// Counts vertex visits, and returns whether they exceed the limit.
     fn is_too_much(&self, corners: usize) -> bool {
-        self.looks.set(self.looks.get() + corners as u64);
-        self.looks.get() > MAX_VISITS * self.flat.len() as u64
+        self.visits.set(self.visits.get() + corners as u64);
+        self.visits.get() > MAX_VISITS * self.flat.len() as u64
     }
 
     fn at(&self, corner: u32) -> [i64; 2] {

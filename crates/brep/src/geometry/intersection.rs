@@ -32,7 +32,7 @@ pub struct Intersection {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stages {
     /// Faces that do not cut the octant, in the order of [`Stage`].
-    pub apart: [u64; 6],
+    pub disjoint: [u64; 6],
     /// Faces that cut the octant, in the same order.
     pub cutting: [u64; 6],
 }
@@ -40,22 +40,22 @@ pub struct Stages {
 impl Stages {
     /// Counts the result of one test.
     pub fn count(&mut self, found: Intersection) {
-        let side = if found.cuts { &mut self.cutting } else { &mut self.apart };
+        let side = if found.cuts { &mut self.cutting } else { &mut self.disjoint };
         side[found.stage as usize] += 1;
     }
 
     /// Returns the stages that decided any test: name, misses and hits.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, u64, u64)> {
         let names = ["boxes", "planes", "vertices", "section", "holes", "triangles"];
-        let counts = self.apart.into_iter().zip(self.cutting);
-        let all = names.into_iter().zip(counts).map(|(name, (apart, cutting))| (name, apart, cutting));
-        all.filter(|(_, apart, cutting)| apart + cutting > 0)
+        let counts = self.disjoint.into_iter().zip(self.cutting);
+        let all = names.into_iter().zip(counts).map(|(name, (disjoint, cutting))| (name, disjoint, cutting));
+        all.filter(|(_, disjoint, cutting)| disjoint + cutting > 0)
     }
 
     /// Adds other counts.
     pub fn add(&mut self, other: &Stages) {
         for stage in 0..6 {
-            self.apart[stage] += other.apart[stage];
+            self.disjoint[stage] += other.disjoint[stage];
             self.cutting[stage] += other.cutting[stage];
         }
     }

@@ -149,7 +149,7 @@ mod tests {
         assert!(!plane([0, 0, 1], 0).cuts(&octant), "a wall");
         assert!(!plane([0, 1, 1], 8).cuts(&octant), "an edge");
         assert!(!plane([1, 2, -1], 12).cuts(&octant), "a corner");
-        assert!(!plane([1, 2, -1], 13).cuts(&octant), "far away");
+        assert!(!plane([1, 2, -1], 13).cuts(&octant), "outside");
         assert!(plane([1, 2, -1], 11).cuts(&octant));
         assert!(plane([1, -1, 0], 0).cuts(&octant), "through two edges");
     }

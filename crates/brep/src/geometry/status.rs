@@ -2,19 +2,19 @@
 //! entries.
 
 /// Maximum number of edges per block.
-const MOST: usize = 512;
+const MAX_BLOCK_EDGES: usize = 512;
 
 /// A position in the list: the index of a block, and an index in it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Place {
-    piece: usize,
+pub(super) struct StatusPosition {
+    block: usize,
     index: usize,
 }
 
 /// Edge numbers in sweep-line order; no block is empty.
 #[derive(Default)]
 pub(super) struct Status {
-    pieces: Vec<Vec<u32>>,
+    blocks: Vec<Vec<u32>>,
 }
 
 impl Status {
@@ -23,58 +23,59 @@ impl Status {
     // block's last one. Otherwise, `before` would find no edge below a vertex, and the inside would
     // be taken for the outside.
     /// Returns the position of the first edge without a property that all edges before it have.
-    pub(super) fn first_not(&self, has: impl Fn(u32) -> bool) -> Place {
-        let piece = self.pieces.partition_point(|piece| piece.last().is_some_and(|&edge| has(edge)));
-        let index = self.pieces.get(piece).map_or(0, |piece| piece.partition_point(|&edge| has(edge)));
-        Place { piece, index }
+    pub(super) fn first_not(&self, has: impl Fn(u32) -> bool) -> StatusPosition {
+        let block = self.blocks.partition_point(|block| block.last().is_some_and(|&edge| has(edge)));
+        let index = self.blocks.get(block).map_or(0, |block| block.partition_point(|&edge| has(edge)));
+        StatusPosition { block, index }
     }
 
-    pub(super) fn get(&self, place: Place) -> Option<u32> {
-        self.pieces.get(place.piece)?.get(place.index).copied()
+    pub(super) fn get(&self, position: StatusPosition) -> Option<u32> {
+        self.blocks.get(position.block)?.get(position.index).copied()
     }
 
     /// Returns the edge before a position.
-    pub(super) fn before(&self, Place { piece, index }: Place) -> Option<u32> {
-        match (piece, index) {
+    pub(super) fn before(&self, StatusPosition { block, index }: StatusPosition) -> Option<u32> {
+        match (block, index) {
             (0, 0) => None,
-            (piece, 0) => self.pieces[piece - 1].last().copied(),
-            (piece, index) => Some(self.pieces[piece][index - 1]),
+            (block, 0) => self.blocks[block - 1].last().copied(),
+            (block, index) => Some(self.blocks[block][index - 1]),
         }
     }
 
     /// Removes the edge at a position, and returns the position of the next one.
-    pub(super) fn remove(&mut self, Place { piece, index }: Place) -> Place {
-        self.pieces[piece].remove(index);
-        if self.pieces[piece].is_empty() {
-            self.pieces.remove(piece);
-            Place { piece, index: 0 }
-        } else if index == self.pieces[piece].len() {
-            Place { piece: piece + 1, index: 0 }
+    pub(super) fn remove(&mut self, StatusPosition { block, index }: StatusPosition) -> StatusPosition {
+        self.blocks[block].remove(index);
+        if self.blocks[block].is_empty() {
+            self.blocks.remove(block);
+            StatusPosition { block, index: 0 }
+        } else if index == self.blocks[block].len() {
+            StatusPosition { block: block + 1, index: 0 }
         } else {
-            Place { piece, index }
+            StatusPosition { block, index }
         }
     }
 
     /// Inserts an edge before the one at a position, and returns its own position.
-    pub(super) fn insert(&mut self, mut place: Place, edge: u32) -> Place {
-        if place.piece == self.pieces.len() {
-            match self.pieces.last() {
-                Some(last) => place = Place { piece: place.piece - 1, index: last.len() },
-                None => self.pieces.push(Vec::new()),
+    pub(super) fn insert(&mut self, mut position: StatusPosition, edge: u32) -> StatusPosition {
+        if position.block == self.blocks.len() {
+            match self.blocks.last() {
+                Some(last) => position = StatusPosition { block: position.block - 1, index: last.len() },
+                None => self.blocks.push(Vec::new()),
             }
         }
-        let piece = &mut self.pieces[place.piece];
-        piece.insert(place.index, edge);
-        if piece.len() > MOST {
-            let upper = piece.split_off(MOST / 2);
-            if place.index >= MOST / 2 {
-                place = Place { piece: place.piece + 1, index: place.index - MOST / 2 };
-                self.pieces.insert(place.piece, upper);
+        let block = &mut self.blocks[position.block];
+        block.insert(position.index, edge);
+        if block.len() > MAX_BLOCK_EDGES {
+            let upper = block.split_off(MAX_BLOCK_EDGES / 2);
+            if position.index >= MAX_BLOCK_EDGES / 2 {
+                position =
+                    StatusPosition { block: position.block + 1, index: position.index - MAX_BLOCK_EDGES / 2 };
+                self.blocks.insert(position.block, upper);
             } else {
-                self.pieces.insert(place.piece + 1, upper);
+                self.blocks.insert(position.block + 1, upper);
             }
         }
-        place
+        position
     }
 }
 
@@ -83,25 +84,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn order_is_kept_over_pieces() {
+    fn order_holds_across_blocks() {
         let mut status = Status::default();
         // Numbers in a fixed permutation, each inserted in order.
         let count = 5003;
         for i in 0..count {
             let edge = i * 1009 % count;
-            let place = status.first_not(|other| other < edge);
-            assert!(status.before(place).is_none_or(|before| before < edge));
-            let place = status.insert(place, edge);
-            assert_eq!(status.get(place), Some(edge));
+            let position = status.first_not(|other| other < edge);
+            assert!(status.before(position).is_none_or(|before| before < edge));
+            let position = status.insert(position, edge);
+            assert_eq!(status.get(position), Some(edge));
         }
-        assert!(status.pieces.len() > 5);
-        assert!(status.pieces.concat().into_iter().eq(0..count));
+        assert!(status.blocks.len() > 5);
+        assert!(status.blocks.concat().into_iter().eq(0..count));
         // Each position leads to the next one.
-        let mut place = status.first_not(|other| other < 7);
+        let mut position = status.first_not(|other| other < 7);
         for edge in 7..count {
-            assert_eq!(status.get(place), Some(edge));
-            place = status.remove(place);
+            assert_eq!(status.get(position), Some(edge));
+            position = status.remove(position);
         }
-        assert_eq!((status.get(place), status.before(place)), (None, Some(6)));
+        assert_eq!((status.get(position), status.before(position)), (None, Some(6)));
     }
 }

@@ -10,7 +10,7 @@
 
 use std::cell::Cell;
 
-use super::status::{Place, Status};
+use super::status::{Status, StatusPosition};
 use super::turn::turn;
 use spinney_base::sort;
 
@@ -64,7 +64,7 @@ pub(super) struct Sweep<'a> {
     links: Vec<Link>,
     triangles: Vec<[u32; 3]>,
     /// Number of orientation tests so far.
-    looks: Cell<u64>,
+    visits: Cell<u64>,
 }
 
 impl<'a> Sweep<'a> {
@@ -77,7 +77,7 @@ impl<'a> Sweep<'a> {
             status: Status::default(),
             links: Vec::new(),
             triangles: Vec::new(),
-            looks: Cell::new(0),
+            visits: Cell::new(0),
         }
     }
 
@@ -113,13 +113,13 @@ impl<'a> Sweep<'a> {
     }
 
     /// Returns the number of orientation tests so far.
-    pub(super) fn looks(&self) -> u64 {
-        self.looks.get()
+    pub(super) fn visits(&self) -> u64 {
+        self.visits.get()
     }
 
     /// Returns twice the area of a triangle, positive if it is counterclockwise.
     fn turn(&self, a: u32, b: u32, c: u32) -> i128 {
-        self.looks.set(self.looks.get() + 1);
+        self.visits.set(self.visits.get() + 1);
         turn(self.at(a), self.at(b), self.at(c))
     }
 
@@ -148,9 +148,9 @@ impl<'a> Sweep<'a> {
         // Edges meet only at their ends, since an edge through a vertex is split there, so their
         // order does not change between vertices. The binary search for a vertex's edges relies on
         // that. If rings cross, it misses an edge, which the count of edges that end here detects.
-        let mut place = self.status.first_not(|edge| self.side(edge, corner) > 0);
-        let below = self.status.before(place);
-        let ended = self.end(corner, &mut place)?;
+        let mut position = self.status.first_not(|edge| self.side(edge, corner) > 0);
+        let below = self.status.before(position);
+        let ended = self.end(corner, &mut position)?;
         let starting = self.start(corner)?;
         // Invariant: inside and outside alternate from edge to edge below and above each vertex,
         // both to its left and to its right. A forward edge has the inside above; coincident edges
@@ -200,16 +200,16 @@ impl<'a> Sweep<'a> {
             _ => {}
         }
         for &edge in starting.iter().rev() {
-            place = self.status.insert(place, edge);
+            position = self.status.insert(position, edge);
         }
         Ok(())
     }
 
     /// Removes the edges that end in a vertex, from below, and splits those that pass through it.
-    fn end(&mut self, corner: u32, place: &mut Place) -> Result<Vec<u32>, Crossing> {
+    fn end(&mut self, corner: u32, position: &mut StatusPosition) -> Result<Vec<u32>, Crossing> {
         let mut ended = Vec::new();
-        while let Some(edge) = self.status.get(*place).filter(|&edge| self.side(edge, corner) == 0) {
-            *place = self.status.remove(*place);
+        while let Some(edge) = self.status.get(*position).filter(|&edge| self.side(edge, corner) == 0) {
+            *position = self.status.remove(*position);
             ended.push(edge);
             if self.edge(edge).right == corner {
                 self.ending[corner as usize] = self.ending[corner as usize].wrapping_sub(1);

@@ -275,7 +275,7 @@ mod tests {
     #[test]
     fn triangles_and_segments_agree_with_clipping() {
         let mut number = numbers(1);
-        let mut answers = [0; 2];
+        let mut counts = [0; 2];
         for round in 0..60_000 {
             // Small ranges touch often, larger ones are the general case.
             let range = [4, 6, 12, 200][round % 4];
@@ -286,12 +286,12 @@ mod tests {
             let max = [0, 1, 2].map(|i| min[i] + size[i]);
             let expected = cuts_by_clipping(&triangle, min, max);
             assert_eq!(cuts(&triangle, min, max), expected, "{triangle:?} {min:?} {max:?}");
-            answers[usize::from(expected)] += 1;
+            counts[usize::from(expected)] += 1;
             let [a, b, _] = triangle;
             let expected = cuts_by_clipping(&[a, b], min, max);
             assert_eq!(segment_cuts(a, b, min, max), expected, "{a:?} {b:?} {min:?} {max:?}");
         }
-        assert!(answers.iter().all(|&times| times > 6_000), "{answers:?}");
+        assert!(counts.iter().all(|&times| times > 6_000), "{counts:?}");
     }
 
     /// All integer widths give the same results, up to the largest allowed coordinates.

@@ -32,7 +32,7 @@ pub struct Triangulator {
     /// Edges by their ends, the smaller one first; the lowest bit is set if the edge has that
     /// direction.
     edges: Vec<u128>,
-    looks: u64,
+    visits: u64,
 }
 
 impl Triangulator {
@@ -61,7 +61,7 @@ impl Triangulator {
             points.len(),
             "the last ring ends with the points"
         );
-        assert!(u32::try_from(points.len()).is_ok(), "faces have fewer than 2^32 corners");
+        assert!(u32::try_from(points.len()).is_ok(), "faces have fewer than 2^32 vertices");
         if points.len() == 3 && ring_ends.len() == 1 {
             out.push([0, 1, 2]);
             return true;
@@ -86,7 +86,7 @@ impl Triangulator {
             out.truncate(start);
             let mut ears = Ears::new(&self.flat);
             out.extend(ears.cut(rings.clone()));
-            self.looks += ears.looks();
+            self.visits += ears.visits();
             if self.covers(&rings, &out[start..]) {
                 return true;
             }
@@ -96,7 +96,7 @@ impl Triangulator {
         if let Ok(triangles) = sweep.cut(&rings) {
             out.extend(triangles);
         }
-        self.looks += sweep.looks();
+        self.visits += sweep.visits();
         // Invariant: this function only returns triangles that `covers` has verified (except single
         // triangles and convex quadrilaterals). So the algorithms above may use floating point,
         // abort, or fail on crossing rings. Without the check, a face could get gaps or overlapping
@@ -110,8 +110,9 @@ impl Triangulator {
 
     /// Returns the number of vertex visits and orientation tests of the exact algorithms so far: a
     /// measure of their work.
-    pub fn looks(&self) -> u64 {
-        self.looks
+    #[cfg_attr(not(test), expect(dead_code, reason = "tests limit the work"))]
+    pub(crate) fn visits(&self) -> u64 {
+        self.visits
     }
 
     fn flatten(&mut self, points: &[[i64; 3]], plane: &Plane) {
@@ -246,7 +247,7 @@ mod tests {
             doubled
         };
         assert_eq!(triangles.iter().map(area).sum::<i128>(), doubled_area(&ring));
-        assert!(triangulator.looks() < 40 * ring.len() as u64, "{}", triangulator.looks());
+        assert!(triangulator.visits() < 40 * ring.len() as u64, "{}", triangulator.visits());
     }
 
     const MANY: i64 = 100_000;
@@ -291,7 +292,7 @@ mod tests {
                 assert_eq!(triangulate(&rings, &mut triangulator), None);
                 let count = rings.concat().len() as u64;
                 let most = if count > MAX_EARS as u64 { 64 } else { 4096 + 512 + 64 };
-                assert!(triangulator.looks() <= most * count, "{corners}: {}", triangulator.looks());
+                assert!(triangulator.visits() <= most * count, "{corners}: {}", triangulator.visits());
             }
         }
     }
@@ -326,7 +327,7 @@ mod tests {
     #[test]
     fn the_sweep_cuts_rings_that_touch() {
         let mut random = Random(3);
-        let mut pieces = 0;
+        let mut triangle_count = 0;
         for _ in 0..2000 {
             let side = 2 + random.below(14);
             let mut all = Vec::new();
@@ -354,8 +355,8 @@ mod tests {
             let area = triangles.iter().map(|t| t.map(|corner| points[corner as usize]));
             let area: i128 = area.map(|[a, b, c]| turn(a, b, c)).sum();
             assert_eq!(area, rings.iter().map(|ring| doubled_area(ring)).sum::<i128>());
-            pieces += triangles.len();
+            triangle_count += triangles.len();
         }
-        assert!(pieces > 20_000);
+        assert!(triangle_count > 20_000);
     }
 }

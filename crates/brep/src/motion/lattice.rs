@@ -27,11 +27,11 @@ const MAX_TIMES: i64 = 1000;
 /// Returns the fractional part of a number of grid units; 0 if it may be a rounding error.
 fn part(steps: f64) -> f64 {
     /// For a shift that people write with a few decimals.
-    const LEAST: f64 = 1e-6;
+    const MIN_REMAINDER: f64 = 1e-6;
     /// For a few roundings of large numbers, limited to a quarter of a grid unit.
     const SHARE: f64 = 5.0 * f64::EPSILON;
     let part = steps - steps.round();
-    if part.abs() <= LEAST.max((steps.abs() * SHARE).min(0.25)) { 0.0 } else { part }
+    if part.abs() <= MIN_REMAINDER.max((steps.abs() * SHARE).min(0.25)) { 0.0 } else { part }
 }
 
 /// Maximum distance from the world's origin in files, in grid units.
@@ -48,10 +48,10 @@ impl Lattice {
         let last = (1i64 << old.bits) - 1;
         // (Proxies are up to half a unit of this grid from their faces, so the grid must not be
         // refined.)
-        let room = if model.is_beside_grid() { 1 } else { ((1 << MAX_BITS) - 1) / last };
+        let max_times = if model.has_exact_faces() { 1 } else { ((1 << MAX_BITS) - 1) / last };
         let steps = |grid: &Grid| shift.map(|at| at * grid.divisor / grid.step);
         let mut found = None;
-        for times in 1..=room.min(MAX_TIMES) {
+        for times in 1..=max_times.min(MAX_TIMES) {
             let grid = scaled(old, scale, times)?;
             let is_whole = steps(&grid).iter().all(|at| part(*at) == 0.0);
             if is_whole || found.is_none() {
@@ -67,21 +67,21 @@ impl Lattice {
         // last grid points, stay within that distance, as readers require. And the inverse motion
         // restores the same numbers.
         let most = last * times;
-        let mut beside = 0.0;
+        let mut squared_displacement = 0.0;
         for axis in 0..3 {
             let more = steps(&grid)[axis];
             let start = times * old.origin[from[axis]];
             let start = if mirrored[axis] { -start - most } else { start };
             let there = (more.round() as i128).saturating_add(start.into());
             if there.unsigned_abs() > FARTHEST.into() {
-                let found = format!("a place {there} steps of {} from the world's origin", grid.width());
-                let expected = "at most 2^53: choose wider steps with --snap";
+                let found = format!("a position {there} units of {} from the world's origin", grid.width());
+                let expected = "at most 2^53 units: choose a coarser grid with --snap";
                 return Err(Error::invalid("result", found, expected));
             }
             grid.origin[axis] = there as i64;
-            beside += (part(more) * grid.width()).powi(2);
+            squared_displacement += (part(more) * grid.width()).powi(2);
         }
-        Ok(Some(Lattice { grid, from, mirrored, times, most, displacement: beside.sqrt() }))
+        Ok(Some(Lattice { grid, from, mirrored, times, most, displacement: squared_displacement.sqrt() }))
     }
 
     /// Returns whether face coordinates are unchanged, and only the grid is moved.
@@ -121,8 +121,8 @@ fn scaled(old: &Grid, scale: f64, times: i64) -> Result<Grid> {
     if [step, divisor, grid.width()].iter().all(|number| number.is_normal()) {
         return Ok(grid);
     }
-    let found = format!("steps of {} by {scale}", old.width());
-    Err(Error::invalid("scale", found, "steps whose width is a number"))
+    let found = format!("grid unit {} times {scale}", old.width());
+    Err(Error::invalid("scale", found, "a product that is a normal number, neither 0 nor infinite"))
 }
 
 /// Returns a number as a quotient: of integers, if it is a decimal fraction or the reciprocal of an

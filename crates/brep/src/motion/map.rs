@@ -50,7 +50,7 @@ impl Motion {
             false => Err(Error::invalid(
                 "affine map",
                 format!("{rows:?}"),
-                "finite numbers, and one that can be undone",
+                "finite numbers, and an invertible map",
             )),
         }
     }
@@ -87,7 +87,7 @@ impl Motion {
     /// # Errors
     /// If its numbers are outside of the doubles' range.
     pub(super) fn inverse(&self) -> Result<Motion> {
-        let most = self.greatest();
+        let most = self.max_coefficient();
         let [a, b, c] = self.rows.map(|[x, y, z, _]| [x / most, y / most, z / most]);
         let determinant = dot(a, cross(b, c));
         let columns = [cross(b, c), cross(c, a), cross(a, b)];
@@ -100,12 +100,12 @@ impl Motion {
 
     /// Returns the factor of volumes.
     pub(super) fn volume_factor(&self) -> f64 {
-        self.determinant().abs() * self.greatest().powi(3)
+        self.determinant().abs() * self.max_coefficient().powi(3)
     }
 
     /// Returns the factor of all lengths, or `None` if it depends on the direction.
     pub(super) fn factor(&self) -> Option<f64> {
-        let most = self.greatest();
+        let most = self.max_coefficient();
         let columns = [0, 1, 2].map(|column| self.rows.map(|row| row[column] / most));
         let square = dot(columns[0], columns[0]);
         let is_near = |a: usize, b: usize| {
@@ -164,13 +164,13 @@ impl Motion {
 
     /// Returns the volume factor, divided by the cube of the largest coefficient.
     fn determinant(&self) -> f64 {
-        let most = self.greatest();
+        let most = self.max_coefficient();
         let [a, b, c] = self.rows.map(|[x, y, z, _]| [x / most, y / most, z / most]);
         dot(a, cross(b, c))
     }
 
     /// Returns the magnitude of the largest coefficient, without the shift.
-    fn greatest(&self) -> f64 {
+    fn max_coefficient(&self) -> f64 {
         let sizes = self.rows.iter().flat_map(|row| row[..3].iter().map(|number| number.abs()));
         sizes.fold(0.0, f64::max)
     }
@@ -207,7 +207,7 @@ mod tests {
             [[x, y, [0.0; 4]], [x, x, z], [x, y, [f64::NAN; 4]], [x, y, [0.0, 0.0, 1.0, f64::INFINITY]]]
         {
             let error = Motion::from_rows(rows).unwrap_err();
-            assert!(error.to_string().contains("can be undone"), "{error}");
+            assert!(error.to_string().contains("an invertible map"), "{error}");
         }
         let tiny = [x, y, z].map(|row| row.map(|number: f64| number * 1e-200));
         assert!(!Motion::from_rows(tiny).unwrap().is_mirrored());

@@ -96,8 +96,8 @@ pub struct TransformReport {
 /// use spinney::{ExactModel, Output};
 /// use spinney::brep::{Faces, Motion, TransformOptions, transform};
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = |name: &str| folder.path().join(name);
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = |name: &str| directory.path().join(name);
 /// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
 /// # std::fs::write(path("a.off"), text).unwrap();
 /// # import_exact(open_all(&[path("a.off")], 64 << 20)?, &ExactOptions::new(), Output::create(&path("a.goblin"))?, &())?;
@@ -122,10 +122,10 @@ pub fn transform(
 ) -> Result<TransformReport> {
     model.check_surface(progress)?;
     let lattice = if options.snap.is_none() { Lattice::of(model, motion)? } else { None };
-    let work = Work { model, motion, options, progress, keeps_formula: false };
+    let task = TransformTask { model, motion, options, progress, keeps_formula: false };
     match lattice {
-        Some(lattice) => work.exactly(&lattice, output),
-        None => work.anew(output, options.snap.map_or(NewUnit::Finest, NewUnit::Width)),
+        Some(lattice) => task.exactly(&lattice, output),
+        None => task.recompute(output, options.snap.map_or(NewUnit::Finest, NewUnit::Width)),
     }
 }
 
@@ -160,7 +160,7 @@ fn moved_about(mut about: String, motion: &Motion) -> String {
 }
 
 /// A motion in progress.
-struct Work<'a> {
+struct TransformTask<'a> {
     model: &'a ExactModel,
     motion: &'a Motion,
     options: &'a TransformOptions,
@@ -169,7 +169,7 @@ struct Work<'a> {
     keeps_formula: bool,
 }
 
-impl Work<'_> {
+impl TransformTask<'_> {
     /// Moves everything to another grid, point by point.
     fn exactly(&self, lattice: &Lattice, output: Output) -> Result<TransformReport> {
         let is_mirrored = self.motion.is_mirrored();
@@ -198,7 +198,7 @@ impl Work<'_> {
     }
 
     /// Recomputes all vertices.
-    fn anew(&self, output: Output, unit: NewUnit<'_>) -> Result<TransformReport> {
+    fn recompute(&self, output: Output, unit: NewUnit<'_>) -> Result<TransformReport> {
         let mut snapping = Snapping::of(self.model, self.motion, unit, self.progress)?;
         let mut target = Target::new(self, output, &snapping.grid.clone())?;
         let (mut closure, mut sums) = (Closure::new(Seed::new()), MassSums::new());
@@ -211,17 +211,17 @@ impl Work<'_> {
             })
         })?;
         let flaw = if sums.measures(&snapping.grid).volume == 0.0 && !self.model.is_empty() {
-            Some(format!("on a grid with steps of {} it has no volume", snapping.grid.width()))
+            Some(format!("on a grid with units of {} it has no volume", snapping.grid.width()))
         } else {
             (!closure.is_closed()).then(|| "some edges have a face on one side only".into())
         };
         if let Some(what) = flaw {
             return Err(Error::NotASolid {
                 path: self.model.path().to_path_buf(),
-                what: format!("the result would be no body: {what}"),
-                places: Vec::new(),
+                what: format!("the result would not be a solid: {what}"),
+                locations: Vec::new(),
                 count: 0,
-                advice: "choose smaller steps with --snap, or look at the model with verify".into(),
+                advice: "choose a finer grid with --snap, or check the model with `spinney verify`".into(),
             });
         }
         let rounded = self.model.exact_faces().0;
@@ -249,7 +249,7 @@ impl Work<'_> {
             metadata.set_tag(Tag::ModelCutFaces, (cut + counts.cut as f64).to_string());
             metadata.set_tag(Tag::ModelSlivers, counts.slivers.to_string());
         }
-        metadata.tags.remove(Tag::ModelThinPlaces.key());
+        metadata.tags.remove(Tag::ModelIntersections.key());
         metadata
     }
 }
@@ -266,7 +266,7 @@ struct Rounding {
 
 /// The output file.
 struct Target<'a> {
-    work: &'a Work<'a>,
+    task: &'a TransformTask<'a>,
     grid: Grid,
     builder: ModelBuilder,
     /// Names of the columns of face values.
@@ -277,16 +277,16 @@ struct Target<'a> {
 }
 
 impl<'a> Target<'a> {
-    fn new(work: &'a Work<'a>, output: Output, grid: &Grid) -> Result<Target<'a>> {
-        let TransformOptions { memory, codec, .. } = *work.options;
+    fn new(task: &'a TransformTask<'a>, output: Output, grid: &Grid) -> Result<Target<'a>> {
+        let TransformOptions { memory, codec, .. } = *task.options;
         let builder = ModelBuilder::new(output, grid.clone(), memory)?
             .codec(codec)
-            .unbounded(work.model.is_unbounded())
-            .reach(work.model.reach());
-        let columns = work.model.value_columns()?;
-        let count = work.model.len();
-        let moving = SubProgress::new(work.progress, count, 3 * count);
-        Ok(Target { work, grid: grid.clone(), builder, columns, after: 0, moving })
+            .unbounded(task.model.is_unbounded())
+            .reach(task.model.reach());
+        let columns = task.model.value_columns()?;
+        let count = task.model.len();
+        let moving = SubProgress::new(task.progress, count, 3 * count);
+        Ok(Target { task, grid: grid.clone(), builder, columns, after: 0, moving })
     }
 
     /// Adds a face that replaces the model's face `number`, with that face's values.
@@ -295,13 +295,13 @@ impl<'a> Target<'a> {
         const OFTEN: u64 = 1 << 12;
         if number.is_multiple_of(OFTEN) {
             self.moving.check()?;
-            self.moving.advance(OFTEN, self.work.model.len());
+            self.moving.advance(OFTEN, self.task.model.len());
         }
         self.after += 1;
         self.builder.push_face(face, is_proxy)?;
         for (column, name) in (0..).zip(&self.columns) {
             // (Models have less than 2^32 faces.)
-            if let Some(value) = self.work.model.face_value(column, number as u32)? {
+            if let Some(value) = self.task.model.face_value(column, number as u32)? {
                 self.builder.face_value(name, &value)?;
             }
         }
@@ -309,34 +309,34 @@ impl<'a> Target<'a> {
     }
 
     fn finish(self, rounding: Rounding) -> Result<TransformReport> {
-        let Target { work, grid, mut builder, after, .. } = self;
-        let Work { model, motion, progress, .. } = *work;
+        let Target { task, grid, mut builder, after, .. } = self;
+        let TransformTask { model, motion, progress, .. } = *task;
         for (part, name) in (0..).zip(model.parts()) {
             let about = model.part_attributes(part)?.map(|about| moved_about(about, motion));
             builder.part(name, about.as_deref())?;
         }
         model.file_attributes()?.iter().try_for_each(|text| builder.about_file(text))?;
         let rows = motion.to_rows();
-        let builder = builder.formula(match work.keeps_formula {
+        let builder = builder.formula(match task.keeps_formula {
             true => model.formula()?.unwrap_or_default(),
             false => moved_formula(&numbers(rows.as_flattened(), " "), model)?,
         });
         let is_exact = rounding.counts.is_none();
         // (Proxies of exact faces may intersect where these are thinner than a unit.)
-        let is_rounded = builder.is_beside_grid();
-        let mut metadata = work.metadata(&grid, &rounding);
+        let is_rounded = builder.has_exact_faces();
+        let mut metadata = task.metadata(&grid, &rounding);
         let building = SubProgress::new(progress, 2 * model.len(), 3 * model.len());
         let built = builder.finish(&mut metadata, &building, &mut |metadata, built| {
             if built.defect_count > 0 {
-                metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());
+                metadata.set_tag(Tag::ModelIntersections, built.defect_count.to_string());
             }
         })?;
         if built.defect_count > 0 && !is_rounded {
             let (what, advice) = match is_exact {
-                true => ("the model passes through itself", "look at it with verify, and build it again"),
+                true => ("the model intersects itself", "check it with `spinney verify`, and build it again"),
                 false => (
-                    "on its new grid the result passes through itself: it bounds no body",
-                    "choose smaller steps with --snap, or move it by whole steps, quarter turns or one factor, which are exact",
+                    "on its new grid the result intersects itself, so it is not a solid",
+                    "choose a finer grid with --snap, or use only shifts by integer grid units, quarter turns and uniform factors, which are exact",
                 ),
             };
             return Err(built.error(model.path(), what, advice));

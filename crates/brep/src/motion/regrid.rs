@@ -6,7 +6,7 @@ use std::collections::btree_map::Entry;
 
 use super::map::Motion;
 use super::snapped::{NewUnit, Snapping};
-use super::{Rounding, Target, TransformOptions, Work};
+use super::{Rounding, Target, TransformOptions, TransformTask};
 use crate::repair::{InsideRule, repair_around, repair_bytes};
 use crate::{ColumnValues, ExactModel, FaceList, Faces, Grid, ModelBuilder};
 use spinney_base::io::Output;
@@ -30,20 +30,20 @@ pub(crate) fn regrid(
     let mut options = TransformOptions::new(memory);
     options.note = Some(format!("grid unit {}", unit.width()));
     let motion = Motion::identity();
-    let work = Work { model, motion: &motion, options: &options, progress, keeps_formula: true };
+    let task = TransformTask { model, motion: &motion, options: &options, progress, keeps_formula: true };
     let unit = NewUnit::Of(unit);
-    match work.anew(output()?, unit) {
+    match task.recompute(output()?, unit) {
         // (Errors without locations are not about intersections.)
-        Err(Error::NotASolid { count, .. }) if count > 0 => work.repaired(output()?, unit),
+        Err(Error::NotASolid { count, .. }) if count > 0 => task.repaired(output()?, unit),
         made => Ok(made?.displacement),
     }
 }
 
-impl Work<'_> {
+impl TransformTask<'_> {
     /// Recomputes all vertices and resolves self-intersections of the surface; returns the maximum
     /// distance that a vertex was moved.
     fn repaired(&self, output: Output, unit: NewUnit<'_>) -> Result<f64> {
-        let Work { model, motion, options, progress, .. } = *self;
+        let TransformTask { model, motion, options, progress, .. } = *self;
         let mut snapping = Snapping::of(model, motion, unit, progress)?;
         let mut faces = FaceList::new(snapping.grid.clone(), Vec::new());
         let mut values = SourceValues::of(model)?;
@@ -61,7 +61,8 @@ impl Work<'_> {
                 true => Ok(()),
                 false => Err(Error::TooLarge {
                     path: model.path().to_path_buf(),
-                    what: "a surface that intersects itself on the common grid of the models".into(),
+                    what: "repairing a surface that intersects itself on the common grid of the models"
+                        .into(),
                     needed: 2 * needed,
                     limit: options.memory,
                     advice: "allow more with --memory, or build all models with one --snap".into(),
@@ -83,7 +84,7 @@ impl Work<'_> {
         )?;
         let displacement = snapping.displacement().max(done.displacement);
         let target = Target {
-            work: self,
+            task: self,
             grid: snapping.grid.clone(),
             after: builder.faces(),
             builder,
@@ -139,7 +140,8 @@ impl SourceValues<'_> {
     fn finish(self, progress: &dyn Progress) -> BTreeMap<u64, ColumnValues> {
         let lost = self.values.values().filter(|values| values.is_none()).count();
         if lost > 0 {
-            let text = format!("values of {lost} sources, whose faces have different ones, are not kept");
+            let text =
+                format!("the values of {lost} sources are not kept: their faces have different values");
             progress.warn(self.model.path(), &text);
         }
         self.values.into_iter().filter_map(|(source, values)| Some((source, values?))).collect()

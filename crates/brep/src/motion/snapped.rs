@@ -55,7 +55,7 @@ impl<'a> Snapping<'a> {
         })?;
         let bounds = bounds.unwrap_or([[0.0; 3]; 2]);
         if !bounds.as_flattened().iter().all(|at| at.is_finite()) {
-            return Err(Error::invalid("result", "coordinates that are beyond all numbers", "a smaller one"));
+            return Err(Error::invalid("result", "coordinates that are not finite", "a smaller one"));
         }
         let grid = match unit {
             NewUnit::Finest => {
@@ -86,7 +86,7 @@ impl<'a> Snapping<'a> {
         planar.begin(face.ring_ends, face.colours, &mut |corner| {
             let point = motion.apply(old.to_world(face.points[corner]));
             let snapped = grid.snap(point).ok_or_else(|| {
-                let expected = "one where it was when the model was read first";
+                let expected = "the same position as in the first pass over the model";
                 Error::invalid("corner", format!("{point:?}"), expected)
             })?;
             let there = grid.to_world(snapped);

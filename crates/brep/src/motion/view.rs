@@ -29,8 +29,8 @@ use spinney_base::{Error, Progress, Result};
 /// use spinney::raw::brep::ModelView;
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 /// # use spinney::Output;
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = |name: &str| folder.path().join(name);
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = |name: &str| directory.path().join(name);
 /// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
 /// # std::fs::write(path("a.off"), text).unwrap();
 /// # import_exact(open_all(&[path("a.off")], 64 << 20)?, &ExactOptions::new(), Output::create(&path("a.goblin"))?, &())?;
@@ -97,17 +97,17 @@ impl ModelView {
     }
 
     /// Returns the model, if its results are the same as the view's: the view only shifts by
-    /// integer numbers of grid units, and scales uniformly. `question` is for the error.
+    /// integer numbers of grid units, and scales uniformly. `query` is for the error.
     ///
     /// # Errors
     /// If the view does more than that.
-    pub fn as_model(&self, question: &str) -> Result<&ExactModel> {
+    pub fn as_model(&self, query: &str) -> Result<&ExactModel> {
         match &self.rest {
             None => Ok(&self.model),
             Some(rest) => Err(self.refused(
                 rest,
-                question,
-                "which does more than shift by whole steps, and by one factor",
+                query,
+                "which does more than shift by integer grid units and scale uniformly",
             )),
         }
     }
@@ -131,21 +131,20 @@ impl ModelView {
         ROUNDINGS * f64::EPSILON * rest.there.growth() * rest.back.growth() * reach
     }
 
-    fn refused(&self, rest: &Rest, question: &str, why: &str) -> Error {
+    fn refused(&self, rest: &Rest, query: &str, why: &str) -> Error {
         let rows = rest.whole.to_rows();
-        let found =
-            format!("{question} through the view affine={}, {why}", numbers(rows.as_flattened(), ","));
+        let found = format!("{query} through the view affine={}, {why}", numbers(rows.as_flattened(), ","));
         Error::unsupported(
             self.model.path(),
             found,
-            "make a file of what it shows with `spinney transform`, and ask that",
+            "write the view to a file with `spinney transform`, and query that file",
         )
     }
 
     /// Returns the factor of lengths, if it is uniform.
-    fn factor(&self, rest: &Rest, question: &str) -> Result<f64> {
-        let why = "which has different factors along directions";
-        rest.factor.ok_or_else(|| self.refused(rest, question, why))
+    fn factor(&self, rest: &Rest, query: &str) -> Result<f64> {
+        let why = "which does not scale all directions equally";
+        rest.factor.ok_or_else(|| self.refused(rest, query, why))
     }
 
     /// See [`ExactModel::locate`].
@@ -230,7 +229,7 @@ impl ModelView {
             return Err(self.refused(
                 rest,
                 "boxes",
-                "in which the model's axes are not along those of boxes",
+                "which turns the model's axes by other than quarter turns",
             ));
         }
         let [min, max] = around([min, max].map(|corner| rest.back.apply(corner)));
@@ -367,7 +366,7 @@ impl ModelView {
         each: &mut ContactVisitor<'_>,
     ) -> Result<Vec<u32>> {
         let Some(rest) = &self.rest else { return self.model.object_contacts(memory, progress, each) };
-        let factor = self.factor(rest, "areas of walls that objects have in common")?;
+        let factor = self.factor(rest, "areas of shared walls of objects")?;
         self.model.object_contacts(memory, progress, &mut |contact| {
             each(&ObjectContact {
                 volume: contact.volume * rest.volume,

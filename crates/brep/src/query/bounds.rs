@@ -18,21 +18,25 @@ impl ExactModel {
     /// Returns the minimum and maximum grid coordinates of the surface; `None` without faces.
     pub(crate) fn grid_bounds(&self) -> Result<Option<[[i32; 3]; 2]>> {
         let nothing = [[i32::MAX; 3], [i32::MIN; 3]];
-        let mut walk =
-            Walk { model: self, found: nothing, recent: Recent::new(), buffer: FaceBuffer::default() };
-        walk.node(&self.root()?)?;
-        Ok((walk.found != nothing).then_some(walk.found))
+        let mut traversal = BoundsTraversal {
+            model: self,
+            found: nothing,
+            recent: Recent::new(),
+            buffer: FaceBuffer::default(),
+        };
+        traversal.node(&self.root()?)?;
+        Ok((traversal.found != nothing).then_some(traversal.found))
     }
 }
 
-struct Walk<'a> {
+struct BoundsTraversal<'a> {
     model: &'a ExactModel,
     found: [[i32; 3]; 2],
     recent: Recent,
     buffer: FaceBuffer,
 }
 
-impl Walk<'_> {
+impl BoundsTraversal<'_> {
     fn node(&mut self, node: &ModelNode<'_>) -> Result<()> {
         if node.state() == ModelNodeState::Inner {
             let bounds = node.bounds(self.model.grid());

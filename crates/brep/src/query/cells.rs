@@ -44,17 +44,25 @@ impl ExactModel {
         }
         let width = 1u32 << (grid.bits - level);
         let cube = Cube { min: position.map(|at| (at * width) as i32), side: width };
-        let mut walk =
-            Walk { model: self, buffer: FaceBuffer::default(), visited: Visited::default(), progress };
+        let mut traversal = CoverageTraversal {
+            model: self,
+            buffer: FaceBuffer::default(),
+            visited: Visited::default(),
+            progress,
+        };
         let mut node = self.root()?;
         while node.level() < level && node.state() == ModelNodeState::Inner {
-            walk.visited.nodes += 1;
+            traversal.visited.nodes += 1;
             let shift = level - 1 - node.level();
             let child = (0..3).map(|axis| ((position[axis] >> shift & 1) as usize) << axis).sum();
             node = self.child(&node, child)?;
         }
-        let coverage = if node.level() < level { walk.part(&node, &cube)? } else { walk.node(&node, &cube)? };
-        Ok(coverage.in_world(&cube, grid, walk.visited))
+        let coverage = if node.level() < level {
+            traversal.part(&node, &cube)?
+        } else {
+            traversal.node(&node, &cube)?
+        };
+        Ok(coverage.in_world(&cube, grid, traversal.visited))
     }
 }
 
@@ -64,14 +72,14 @@ fn cube_of(node: &ModelNode<'_>, grid: &Grid) -> Cube {
     Cube { min: node.position().map(|at| (at * side) as i32), side }
 }
 
-struct Walk<'a> {
+struct CoverageTraversal<'a> {
     model: &'a ExactModel,
     buffer: FaceBuffer,
     visited: Visited,
     progress: &'a dyn Progress,
 }
 
-impl Walk<'_> {
+impl CoverageTraversal<'_> {
     /// Returns the coverage of a node.
     fn node(&mut self, node: &ModelNode<'_>, cube: &Cube) -> Result<Coverage> {
         if node.state() != ModelNodeState::Inner {

@@ -91,11 +91,11 @@ impl ExactModel {
         if on_wall == [false; 3] {
             return Ok(false);
         }
-        for beside in 1..8 {
-            if (0..3).any(|axis| beside >> axis & 1 == 1 && !on_wall[axis]) {
+        for offset in 1..8 {
+            if (0..3).any(|axis| offset >> axis & 1 == 1 && !on_wall[axis]) {
                 continue;
             }
-            let at = [0, 1, 2].map(|axis| point.at[axis] - (beside >> axis & 1));
+            let at = [0, 1, 2].map(|axis| point.at[axis] - (offset >> axis & 1));
             let Some(other) = self.leaf_at(at, BITS)? else { continue };
             for face in other.faces() {
                 self.face(face, buffer)?;

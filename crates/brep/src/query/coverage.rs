@@ -102,10 +102,10 @@ impl CoverageSums {
     /// 2^29.
     fn add_triangle(&mut self, corners: &[[i64; 3]; 3]) {
         let side = 2 * i64::from(self.cube.side);
-        let is_beside = |axis: usize| {
+        let is_outside = |axis: usize| {
             corners.iter().all(|corner| corner[axis] < 0) || corners.iter().all(|corner| corner[axis] > side)
         };
-        if (0..3).any(is_beside) {
+        if (0..3).any(is_outside) {
             return;
         }
         self.add_section(corners);

@@ -386,7 +386,7 @@ mod tests {
     /// The point of a crossing is where the line meets the plane, also for lines from distant
     /// points.
     #[test]
-    fn places_are_where_they_are_calculated() {
+    fn crossings_are_on_the_line_and_the_plane() {
         let mut random = Random(3);
         let mut met = 0;
         for _ in 0..3000 {

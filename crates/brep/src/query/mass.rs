@@ -60,20 +60,20 @@ impl MassProperties {
         progress.advance(sums.faces % 1024, faces.len());
         let mut measures = sums.measures(faces.grid());
         let width = faces.grid().width();
-        measures.volume += faces.volume_beside()? * width * width * width;
+        measures.volume += faces.volume_correction()? * width * width * width;
         Ok(measures)
     }
 }
 
 impl ExactModel {
-    /// See [`Faces::volume_beside`]. Computed in doubles.
-    pub(crate) fn volume_beside_grid(&self) -> Result<f64> {
+    /// See [`Faces::volume_correction`]. Computed in doubles.
+    pub(crate) fn exact_volume_correction(&self) -> Result<f64> {
         let mut sum = 0.0;
         self.each_exact(&mut |face| {
             sum += face.six_volumes();
             Ok(())
         })?;
-        self.each_stand_in(&mut |face| {
+        self.each_proxy(&mut |face| {
             sum -= face.six_volumes() as f64;
             Ok(())
         })?;
@@ -169,11 +169,11 @@ impl MassSums {
     /// Returns the measures in world units.
     pub fn measures(&self, grid: &Grid) -> MassProperties {
         let volume = whole(self.volume);
-        let step = Step::of(grid);
+        let unit = ExactGridUnit::of(grid);
         let area = self.area as f64 / (1u128 << (AREA_BITS + 1)) as f64;
         let mut measures = MassProperties {
             faces: self.faces,
-            volume: step.scaled(volume, whole(6), 3),
+            volume: unit.scaled(volume, whole(6), 3),
             centre: None,
             second_moments: [[0.0; 3]; 3],
             inertia: [[0.0; 3]; 3],
@@ -188,7 +188,7 @@ impl MassSums {
         let of_volume = volume * whole(4);
         measures.centre = Some([0, 1, 2].map(|axis| {
             let origin = of_volume * whole(i128::from(grid.origin[axis]));
-            step.scaled(origin + first[axis], of_volume, 1)
+            unit.scaled(origin + first[axis], of_volume, 1)
         }));
         // Subtracts the product of two first moments over the volume: in 480ths of the volume.
         let mut second = [[whole(0); 3]; 3];
@@ -201,8 +201,8 @@ impl MassSums {
         for (i, row) in second.iter().enumerate() {
             for (j, moment) in row.iter().enumerate() {
                 let inertia = if i == j { trace - *moment } else { -*moment };
-                measures.second_moments[i][j] = step.scaled(*moment, divisor, 5);
-                measures.inertia[i][j] = step.scaled(inertia, divisor, 5);
+                measures.second_moments[i][j] = unit.scaled(*moment, divisor, 5);
+                measures.inertia[i][j] = unit.scaled(inertia, divisor, 5);
             }
         }
         measures
@@ -212,20 +212,20 @@ impl MassSums {
 /// Axes of the second moments.
 const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [2, 0]];
 
-/// A grid's step as the exact quotient of two integers, times a power of two.
-struct Step {
+/// The grid unit as the exact quotient of two integers, times a power of two.
+struct ExactGridUnit {
     number: Whole,
     divisor: Whole,
     exponent: i32,
 }
 
-impl Step {
-    fn of(grid: &Grid) -> Step {
+impl ExactGridUnit {
+    fn of(grid: &Grid) -> ExactGridUnit {
         let ((number, up), (divisor, down)) = (odd_part(grid.step), odd_part(grid.divisor));
-        Step { number: whole(number), divisor: whole(divisor), exponent: up - down }
+        ExactGridUnit { number: whole(number), divisor: whole(divisor), exponent: up - down }
     }
 
-    /// Returns a quotient times a power of the step, rounded once.
+    /// Returns a quotient times a power of the grid unit, rounded once.
     fn scaled(&self, mut number: Whole, mut divisor: Whole, power: i32) -> f64 {
         for _ in 0..power {
             number *= self.number;

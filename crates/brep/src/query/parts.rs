@@ -24,7 +24,7 @@ pub struct PartMeasures {
 struct Sums {
     mass: MassSums,
     /// Six times the volume of the faces with off-grid vertices, minus that of their proxies.
-    beside: f64,
+    off_grid_volume: f64,
     closure: ExactClosure,
 }
 
@@ -52,13 +52,14 @@ impl ExactModel {
             if is_new && count * PART > memory {
                 return Err(Error::TooLarge {
                     path: self.path().to_path_buf(),
-                    what: format!("the measures of {count} parts or more"),
+                    what: format!("computing the measures of {count} or more objects"),
                     needed: count * PART,
                     limit: memory,
                     advice: "allow more with --memory".into(),
                 });
             }
-            let none = || Sums { mass: MassSums::new(), beside: 0.0, closure: ExactClosure::new(seed) };
+            let none =
+                || Sums { mass: MassSums::new(), off_grid_volume: 0.0, closure: ExactClosure::new(seed) };
             add(sums.entry(part).or_insert_with(none));
             Ok(())
         };
@@ -66,22 +67,22 @@ impl ExactModel {
             sums_of(face.part, &mut |sums| {
                 sums.mass.add_face(face);
                 match is_proxy {
-                    true => sums.beside -= face.six_volumes() as f64,
+                    true => sums.off_grid_volume -= face.six_volumes() as f64,
                     false => sums.closure.add(face),
                 }
             })
         })?;
         self.each_exact(&mut |face| {
             sums_of(face.part, &mut |sums| {
-                sums.beside += face.six_volumes();
+                sums.off_grid_volume += face.six_volumes();
                 sums.closure.add_exact(&face);
             })
         })?;
         let grid = self.grid();
         let cube = grid.width().powi(3);
-        let measures = sums.into_iter().map(|(part, Sums { mass, beside, closure })| {
+        let measures = sums.into_iter().map(|(part, Sums { mass, off_grid_volume, closure })| {
             let mut measures = mass.measures(grid);
-            measures.volume += beside / 6.0 * cube;
+            measures.volume += off_grid_volume / 6.0 * cube;
             PartMeasures { part, is_closed: closure.is_closed(), measures }
         });
         Ok(measures.collect())

@@ -1,7 +1,7 @@
 //! Rays and lines through a model: visits cells from front to back.
 
 use super::line::{Crossing, Line, Passage};
-use super::near_pieces::NearPieces;
+use super::model_cache::ModelCache;
 use super::visited::{Recent, Visited};
 use crate::store::segment::{CUT, INNER, LEAF, ModelSegment};
 use crate::{ExactModel, Face, Faces};
@@ -72,33 +72,33 @@ impl ExactModel {
     fn all_hits(&self, line: Option<Line>) -> Result<Vec<Hit>> {
         let Some(line) = line else { return Ok(Vec::new()) };
         run_batched(|| {
-            let mut pieces = NearPieces::new(self, 1);
-            let mut walk = Walk::new(line, false, &mut pieces);
-            walk.root()?;
-            let mut all = std::mem::take(&mut walk.found);
+            let mut cache = ModelCache::new(self, 1);
+            let mut traversal = RayTraversal::new(line, false, &mut cache);
+            traversal.root()?;
+            let mut all = std::mem::take(&mut traversal.found);
             sort::by_key(&mut all, |(number, _)| *number);
             all.dedup_by_key(|(number, _)| *number);
             // At equal parameters, exits precede entries.
             sort::by_wide_key(&mut all, |(_, passed)| {
                 u128::from(sort::float_key(passed.share)) << 1 | u128::from(passed.is_entry)
             });
-            all.into_iter().map(|(number, crossing)| pieces.hit(&line, number, crossing)).collect()
+            all.into_iter().map(|(number, crossing)| cache.hit(&line, number, crossing)).collect()
         })
     }
 
     fn first_hit(&self, line: Option<Line>) -> Result<(Option<Hit>, Visited)> {
         let Some(line) = line else { return Ok((None, Visited::default())) };
         run_batched(|| {
-            let mut pieces = NearPieces::new(self, 1);
-            let mut walk = Walk::new(line, true, &mut pieces);
-            walk.root()?;
-            Ok((walk.first()?, walk.visited))
+            let mut cache = ModelCache::new(self, 1);
+            let mut traversal = RayTraversal::new(line, true, &mut cache);
+            traversal.root()?;
+            Ok((traversal.first()?, traversal.visited))
         })
     }
 
     /// Returns a caster of many rays through the model: see [`ModelRays`].
     pub fn rays(&self) -> ModelRays<'_> {
-        ModelRays { model: self, pieces: NearPieces::new(self, REMEMBERED) }
+        ModelRays { model: self, cache: ModelCache::new(self, REMEMBERED) }
     }
 }
 
@@ -106,7 +106,7 @@ impl ExactModel {
 /// not depend on the cache.
 pub struct ModelRays<'a> {
     model: &'a ExactModel,
-    pieces: NearPieces<'a>,
+    cache: ModelCache<'a>,
 }
 
 impl ModelRays<'_> {
@@ -118,9 +118,9 @@ impl ModelRays<'_> {
         let grid = self.model.grid();
         let steps = direction.map(|along| along * grid.divisor / grid.step);
         let Some(line) = Line::ray(grid, grid.to_grid(from), steps) else { return Ok(None) };
-        let mut walk = Walk::new(line, true, &mut self.pieces);
-        walk.root()?;
-        walk.first()
+        let mut traversal = RayTraversal::new(line, true, &mut self.cache);
+        traversal.root()?;
+        traversal.first()
     }
 
     /// Returns the first points where many rays cross the surface, as [`ModelRays::first`], in the
@@ -136,7 +136,7 @@ impl ModelRays<'_> {
         let [low, high] = [[0; 3], [((1u64 << grid.bits) - 1) as i32; 3]].map(|corner| grid.to_world(corner));
         let mut order: Vec<(u64, u32)> =
             rays.iter().zip(0..).map(|(ray, index)| (place_of(ray, low, high), index)).collect();
-        sort::by_key(&mut order, |(place, _)| *place);
+        sort::by_key(&mut order, |(rank, _)| *rank);
         let mut hits = vec![None; rays.len()];
         for (_, index) in order {
             let [from, direction] = rays[index as usize];
@@ -150,7 +150,7 @@ impl ModelRays<'_> {
     /// # Errors
     /// If there is no such face, or the file is corrupt or cannot be read.
     pub fn face(&mut self, number: u64) -> Result<(Face<'_>, [i64; 3])> {
-        let seen = self.pieces.face(number)?;
+        let seen = self.cache.face(number)?;
         Ok((seen.buffer.face(), seen.plane.normal))
     }
 }
@@ -170,24 +170,24 @@ fn place_of([from, direction]: &[[f64; 3]; 2], low: [f64; 3], high: [f64; 3]) ->
     if !(first <= last && last.is_finite()) {
         return u64::MAX;
     }
-    let mut place = 0;
+    let mut rank = 0;
     for (end, share) in [first, last].into_iter().enumerate() {
         for axis in 0..3 {
             let at = (from[axis] + direction[axis] * share - low[axis]) / (high[axis] - low[axis]);
             let at = (at.clamp(0.0, 1.0) * 1023.0) as u64;
             for bit in 0..10 {
-                place |= (at >> bit & 1) << (6 * bit + 3 * end + axis);
+                rank |= (at >> bit & 1) << (6 * bit + 3 * end + axis);
             }
         }
     }
-    place
+    rank
 }
 
 /// Children in a selection of the halves along each axis: a bit for each child.
 const ALONG: [[u8; 4]; 3] = [[0, 0x55, 0xaa, 0xff], [0, 0x33, 0xcc, 0xff], [0, 0x0f, 0xf0, 0xff]];
 
 /// Traversal of the octree along a line.
-struct Walk<'a, 'r> {
+struct RayTraversal<'a, 'r> {
     line: Line,
     /// Whether only the first crossing is wanted.
     is_first: bool,
@@ -196,7 +196,7 @@ struct Walk<'a, 'r> {
     /// All crossings, if these are wanted; some occur more than once.
     found: Vec<(u64, Crossing)>,
     recent: Recent,
-    pieces: &'r mut NearPieces<'a>,
+    cache: &'r mut ModelCache<'a>,
     visited: Visited,
 }
 
@@ -214,22 +214,22 @@ struct Cell {
     part: [f64; 2],
 }
 
-impl<'a, 'r> Walk<'a, 'r> {
+impl<'a, 'r> RayTraversal<'a, 'r> {
     /// Creates a traversal that finds the first crossing, or all.
-    fn new(line: Line, is_first: bool, pieces: &'r mut NearPieces<'a>) -> Walk<'a, 'r> {
+    fn new(line: Line, is_first: bool, cache: &'r mut ModelCache<'a>) -> RayTraversal<'a, 'r> {
         let (recent, visited) = (Recent::new(), Visited::default());
-        Walk { line, is_first, first: None, found: Vec::new(), recent, pieces, visited }
+        RayTraversal { line, is_first, first: None, found: Vec::new(), recent, cache, visited }
     }
 
     /// Returns the first crossing that was found.
     fn first(&mut self) -> Result<Option<Hit>> {
         let Some((number, crossing)) = self.first else { return Ok(None) };
-        self.pieces.hit(&self.line, number, crossing).map(Some)
+        self.cache.hit(&self.line, number, crossing).map(Some)
     }
 
     fn root(&mut self) -> Result<()> {
         // (Walls are half a grid unit before grid points.)
-        let (low, high) = (-0.5, (1u64 << self.pieces.model().grid().bits) as f64 - 0.5);
+        let (low, high) = (-0.5, (1u64 << self.cache.model().grid().bits) as f64 - 0.5);
         let passages = [0, 1, 2].map(|axis| self.line.passage(axis, low, high));
         match Line::part_within(&passages) {
             Some(part) => self.segment(&Cell { level: 0, position: [0; 3], passages, part }),
@@ -239,7 +239,7 @@ impl<'a, 'r> Walk<'a, 'r> {
 
     /// Visits a cell whose node has a segment.
     fn segment(&mut self, cell: &Cell) -> Result<()> {
-        let segment = self.pieces.segment(cell.level, cell.position)?;
+        let segment = self.cache.segment(cell.level, cell.position)?;
         self.node(&segment, segment.word(0), cell)
     }
 
@@ -251,7 +251,7 @@ impl<'a, 'r> Walk<'a, 'r> {
             LEAF => return self.leaf(segment, word),
             _ => return Ok(()),
         }
-        let half = (1u64 << (self.pieces.model().grid().bits - cell.level)) as f64 / 2.0;
+        let half = (1u64 << (self.cache.model().grid().bits - cell.level)) as f64 / 2.0;
         let middle = |axis: usize| (2.0 * f64::from(cell.position[axis]) + 1.0) * half - 0.5;
         let halves = |axis: usize| self.line.halves(axis, cell.passages[axis], middle(axis));
         let halves = [halves(0), halves(1), halves(2)];
@@ -260,14 +260,14 @@ impl<'a, 'r> Walk<'a, 'r> {
         let mut ahead = ALONG[0][there(0)] & ALONG[1][there(1)] & ALONG[2][there(2)];
         let turned = self.line.turned();
         while ahead != 0 {
-            let place = ahead.trailing_zeros() as usize;
+            let rank = ahead.trailing_zeros() as usize;
             ahead &= ahead - 1;
-            let child = place ^ turned;
+            let child = rank ^ turned;
             let word = segment.child(word, child);
             if !matches!(word & 7, INNER | LEAF | CUT) {
                 continue;
             }
-            let passages = [halves[0][place & 1], halves[1][place >> 1 & 1], halves[2][place >> 2]];
+            let passages = [halves[0][rank & 1], halves[1][rank >> 1 & 1], halves[2][rank >> 2]];
             let Some(part) = self.wanted(&passages) else { continue };
             let position: [u32; 3] =
                 [0, 1, 2].map(|axis| 2 * cell.position[axis] + (child >> axis & 1) as u32);
@@ -282,8 +282,8 @@ impl<'a, 'r> Walk<'a, 'r> {
     #[inline]
     fn wanted(&self, passages: &[Passage; 3]) -> Option<[f64; 2]> {
         let part = Line::part_within(passages)?;
-        let is_behind = |(_, first): (u64, Crossing)| first.share < self.line.share_of(part[0]);
-        (!self.first.is_some_and(is_behind)).then_some(part)
+        let is_after = |(_, first): (u64, Crossing)| first.share < self.line.share_of(part[0]);
+        (!self.first.is_some_and(is_after)).then_some(part)
     }
 
     fn leaf(&mut self, segment: &ModelSegment<'a>, word: u32) -> Result<()> {
@@ -292,7 +292,7 @@ impl<'a, 'r> Walk<'a, 'r> {
                 continue;
             }
             self.visited.faces += 1;
-            let Some(crossing) = self.pieces.crossing(&self.line, number)? else { continue };
+            let Some(crossing) = self.cache.crossing(&self.line, number)? else { continue };
             if !self.is_first {
                 self.found.push((number, crossing));
                 continue;

@@ -37,7 +37,7 @@ impl ExactModel {
             return Err(Error::invalid(
                 "box",
                 found,
-                "least coordinates, and greatest ones that are no less",
+                "minimum coordinates, and maximum coordinates that are not smaller",
             ));
         }
         // Coordinates far outside are clamped to just outside of the root's cell.
@@ -47,7 +47,7 @@ impl ExactModel {
         let to = [0, 1, 2].map(|axis| to[axis].max(from[axis] + 1));
         let half = 1i64 << (bits - 1);
         let is_beyond = |axis: usize| from[axis] < -half || to[axis] > (1 << 31) - half;
-        let mut walk = Walk {
+        let mut traversal = BoxTraversal {
             model: self,
             bounds: Box3 { min: from, max: to },
             bits,
@@ -60,21 +60,21 @@ impl ExactModel {
             visited: Visited::default(),
         };
         let root = self.root()?;
-        let is_met = walk.bounds.inside_meets(&walk.fine(&root.bounds(grid)));
-        let is_cut = is_met && walk.node(&root)?;
-        let place = match (is_cut, walk.outside) {
+        let is_met = traversal.bounds.inside_meets(&traversal.fine(&root.bounds(grid)));
+        let is_cut = is_met && traversal.node(&root)?;
+        let location = match (is_cut, traversal.outside) {
             (true, _) => BoxLocation::Cut,
             (false, true) => BoxLocation::Outside,
-            (false, false) if walk.inside => BoxLocation::Inside,
+            (false, false) if traversal.inside => BoxLocation::Inside,
             // Only uncut parts of leaves remain, which all have the same state.
-            (false, false) if walk.uncut == Some(true) => BoxLocation::Inside,
+            (false, false) if traversal.uncut == Some(true) => BoxLocation::Inside,
             (false, false) => BoxLocation::Outside,
         };
-        Ok((place, walk.visited))
+        Ok((location, traversal.visited))
     }
 }
 
-struct Walk<'a> {
+struct BoxTraversal<'a> {
     model: &'a ExactModel,
     /// In `2^-bits` grid units.
     bounds: Box3,
@@ -91,7 +91,7 @@ struct Walk<'a> {
     visited: Visited,
 }
 
-impl Walk<'_> {
+impl BoxTraversal<'_> {
     /// Converts a box in half grid units to the fine grid.
     fn fine(&self, bounds: &[[i64; 3]; 2]) -> Box3 {
         let [min, max] = bounds.map(|corner| corner.map(|at| at << (self.bits - 1)));

@@ -11,7 +11,7 @@ use super::plane::Plane;
 use super::simple_rings::simple_rings;
 use super::visited::half_of;
 use crate::exact::vector::{cross, dot};
-use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState, show_place};
+use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState, format_position};
 use spinney_base::io::batch::{defer_missing, finish_deferred, run_batched};
 use spinney_base::{Error, Progress, Result, parallel, sort};
 
@@ -72,8 +72,8 @@ impl ExactModel {
     /// use spinney::brep::CuttingPlane;
     /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
     /// # use spinney::Output;
-    /// # let folder = tempfile::tempdir().unwrap();
-    /// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
+    /// # let directory = tempfile::tempdir().unwrap();
+    /// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| directory.path().join(name));
     /// # let text = "OFF\n4 4 0\n0 0 0\n6 0 0\n0 6 0\n0 0 6\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
     /// # std::fs::write(&mesh, text).unwrap();
     /// # import_exact(open_all(&[mesh], 64 << 20)?, &ExactOptions::new(), Output::create(&path)?, &())?;
@@ -101,12 +101,9 @@ impl ExactModel {
             return Err(Error::invalid("plane", found, "finite numbers, and a normal that is not zero"));
         }
         if self.is_unbounded() {
-            let advice = "make its complement (`spinney combine not`), whose sections have the same outlines";
-            return Err(Error::unsupported(
-                self.path(),
-                "a section of what is everywhere but in a part of space",
-                advice,
-            ));
+            let advice =
+                "section its complement instead (`spinney combine not`), which has the same outlines";
+            return Err(Error::unsupported(self.path(), "a section of an unbounded body", advice));
         }
         Ok(())
     }
@@ -121,7 +118,7 @@ impl ExactModel {
         let mut cut = run_batched(|| {
             let mut cut = PlaneCut::new(self.grid(), normal, distances);
             let (known, buffer) = (HashSet::new(), FaceBuffer::default());
-            Walk { model: self, progress, cut: &mut cut, known, buffer }.node(&self.root()?)?;
+            SectionTraversal { model: self, progress, cut: &mut cut, known, buffer }.node(&self.root()?)?;
             Ok(cut)
         })?;
         let world = |point: &[f64; 3]| self.grid().to_world_between(*point);
@@ -130,10 +127,10 @@ impl ExactModel {
             progress.check()?;
             let rings = cut.rings(plane).map_err(|end| Error::NotASolid {
                 path: self.path().to_path_buf(),
-                what: "the outline of the section is not closed, and so the surface is not".into(),
-                places: vec![format!("it ends at {}", show_place(world(&end)))],
+                what: "the outline of the section is open, so the surface is not closed".into(),
+                locations: vec![format!("it ends at {}", format_position(world(&end)))],
                 count: 1,
-                advice: "look for the cause with verify, and build the model again".into(),
+                advice: "find the cause with `spinney verify`, and build the model again".into(),
             })?;
             let plane = CuttingPlane { normal, distance: *distance };
             let rings = simple_rings(rings, plane.axes());
@@ -190,7 +187,7 @@ impl ExactModel {
     }
 }
 
-struct Walk<'a> {
+struct SectionTraversal<'a> {
     model: &'a ExactModel,
     progress: &'a dyn Progress,
     cut: &'a mut PlaneCut,
@@ -199,7 +196,7 @@ struct Walk<'a> {
     buffer: FaceBuffer,
 }
 
-impl Walk<'_> {
+impl SectionTraversal<'_> {
     fn node(&mut self, node: &ModelNode<'_>) -> Result<()> {
         let mut is_unread = false;
         match node.state() {
@@ -247,7 +244,7 @@ struct PlaneCut {
     /// Distance of each plane, in grid units times the normal's length; ascending.
     distances: Vec<f64>,
     /// Segments in each plane: the edges from and to which they lead.
-    pieces: Vec<Vec<[Edge; 2]>>,
+    segments: Vec<Vec<[Edge; 2]>>,
     /// Heights of the vertices of a face.
     heights: Vec<f64>,
 }
@@ -258,8 +255,8 @@ impl PlaneCut {
         let origin = dot(normal, grid.to_world_between([0.0; 3]));
         let distances: Vec<f64> =
             distances.iter().map(|distance| (distance - origin) / grid.width()).collect();
-        let pieces = vec![Vec::new(); distances.len()];
-        PlaneCut { normal, distances, pieces, heights: Vec::new() }
+        let segments = vec![Vec::new(); distances.len()];
+        PlaneCut { normal, distances, segments, heights: Vec::new() }
     }
 
     fn height(&self, point: [i32; 3]) -> f64 {
@@ -291,13 +288,13 @@ impl PlaneCut {
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(*at), high.max(*at)));
         for plane in self.planes(low, high) {
-            self.piece(plane, face, &heights);
+            self.add_segments(plane, face, &heights);
         }
         self.heights = heights;
     }
 
     /// Adds the segments of a face in a plane.
-    fn piece(&mut self, plane: usize, face: &Face<'_>, heights: &[f64]) {
+    fn add_segments(&mut self, plane: usize, face: &Face<'_>, heights: &[f64]) {
         let is_above = |corner: usize| heights[corner] >= self.distances[plane];
         // Downward and upward edges. The face is between each edge and the next one of the other
         // kind.
@@ -322,7 +319,7 @@ impl PlaneCut {
             }
         }
         let [down, up] = crossed;
-        self.pieces[plane].extend(down.into_iter().zip(up).map(|(from, to)| [from, to]));
+        self.segments[plane].extend(down.into_iter().zip(up).map(|(from, to)| [from, to]));
     }
 
     /// Returns the point of an edge in a plane: the same for all faces with the edge.
@@ -336,15 +333,15 @@ impl PlaneCut {
     /// Returns the rings of a plane's segments; each ends with its first point. If they are not
     /// closed, the error is the end of an open line.
     fn rings(&mut self, plane: usize) -> Result<Vec<Vec<[f64; 3]>>, [f64; 3]> {
-        let mut pieces = CutPieces::of(std::mem::take(&mut self.pieces[plane]));
+        let mut segments = SectionSegments::of(std::mem::take(&mut self.segments[plane]));
         let mut rings = Vec::new();
         // Lines that end at edges whose other face has no area, and is in no leaf.
         let mut open: Vec<Vec<[f64; 3]>> = Vec::new();
-        for start in pieces.starts() {
-            while let Some(mut next) = pieces.take(&start) {
+        for start in segments.starts() {
+            while let Some(mut next) = segments.take(&start) {
                 let mut line = vec![self.point(plane, &start), self.point(plane, &next)];
                 while next != start
-                    && let Some(after) = pieces.take(&next)
+                    && let Some(after) = segments.take(&next)
                 {
                     next = after;
                     line.push(self.point(plane, &next));
@@ -360,16 +357,16 @@ impl PlaneCut {
 }
 
 /// Segments, sorted by the edge that they lead from; some are removed.
-struct CutPieces {
+struct SectionSegments {
     list: Vec<[Edge; 2]>,
     /// At the first segment from an edge: number of removed segments from that edge.
     taken: Vec<usize>,
 }
 
-impl CutPieces {
-    fn of(mut list: Vec<[Edge; 2]>) -> CutPieces {
+impl SectionSegments {
+    fn of(mut list: Vec<[Edge; 2]>) -> SectionSegments {
         sort::by(&mut list, &mut Ord::cmp);
-        CutPieces { taken: vec![0; list.len()], list }
+        SectionSegments { taken: vec![0; list.len()], list }
     }
 
     /// Returns the edges to begin at: first those that no segment leads to, then all others.

@@ -43,7 +43,7 @@ pub(super) fn simple_rings(mut rings: Vec<Vec<Point>>, axes: [Point; 2]) -> Vec<
 /// Splits a ring, given without its last point, at repeated points.
 fn split(ring: &[(Key, Point)], found: &mut Vec<Vec<Point>>) {
     let mut open: Vec<(Key, Point)> = Vec::new();
-    let mut places: BTreeMap<Key, usize> = BTreeMap::new();
+    let mut positions: BTreeMap<Key, usize> = BTreeMap::new();
     let mut close = |loop_: Vec<(Key, Point)>| {
         if loop_.len() > 2 {
             let first = loop_[0].1;
@@ -51,14 +51,14 @@ fn split(ring: &[(Key, Point)], found: &mut Vec<Vec<Point>>) {
         }
     };
     for &(key, point) in ring {
-        if let Some(&place) = places.get(&key) {
+        if let Some(&place) = positions.get(&key) {
             let loop_: Vec<(Key, Point)> = open.drain(place..).collect();
             for (key, _) in &loop_ {
-                places.remove(key);
+                positions.remove(key);
             }
             close(loop_);
         }
-        places.insert(key, open.len());
+        positions.insert(key, open.len());
         open.push((key, point));
     }
     close(open);
@@ -209,8 +209,8 @@ mod tests {
         let (left, right) =
             (ring(&[[0, 0], [2, 0], [2, 2], [0, 2]]), ring(&[[2, 0], [4, 0], [4, 2], [2, 2]]));
         assert_eq!(areas(vec![left.clone(), right]), [8.0]);
-        let apart = ring(&[[7, 0], [9, 0], [9, 2]]);
-        assert_eq!(simple_rings(vec![left.clone(), apart.clone()], FLAT), [left, apart]);
+        let separate = ring(&[[7, 0], [9, 0], [9, 2]]);
+        assert_eq!(simple_rings(vec![left.clone(), separate.clone()], FLAT), [left, separate]);
     }
 
     /// Areas of random cells, whose squares share points.

@@ -85,8 +85,8 @@ pub(super) fn insert(rings: &mut [Vec<Point>], axes: [Point; 2], distance: f64) 
     if all.is_empty() {
         return;
     }
-    let places: Vec<[f64; 2]> = all.iter().map(flat).collect();
-    let squares = Squares::of(&places);
+    let positions: Vec<[f64; 2]> = all.iter().map(flat).collect();
+    let squares = Squares::of(&positions);
     let mut within: Vec<(f64, u32)> = Vec::new();
     for ring in rings {
         let mut found = Vec::new();
@@ -96,7 +96,7 @@ pub(super) fn insert(rings: &mut [Vec<Point>], axes: [Point; 2], distance: f64) 
             let length = along[0].hypot(along[1]);
             within.clear();
             squares.each_near([a, b], distance, &mut |point| {
-                let from = [0, 1].map(|axis| places[point as usize][axis] - a[axis]);
+                let from = [0, 1].map(|axis| positions[point as usize][axis] - a[axis]);
                 let way = (from[0] * along[0] + from[1] * along[1]) / length;
                 let away = (from[0] * along[1] - from[1] * along[0]).abs() / length;
                 if away <= distance && way > distance && way < length - distance {

@@ -17,7 +17,7 @@ pub(super) const WIDE: u32 = 2;
 pub(super) const TRIANGLES: u32 = 4;
 pub(super) const PARTS: u32 = 8;
 pub(super) const SOURCES: u32 = 16;
-pub(super) const STAND_INS: u32 = 32;
+pub(super) const PROXIES: u32 = 32;
 
 /// Collects the faces of a block.
 #[derive(Default)]
@@ -33,7 +33,7 @@ pub(crate) struct BlockBuilder {
     parts: Vec<u32>,
     sources: Vec<u64>,
     /// Whether each face is a proxy for faces with off-grid vertices.
-    stand_ins: Vec<bool>,
+    proxies: Vec<bool>,
     is_coloured: bool,
 }
 
@@ -78,7 +78,7 @@ impl BlockBuilder {
         self.face_ends.push(self.ring_ends.len() as u32);
         self.parts.push(face.part);
         self.sources.push(face.source);
-        self.stand_ins.push(is_proxy);
+        self.proxies.push(is_proxy);
     }
 
     /// Returns the number of the first face, and the block's bytes; resets the builder.
@@ -88,14 +88,14 @@ impl BlockBuilder {
             && (3..).step_by(3).zip(&self.ring_ends).all(|(end, ring)| end == *ring);
         let one_part = self.parts.iter().all(|part| *part == self.parts[0]);
         let own_numbers = (self.first..).zip(&self.sources).all(|(number, source)| number == *source);
-        let has_stand_ins = self.stand_ins.contains(&true);
+        let has_proxies = self.proxies.contains(&true);
         let flag = |is_set: bool, flag: u32| if is_set { flag } else { 0 };
         let flags = flag(self.is_coloured, COLOURED)
             | flag(is_wide, WIDE)
             | flag(are_triangles, TRIANGLES)
             | flag(!one_part, PARTS)
             | flag(!own_numbers, SOURCES)
-            | flag(has_stand_ins, STAND_INS);
+            | flag(has_proxies, PROXIES);
         let counts = [self.parts.len(), self.vertices.len(), self.ring_ends.len(), self.corners.len()];
         let mut bytes = Vec::with_capacity(HEAD + 12 * self.vertices.len() + 4 * self.corners.len());
         let mut word = |word: u32| bytes.extend_from_slice(&word.to_le_bytes());
@@ -109,10 +109,10 @@ impl BlockBuilder {
         if !own_numbers {
             self.sources.iter().for_each(|source| bytes.extend_from_slice(&source.to_le_bytes()));
         }
-        if has_stand_ins {
+        if has_proxies {
             let bits =
                 |faces: &[bool]| (0..).zip(faces).fold(0, |bits, (bit, is)| bits | u8::from(*is) << bit);
-            bytes.extend(self.stand_ins.chunks(8).map(bits));
+            bytes.extend(self.proxies.chunks(8).map(bits));
         }
         if self.is_coloured {
             bytes.extend_from_slice(self.colours.as_flattened());
@@ -133,7 +133,7 @@ impl BlockBuilder {
         face_ends.clear();
         self.parts.clear();
         self.sources.clear();
-        self.stand_ins.clear();
+        self.proxies.clear();
         self.is_coloured = false;
         (first, bytes)
     }
@@ -158,7 +158,7 @@ pub(super) struct BlockLayout {
     ring_ends: usize,
     parts: usize,
     sources: usize,
-    stand_ins: usize,
+    proxies: usize,
     colours: usize,
     corner_list: usize,
     pub(super) end: usize,
@@ -182,8 +182,8 @@ impl BlockLayout {
         let ring_ends = face_ends + if has(TRIANGLES) { 0 } else { 4 * faces };
         let parts = ring_ends + if has(TRIANGLES) { 0 } else { 4 * rings };
         let sources = parts + if has(PARTS) { 4 * faces } else { 4 };
-        let stand_ins = sources + if has(SOURCES) { 8 * faces } else { 0 };
-        let colours = stand_ins + if has(STAND_INS) { faces.div_ceil(8) } else { 0 };
+        let proxies = sources + if has(SOURCES) { 8 * faces } else { 0 };
+        let colours = proxies + if has(PROXIES) { faces.div_ceil(8) } else { 0 };
         let corner_list = colours + if has(COLOURED) { 3 * vertices } else { 0 };
         let end = corner_list + corners * if has(WIDE) { 4 } else { 2 };
         let layout = BlockLayout {
@@ -196,7 +196,7 @@ impl BlockLayout {
             ring_ends,
             parts,
             sources,
-            stand_ins,
+            proxies,
             colours,
             corner_list,
             end,
@@ -265,7 +265,7 @@ impl<'a> Block<'a> {
                 && is_ascending(self.layout.ring_ends, rings, 3, corners)
         };
         if !has_rings {
-            return Err("ends of faces and rings that do not rise".into());
+            return Err("ends of faces and rings that do not ascend".into());
         }
         if let Some(corner) = (0..corners).map(|index| self.corner(index)).find(|corner| *corner >= vertices)
         {
@@ -275,7 +275,7 @@ impl<'a> Block<'a> {
         if let Some(at) = (0..vertices).map(|vertex| self.vertex(vertex)).find(outside) {
             return Err(format!("a vertex at {at:?} on a grid of {bits} bits"));
         }
-        if self.layout.flags >= 2 * STAND_INS {
+        if self.layout.flags >= 2 * PROXIES {
             return Err(format!("flags {:x}", self.layout.flags));
         }
         let wrong = (0..faces).map(|face| self.part(face)).find(|part| u64::from(*part) >= parts);
@@ -307,9 +307,9 @@ impl<'a> Block<'a> {
 
     /// Returns the index of a face in the block, if the block has it.
     #[inline]
-    pub(crate) fn place(&self, number: u64) -> Option<usize> {
-        let place = number.wrapping_sub(self.first);
-        (place < self.layout.faces as u64).then_some(place as usize)
+    pub(crate) fn index(&self, number: u64) -> Option<usize> {
+        let index = number.wrapping_sub(self.first);
+        (index < self.layout.faces as u64).then_some(index as usize)
     }
 
     /// Returns the vertices of a face of a block of triangles, by its index; `None` for other
@@ -321,13 +321,13 @@ impl<'a> Block<'a> {
     }
 
     /// Returns whether any face may be a proxy.
-    pub(crate) fn has_stand_ins(&self) -> bool {
-        self.layout.has(STAND_INS)
+    pub(crate) fn has_proxies(&self) -> bool {
+        self.layout.has(PROXIES)
     }
 
     /// Returns whether a face is a proxy.
     fn is_proxy(&self, face: usize) -> bool {
-        let byte = self.bytes.get(self.layout.stand_ins + face / 8).filter(|_| self.has_stand_ins());
+        let byte = self.bytes.get(self.layout.proxies + face / 8).filter(|_| self.has_proxies());
         byte.is_some_and(|byte| byte >> (face % 8) & 1 == 1)
     }
 

@@ -303,7 +303,7 @@ impl<'a> ExactBlock<'a> {
             return Err("no faces".into());
         }
         if !ascend(6, faces, 1, rings) || !ascend(7, rings, 3, corners) {
-            return Err("ends of faces and rings that do not rise".into());
+            return Err("ends of faces and rings that do not ascend".into());
         }
         let wrong = (0..faces).map(|face| self.part(face)).find(|part| u64::from(*part) >= parts);
         wrong.map_or(Ok(()), |part| Err(format!("part {part} of {parts}")))
@@ -389,7 +389,7 @@ impl<'a> ExactBlock<'a> {
         // (Points may be up to half a grid unit outside of the outermost grid points.)
         let side = (1u64 << self.bits) as f64;
         let is_there = point.near.iter().all(|at| (-1.0..side).contains(at));
-        is_there.then_some(point).ok_or_else(|| "a vertex beside the grid's cells".into())
+        is_there.then_some(point).ok_or_else(|| "a vertex outside of the grid's cells".into())
     }
 
     /// Decodes all points of a checked block, in the order of their numbers. Errors describe an

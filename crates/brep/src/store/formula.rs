@@ -24,7 +24,7 @@ impl ExactModel {
             return Ok(None);
         }
         let bytes = section.read(&self.path, &*self.backend, "formula")?.into_owned();
-        let wrong = |_| self.corrupt("formula".into(), "a text that is none", "UTF-8");
+        let wrong = |_| self.corrupt("formula".into(), "bytes that are not UTF-8", "UTF-8");
         String::from_utf8(bytes).map(Some).map_err(wrong)
     }
 }

@@ -1,13 +1,13 @@
 //! Files of exact models: see `formats.md`.
 
 pub(super) mod block;
+mod chunks;
 pub(super) mod exact;
 pub(crate) mod formula;
 mod node;
 pub(crate) mod objects;
 mod open;
 mod packed;
-mod pieces;
 mod reader;
 pub(crate) mod segment;
 pub(crate) mod summary;

@@ -6,10 +6,10 @@ use std::sync::OnceLock;
 
 use serde_json::value::RawValue;
 
-use super::pieces::Pieces;
+use super::chunks::ChunkList;
 use super::reader::ExactModel;
 use super::segment::{push_number, take_number};
-use super::table::{COLUMN_NAMES, FIRST_NAMED, MAX_NAMED, PieceVisitor, TableWriter};
+use super::table::{COLUMN_NAMES, ChunkVisitor, FIRST_NAMED, MAX_NAMED, TableWriter};
 use crate::attributes::each_member;
 use spinney_base::sort;
 use spinney_base::{Progress, Result};
@@ -71,7 +71,7 @@ impl ColumnNames {
     }
 
     /// Writes the names.
-    pub(crate) fn write(&self, table: &mut TableWriter, take: &mut PieceVisitor<'_>) -> Result<()> {
+    pub(crate) fn write(&self, table: &mut TableWriter, take: &mut ChunkVisitor<'_>) -> Result<()> {
         let mut names = (0..).zip(&self.list);
         names.try_for_each(|(row, name)| table.push(COLUMN_NAMES, row, name.as_bytes(), take))
     }
@@ -83,7 +83,7 @@ impl ObjectWriter {
         &mut self,
         name: &str,
         attributes: Option<&str>,
-        take: &mut PieceVisitor<'_>,
+        take: &mut ChunkVisitor<'_>,
     ) -> Result<()> {
         let part = self.names.len() as u32;
         self.names.push(name.into());
@@ -116,13 +116,13 @@ impl ObjectWriter {
     }
 
     /// Adds the metadata of a source file.
-    pub(crate) fn file(&mut self, text: &str, take: &mut PieceVisitor<'_>) -> Result<()> {
+    pub(crate) fn file(&mut self, text: &str, take: &mut ChunkVisitor<'_>) -> Result<()> {
         self.files += 1;
         self.table.push(FILES, self.files - 1, text.as_bytes(), take)
     }
 
     /// Writes the remaining columns; returns the number of parts.
-    pub(crate) fn finish(self, take: &mut PieceVisitor<'_>) -> Result<u64> {
+    pub(crate) fn finish(self, take: &mut ChunkVisitor<'_>) -> Result<u64> {
         let ObjectWriter { mut table, names, has_attributes, columns, shapes, files } = self;
         if !has_attributes && files == 0 && (names.is_empty() || names == [ONLY_PART]) {
             return Ok(1);
@@ -188,10 +188,10 @@ struct ColumnName {
 impl ColumnName {
     fn of(name: &str) -> Option<ColumnName> {
         let names: Vec<Box<RawValue>> = serde_json::from_str(name).ok()?;
-        let are_texts = names.iter().all(|name| serde_json::from_str::<String>(name.get()).is_ok());
+        let are_strings = names.iter().all(|name| serde_json::from_str::<String>(name.get()).is_ok());
         let mut names = names.iter().map(|name| name.get().to_string());
         let found = ColumnName { member: names.next()?, inner: names.next() };
-        (are_texts && names.next().is_none()).then_some(found)
+        (are_strings && names.next().is_none()).then_some(found)
     }
 }
 
@@ -237,7 +237,7 @@ impl ExactModel {
         if self.objects.len() == 0 && self.summary.parts == 1 {
             return Ok(vec![ONLY_PART.into()]);
         }
-        let names = self.list_of_texts(&self.objects, NAMES, self.summary.parts)?;
+        let names = self.list_of_strings(&self.objects, NAMES, self.summary.parts)?;
         if names.len() as u64 != self.summary.parts {
             let found = format!("{} names of {} parts", names.len(), self.summary.parts);
             return Err(self.corrupt("parts".into(), found, "a name for each part"));
@@ -246,14 +246,14 @@ impl ExactModel {
     }
 
     fn wrong_objects(&self, found: impl Into<String>) -> spinney_base::Error {
-        self.corrupt("attributes".into(), found, "columns as formats.md has them")
+        self.corrupt("attributes".into(), found, "columns as in formats.md")
     }
 
     fn schema(&self) -> Result<&Schema> {
         if let Some(schema) = self.schema.get() {
             return Ok(schema);
         }
-        let names = self.list_of_texts(&self.objects, COLUMN_NAMES, MAX_NAMED.into())?;
+        let names = self.list_of_strings(&self.objects, COLUMN_NAMES, MAX_NAMED.into())?;
         let named =
             |name: &String| ColumnName::of(name).ok_or_else(|| self.wrong_objects("a column without a name"));
         let columns: Vec<ColumnName> = names.iter().map(named).collect::<Result<_>>()?;
@@ -265,10 +265,12 @@ impl ExactModel {
                 let column = take_number(&mut bytes).filter(|column| (*column as usize) < columns.len());
                 // (Each column once, so that no object is longer than the file.)
                 let column = column.filter(|column| taken.insert(*column));
-                shape.push(column.ok_or_else(|| self.wrong_objects("a list of columns that are not there"))?);
+                shape.push(column.ok_or_else(|| {
+                    self.wrong_objects("a list with repeated columns, or columns that do not exist")
+                })?);
             }
             if row as usize != shapes.len() || shapes.len() == MAX_SHAPES {
-                return Err(self.wrong_objects(format!("list of columns {row} behind {}", shapes.len())));
+                return Err(self.wrong_objects(format!("list of columns {row} after {}", shapes.len())));
             }
             shapes.push(shape);
             Ok(())
@@ -286,7 +288,7 @@ impl ExactModel {
         let number = take_number(&mut &shape[..]);
         let shape = number.and_then(|number| schema.shapes.get(number as usize));
         let shape =
-            shape.ok_or_else(|| self.wrong_objects(format!("part {part} with no list of columns")))?;
+            shape.ok_or_else(|| self.wrong_objects(format!("part {part} without a list of columns")))?;
         let mut values = Vec::with_capacity(shape.len());
         for &column in shape {
             let value = self.value(&self.objects, FIRST_NAMED + column, part)?;
@@ -311,7 +313,7 @@ impl ExactModel {
 
     /// Reads the metadata of the source files.
     pub(super) fn read_file_attributes(&self) -> Result<Vec<String>> {
-        self.list_of_texts(&self.objects, FILES, u64::from(u32::MAX))
+        self.list_of_strings(&self.objects, FILES, u64::from(u32::MAX))
     }
 
     /// Returns the number of the first part with a name.
@@ -339,11 +341,11 @@ impl ExactModel {
     }
 
     /// Returns the part at an index in the order of the names.
-    fn part_in_order(&self, place: u32) -> Result<u32> {
-        let value = self.value(&self.objects, ORDER, place)?;
+    fn part_in_order(&self, index: u32) -> Result<u32> {
+        let value = self.value(&self.objects, ORDER, index)?;
         let part = value.and_then(|value| Some(u32::from_le_bytes(value.try_into().ok()?)));
         let part = part.filter(|part| (*part as usize) < self.parts.len());
-        part.ok_or_else(|| self.wrong_objects(format!("no part at place {place} of their order")))
+        part.ok_or_else(|| self.wrong_objects(format!("no part at index {index} of the name order")))
     }
 
     /// Returns the names of the columns of part attributes. A column of a JSON member has its name;
@@ -363,8 +365,8 @@ impl ExactModel {
         self.column_names(&self.face_values)
     }
 
-    fn column_names(&self, table: &Pieces) -> Result<Vec<Vec<String>>> {
-        let names = self.list_of_texts(table, COLUMN_NAMES, MAX_NAMED.into())?;
+    fn column_names(&self, table: &ChunkList) -> Result<Vec<Vec<String>>> {
+        let names = self.list_of_strings(table, COLUMN_NAMES, MAX_NAMED.into())?;
         let decoded = |name: &String| {
             serde_json::from_str(name).map_err(|_| self.wrong_objects("a column without a name"))
         };
@@ -391,11 +393,11 @@ impl ExactModel {
 
     fn each_named_value(
         &self,
-        table: &Pieces,
+        table: &ChunkList,
         column: u32,
         each: &mut dyn FnMut(u32, &str) -> Result<()>,
     ) -> Result<()> {
-        let wrong = |_| self.corrupt(table.name().into(), "a text that is none", "UTF-8");
+        let wrong = |_| self.corrupt(table.name().into(), "bytes that are not UTF-8", "UTF-8");
         self.each_value(table, FIRST_NAMED.saturating_add(column), &mut |row, value| {
             each(row, str::from_utf8(value).map_err(wrong)?)
         })
@@ -412,15 +414,15 @@ impl ExactModel {
 
     /// Checks the tables beyond single chunks; fails if they are invalid, or on cancellation.
     pub(super) fn check_tables(&self, progress: &dyn Progress) -> Result<()> {
-        let look = |row: u32| if row.is_multiple_of(1 << 12) { progress.check() } else { Ok(()) };
-        let json = |text: &str, place: &dyn Fn() -> String| match serde_json::from_str::<&RawValue>(text) {
+        let check_often = |row: u32| if row.is_multiple_of(1 << 12) { progress.check() } else { Ok(()) };
+        let json = |text: &str, index: &dyn Fn() -> String| match serde_json::from_str::<&RawValue>(text) {
             Ok(_) => Ok(()),
-            Err(_) => Err(self.wrong_objects(format!("{} with a value that is no JSON", place()))),
+            Err(_) => Err(self.wrong_objects(format!("{} with a value that is not JSON", index()))),
         };
         for (table, rows) in [(&self.objects, self.summary.parts), (&self.face_values, self.summary.faces)] {
             for column in 0..self.column_names(table)?.len() as u32 {
                 self.each_named_value(table, column, &mut |row, value| {
-                    look(row)?;
+                    check_often(row)?;
                     if u64::from(row) >= rows {
                         return Err(self.wrong_objects(format!("row {row} of {rows} in column {column}")));
                     }
@@ -430,26 +432,27 @@ impl ExactModel {
         }
         for column in [SHAPE, WHOLE] {
             self.each_value(&self.objects, column, &mut |part, _| {
-                look(part)?;
+                check_often(part)?;
                 if u64::from(part) >= self.summary.parts {
                     return Err(self.wrong_objects(format!("part {part} of {}", self.summary.parts)));
                 }
                 let text = self.read_part_attributes(part)?;
                 each_member(text.as_deref().unwrap_or_default(), |_, _| ())
-                    .map_err(|_| self.wrong_objects(format!("part {part} with no JSON object")))
+                    .map_err(|_| self.wrong_objects(format!("part {part} without a JSON object")))
             })?;
         }
         for text in self.read_file_attributes()? {
-            each_member(&text, |_, _| ()).map_err(|_| self.wrong_objects("a file with no JSON object"))?;
+            each_member(&text, |_, _| ()).map_err(|_| self.wrong_objects("a file without a JSON object"))?;
         }
         // Strictly ascending pairs of name and number: every part occurs exactly once.
         let mut before: Option<(&str, u32)> = None;
-        for place in 0..if self.objects.len() == 0 { 0 } else { self.parts.len() as u32 } {
-            look(place)?;
-            let part = self.part_in_order(place)?;
+        for index in 0..if self.objects.len() == 0 { 0 } else { self.parts.len() as u32 } {
+            check_often(index)?;
+            let part = self.part_in_order(index)?;
             let own = (self.parts[part as usize].as_str(), part);
             if before.is_some_and(|before| before >= own) {
-                return Err(self.wrong_objects(format!("part {part} at place {place} of their order")));
+                return Err(self
+                    .wrong_objects(format!("part {part} out of order at index {index} of the name order")));
             }
             before = Some(own);
         }

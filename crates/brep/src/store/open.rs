@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
+use super::chunks::{ChunkList, ENTRY, List};
 use super::exact::EXACT;
 use super::formula::{FORMULA, MAX_FORMULA};
 use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
-use super::pieces::{ENTRY, List, Pieces};
 use super::reader::ExactModel;
 use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
 use spinney_base::io::{FileAccess, ReadBackend};
@@ -33,8 +33,8 @@ impl ExactModel {
     /// use spinney::brep::Faces;
     /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
     /// # use spinney::Output;
-    /// # let folder = tempfile::tempdir().unwrap();
-    /// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
+    /// # let directory = tempfile::tempdir().unwrap();
+    /// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| directory.path().join(name));
     /// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
     /// # std::fs::write(&mesh, text).unwrap();
     /// # import_exact(open_all(&[mesh], 64 << 20)?, &ExactOptions::new(), Output::create(&path)?, &())?;
@@ -90,7 +90,7 @@ impl ExactModel {
         let lists = others.map(|tag| trailer.section(tag)).into_iter().filter(|list| list.length > 0);
         let first_lists = trailer.section(FACES).offset.min(trailer.section(DIRECTORY).offset);
         let end = lists.map(|list| list.offset).fold(first_lists, u64::min);
-        let pieces = |list: List, section: Section, is_needed: Option<bool>| {
+        let chunk_list = |list: List, section: Section, is_needed: Option<bool>| {
             let is_list = is_needed.is_none_or(|is_needed| is_needed == (section.length > 0))
                 && section.length.is_multiple_of(ENTRY as u64)
                 && (section.offset >= HEADER_SIZE as u64 || section.length == 0);
@@ -98,33 +98,38 @@ impl ExactModel {
                 let found = format!("a list of {} bytes", section.length);
                 let expected =
                     if is_needed != Some(false) { "one or more entries of 24 bytes" } else { "nothing" };
-                return Err(Error::corrupt(path, list.piece(), found, expected));
+                return Err(Error::corrupt(path, list.chunk_name(), found, expected));
             }
-            let held = match backend.bytes() {
+            let loaded = match backend.bytes() {
                 Some(_) => None,
-                None => Some(section.read(path, &*backend, list.piece())?.into_owned()),
+                None => Some(section.read(path, &*backend, list.chunk_name())?.into_owned()),
             };
-            let place = (section.offset, section.length);
-            Ok(Pieces::new(list, summary.codec, place, held, end, options))
+            let location = (section.offset, section.length);
+            Ok(ChunkList::new(list, summary.codec, location, loaded, end, options))
         };
-        let segments = pieces(List::Segments, trailer.section(DIRECTORY), Some(true))?;
-        let blocks = pieces(List::Faces, trailer.section(FACES), Some(summary.faces > 0))?;
-        let exact = pieces(List::Exact, trailer.section(EXACT), Some(summary.exact_faces > 0))?;
-        let objects = pieces(List::Objects, trailer.section(OBJECTS), None)?;
-        let face_values = pieces(List::FaceValues, trailer.section(FACE_VALUES), None)?;
+        let segments = chunk_list(List::Segments, trailer.section(DIRECTORY), Some(true))?;
+        let blocks = chunk_list(List::Faces, trailer.section(FACES), Some(summary.faces > 0))?;
+        let exact = chunk_list(List::Exact, trailer.section(EXACT), Some(summary.exact_faces > 0))?;
+        let objects = chunk_list(List::Objects, trailer.section(OBJECTS), None)?;
+        let face_values = chunk_list(List::FaceValues, trailer.section(FACE_VALUES), None)?;
         // Chunks must not overlap in total, so that the time to read all of them is limited by the
         // file's size.
         let mut bytes = 0u64;
         for list in [&segments, &blocks, &exact, &objects, &face_values] {
             bytes = bytes.saturating_add(list.check(path, &*backend)?);
         }
-        let room = end.saturating_sub(HEADER_SIZE as u64);
-        if bytes > room {
+        let available = end.saturating_sub(HEADER_SIZE as u64);
+        if bytes > available {
             let found = format!("{bytes} bytes of faces and segments");
-            return Err(Error::corrupt(path, "lists", found, format!("at most the {room} before the lists")));
+            return Err(Error::corrupt(
+                path,
+                "lists",
+                found,
+                format!("at most the {available} before the lists"),
+            ));
         }
         if trailer.section(INSTANCES).length > 0 {
-            let advice = "place the models of its templates with the program that wrote it";
+            let advice = "replace its templates by their instances with the program that wrote it";
             return Err(Error::unsupported(path, "a model with templates", advice));
         }
         let formula = trailer.section(FORMULA);

@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use super::block::{Block, FaceBuffer};
+use super::chunks::ChunkList;
 use super::exact::{EXACT, ExactBlock, ExactHead};
 use super::formula::FORMULA;
 use super::node::ModelNode;
 use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
-use super::pieces::Pieces;
 use super::segment::{CUT, INNER, ModelSegment};
 use super::summary::{NodeCounts, Summary};
 use crate::arrangement::ExactFace;
@@ -31,11 +31,11 @@ pub struct ExactModel {
     pub(super) metadata: Metadata,
     pub(super) summary: Summary,
     pub(super) parts: Vec<String>,
-    pub(super) segments: Pieces,
-    pub(super) blocks: Pieces,
-    pub(super) exact: Pieces,
-    pub(super) objects: Pieces,
-    pub(super) face_values: Pieces,
+    pub(super) segments: ChunkList,
+    pub(super) blocks: ChunkList,
+    pub(super) exact: ChunkList,
+    pub(super) objects: ChunkList,
+    pub(super) face_values: ChunkList,
     pub(super) schema: SchemaCell,
 }
 
@@ -103,8 +103,8 @@ impl ExactModel {
         let Section { offset, length, .. } = self.trailer.section(super::summary::METADATA);
         let trailer = self.file_size().saturating_sub(offset + length);
         let known: u64 = lists.iter().map(|(_, section)| section.length).sum();
-        let pieces = self.file_size().saturating_sub(known + trailer + HEADER_SIZE as u64);
-        let mut all = vec![("header", HEADER_SIZE as u64), ("faces and segments", pieces)];
+        let chunk_bytes = self.file_size().saturating_sub(known + trailer + HEADER_SIZE as u64);
+        let mut all = vec![("header", HEADER_SIZE as u64), ("faces and segments", chunk_bytes)];
         all.extend(lists.map(|(name, section)| (name, section.length)));
         all.push(("trailer", trailer));
         all
@@ -141,7 +141,7 @@ impl ExactModel {
         let bytes = self.blocks.load(&self.path, &*self.backend, index)?;
         let first = self.blocks.entry(&*self.backend, index).key;
         let wrong = |found: String| {
-            self.corrupt(format!("block of faces {index}"), found, "a block as formats.md has it")
+            self.corrupt(format!("block of faces {index}"), found, "a block as in formats.md")
         };
         let block = Block::new(bytes, first).ok_or_else(|| wrong("lists that do not fit".into()))?;
         if !self.blocks.is_checked(index) {
@@ -197,7 +197,7 @@ impl ExactModel {
     /// Returns the number of faces with off-grid vertices, which set operations use, and the number
     /// of their proxies, which queries use.
     pub fn exact_faces(&self) -> (u64, u64) {
-        (self.summary.exact_faces, self.summary.stand_ins)
+        (self.summary.exact_faces, self.summary.proxies)
     }
 
     /// Returns the maximum distance between faces and their proxies, in grid units.
@@ -206,7 +206,7 @@ impl ExactModel {
     }
 
     /// Returns whether there are faces with off-grid vertices.
-    pub(crate) fn is_beside_grid(&self) -> bool {
+    pub(crate) fn has_exact_faces(&self) -> bool {
         self.summary.exact_faces > 0
     }
 
@@ -225,12 +225,12 @@ impl ExactModel {
     }
 
     pub(super) fn wrong_exact_block(&self, index: usize, found: String) -> Error {
-        self.corrupt(format!("block of exact faces {index}"), found, "a block as formats.md has it")
+        self.corrupt(format!("block of exact faces {index}"), found, "a block as in formats.md")
     }
 
     /// Checks that a block of `faces` faces begins at the end of the previous one, and ends where
     /// the next one begins.
-    fn check_key(&self, list: &Pieces, index: usize, faces: usize, total: u64) -> Result<(), String> {
+    fn check_key(&self, list: &ChunkList, index: usize, faces: usize, total: u64) -> Result<(), String> {
         let first = list.entry(&*self.backend, index).key;
         let next = match index + 1 {
             next if next < list.len() => list.entry(&*self.backend, next).key,
@@ -308,11 +308,11 @@ impl ExactModel {
     }
 
     /// Visits the proxies.
-    pub(crate) fn each_stand_in(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+    pub(crate) fn each_proxy(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
         let mut buffer = FaceBuffer::default();
         for index in 0..self.blocks.len() {
             let block = self.block(index)?;
-            for face in 0..if block.has_stand_ins() { block.len() } else { 0 } {
+            for face in 0..if block.has_proxies() { block.len() } else { 0 } {
                 block.read(face, &mut buffer);
                 if buffer.is_proxy {
                     each(&buffer.face())?;
@@ -332,7 +332,7 @@ impl ExactModel {
     pub(super) fn segment(&self, index: usize) -> Result<ModelSegment<'_>> {
         let bytes = self.segments.load(&self.path, &*self.backend, index)?;
         let wrong =
-            |found: String| self.corrupt(format!("segment {index}"), found, "a segment as formats.md has it");
+            |found: String| self.corrupt(format!("segment {index}"), found, "a segment as in formats.md");
         let segment = ModelSegment::new(bytes).ok_or_else(|| wrong("lists that do not fit".into()))?;
         if !self.segments.is_checked(index) {
             let key = self.segments.entry(&*self.backend, index).key;
@@ -357,7 +357,7 @@ impl ExactModel {
         let index = self.segments.find(&*self.backend, code.bits());
         let index = index.filter(|index| self.segments.entry(&*self.backend, *index).key == code.bits());
         let missing =
-            || self.corrupt("directory".into(), format!("no segment {code}"), "one for each cut node");
+            || self.corrupt("directory".into(), format!("no segment {code}"), "one for each CUT node");
         self.segment(index.ok_or_else(missing)?)
     }
 
@@ -409,7 +409,7 @@ impl ExactModel {
             });
         }
         let code = Code::from_cell(Dimension::Oct, level, position);
-        let missing = || self.corrupt("segment".into(), format!("a cut at level {level}"), "none there");
+        let missing = || self.corrupt("segment".into(), format!("a CUT node at level {level}"), "none there");
         let segment = self.segment_of(code.ok_or_else(missing)?)?;
         Ok(ModelNode { level, position, word: segment.word(0), segment, begins_segment: true })
     }
@@ -476,8 +476,8 @@ impl Faces for ExactModel {
         self.summary.is_unbounded
     }
 
-    fn volume_beside(&self) -> Result<f64> {
-        if self.is_beside_grid() { self.volume_beside_grid() } else { Ok(0.0) }
+    fn volume_correction(&self) -> Result<f64> {
+        if self.has_exact_faces() { self.exact_volume_correction() } else { Ok(0.0) }
     }
 
     fn len(&self) -> u64 {

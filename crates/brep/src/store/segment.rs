@@ -148,7 +148,7 @@ pub(crate) fn take_list(bytes: &mut &[u8]) -> Option<Vec<u32>> {
 /// Checks such a list and advances: it must not be empty, and numbers must be below `bound`. Errors
 /// describe the flaw.
 fn check_list(bytes: &mut &[u8], bound: usize) -> Result<(), String> {
-    let breaks_off = || "a list of faces that breaks off".to_string();
+    let breaks_off = || "a truncated list of faces".to_string();
     let count = take_number(bytes).ok_or_else(breaks_off)?;
     if count == 0 {
         return Err("a leaf without faces".into());
@@ -268,7 +268,7 @@ impl<'a> ModelSegment<'a> {
         }
         // Each face at most once, which limits the work per leaf by the face count.
         let on_grid = (0..self.faces as u32).map(|local| self.face(local)).collect();
-        let beside = (0..self.exact as u32).map(|local| self.exact_face(local)).collect();
+        let exact_faces = (0..self.exact as u32).map(|local| self.exact_face(local)).collect();
         let check = |mut numbers: Vec<u32>, name: &str, count: u64| {
             sort::numbers32(&mut numbers);
             if let Some(pair) = numbers.windows(2).find(|pair| pair[0] == pair[1]) {
@@ -280,7 +280,7 @@ impl<'a> ModelSegment<'a> {
             }
         };
         check(on_grid, "face", faces)?;
-        check(beside, "exact face", exact)?;
+        check(exact_faces, "exact face", exact)?;
         // Records are in preorder without gaps: each is visited once, and the traversal terminates.
         let mut next_record = 1;
         let mut next_leaf = 0;
@@ -328,7 +328,7 @@ impl<'a> ModelSegment<'a> {
             LEAF if at as usize == *next_leaf => {
                 let leaves = self.leaves();
                 let mut bytes = leaves.get(at as usize..).unwrap_or_default();
-                let wrong = || format!("a leaf at {at} that breaks off");
+                let wrong = || format!("a truncated leaf at {at}");
                 let head = bytes.split_off_first().copied().ok_or_else(wrong)?;
                 LeafHead::from_byte(head).ok_or_else(wrong)?;
                 check_list(&mut bytes, self.faces)?;
@@ -406,8 +406,8 @@ mod tests {
         assert_eq!((found, list.collect::<Vec<_>>()), (head, vec![1000, 1001, 1200]));
         let near = |child| segment.near(segment.child(segment.word(0), child));
         assert_eq!([0, 1, 2, 3].map(near), [vec![], vec![77, 30], vec![], vec![5]]);
-        assert!(segment.check([1200, 78], &mut |_, _| ()).is_err(), "a face that is not there");
-        assert!(segment.check([1201, 77], &mut |_, _| ()).is_err(), "an exact face that is not there");
+        assert!(segment.check([1200, 78], &mut |_, _| ()).is_err(), "a face that does not exist");
+        assert!(segment.check([1201, 77], &mut |_, _| ()).is_err(), "an exact face that does not exist");
         words[3] = 1 << 3 | INNER;
         let bytes = encode(&faces, &exact, &words, &leaves);
         let segment = ModelSegment::new(FileBytes::Mapped(&bytes)).unwrap();

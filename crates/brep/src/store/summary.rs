@@ -89,7 +89,7 @@ pub(crate) struct Summary {
     pub nodes: NodeCounts,
     /// Number of faces with off-grid vertices, and of their proxies.
     pub exact_faces: u64,
-    pub stand_ins: u64,
+    pub proxies: u64,
     /// Maximum distance between the proxies and their faces in grid units, at least 1.
     pub reach: u8,
     /// Number of parts.
@@ -108,7 +108,7 @@ impl Summary {
         bytes.extend_from_slice(&self.grid.divisor.to_le_bytes());
         bytes.extend_from_slice(&self.faces.to_le_bytes());
         self.nodes.named().iter().for_each(|(_, count)| bytes.extend_from_slice(&count.to_le_bytes()));
-        for count in [self.exact_faces, self.stand_ins, self.parts] {
+        for count in [self.exact_faces, self.proxies, self.parts] {
             bytes.extend_from_slice(&count.to_le_bytes());
         }
         bytes
@@ -132,7 +132,7 @@ impl Summary {
             && [grid.step, grid.divisor].iter().all(|number| number.is_normal() && *number > 0.0)
             && grid.width().is_normal();
         if !is_grid {
-            return Err(corrupt(format!("{grid:?}"), "1 to 26 bits, origins up to 2^53, steps above zero"));
+            return Err(corrupt(format!("{grid:?}"), "1 to 26 bits, origins up to 2^53, units above zero"));
         }
         let nodes = NodeCounts {
             void: count(0),
@@ -144,22 +144,25 @@ impl Summary {
             boolean: count(6),
         };
         if nodes.named().iter().any(|(_, count)| *count > 1 << 58) {
-            return Err(corrupt(format!("{nodes:?}"), "fewer nodes"));
+            return Err(corrupt(format!("{nodes:?}"), "at most 2^58 nodes of each kind"));
         }
         let faces = u64::from_le_bytes(eight(48));
         if faces >= 1 << 32 {
             return Err(corrupt(format!("{faces} faces"), "fewer than 2^32"));
         }
         if bytes[1] > 1 {
-            return Err(corrupt(format!("{} for whether it is unbounded", bytes[1]), "0 or 1"));
+            return Err(corrupt(format!("{} as the flag of unbounded bodies", bytes[1]), "0 or 1"));
         }
-        let [exact_faces, stand_ins, parts] = [7, 8, 9].map(count);
-        if exact_faces >= 1 << 32 || stand_ins > faces || !(1..1 << 32).contains(&parts) {
-            let found = format!("{exact_faces} exact faces, {stand_ins} that stand in, {parts} parts");
-            return Err(corrupt(found, "fewer than 2^32, and at least one part"));
+        let [exact_faces, proxies, parts] = [7, 8, 9].map(count);
+        if exact_faces >= 1 << 32 || proxies > faces || !(1..1 << 32).contains(&parts) {
+            let found = format!("{exact_faces} exact faces, {proxies} proxies, {parts} parts");
+            return Err(corrupt(
+                found,
+                "fewer than 2^32 of each, no more proxies than faces, and at least one part",
+            ));
         }
         let codec = Codec::of_number(path, bytes[2], " of an exact model")?;
         let (is_unbounded, reach) = (bytes[1] == 1, bytes[3].saturating_add(1));
-        Ok(Summary { grid, codec, faces, is_unbounded, nodes, exact_faces, stand_ins, reach, parts })
+        Ok(Summary { grid, codec, faces, is_unbounded, nodes, exact_faces, proxies, reach, parts })
     }
 }

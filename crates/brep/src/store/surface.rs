@@ -27,15 +27,15 @@ impl ExactModel {
                 closure.append(found?);
             }
         }
-        if closure.is_closed() && (!self.is_beside_grid() || self.is_exactly_closed(seed, progress)?) {
+        if closure.is_closed() && (!self.has_exact_faces() || self.is_exactly_closed(seed, progress)?) {
             return Ok(());
         }
         Err(Error::NotASolid {
             path: self.path.clone(),
-            what: "the faces bound no body: some edges have a face on one side only".into(),
-            places: Vec::new(),
+            what: "the faces do not bound a solid: some edges have a face on one side only".into(),
+            locations: Vec::new(),
             count: 0,
-            advice: "look for them with verify, and build the model again".into(),
+            advice: "find them with `spinney verify`, and build the model again".into(),
         })
     }
 

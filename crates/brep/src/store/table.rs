@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use super::pieces::Pieces;
+use super::chunks::ChunkList;
 use super::reader::ExactModel;
 use spinney_base::Result;
 use spinney_base::io::FileBytes;
@@ -29,31 +29,31 @@ fn key(column: u32, row: u32) -> u64 {
 }
 
 /// Receives a chunk with its key.
-pub(crate) type PieceVisitor<'a> = dyn FnMut(u64, &[u8]) -> Result<()> + 'a;
+pub(crate) type ChunkVisitor<'a> = dyn FnMut(u64, &[u8]) -> Result<()> + 'a;
 
 /// Collects the values of a table by column, and emits chunks.
 #[derive(Default)]
 pub(crate) struct TableWriter {
-    open: BTreeMap<u32, OpenPiece>,
+    open: BTreeMap<u32, OpenChunk>,
     /// Bytes of all incomplete chunks.
-    held: usize,
+    open_bytes: usize,
 }
 
 #[derive(Default)]
-struct OpenPiece {
+struct OpenChunk {
     rows: Vec<u32>,
     ends: Vec<u32>,
     bytes: Vec<u8>,
 }
 
-impl OpenPiece {
+impl OpenChunk {
     /// Returns the maximum number of bytes that it takes.
     fn size(&self) -> usize {
         HEAD + 6 * self.rows.len() + self.bytes.len()
     }
 
     fn to_bytes(&self) -> Vec<u8> {
-        let OpenPiece { rows, ends, bytes } = self;
+        let OpenChunk { rows, ends, bytes } = self;
         let has_numbers = (rows[0]..).zip(rows).any(|(expected, row)| *row != expected);
         let is_wide = bytes.len() > usize::from(u16::MAX);
         let flags = if has_numbers { NUMBERS } else { 0 } | if is_wide { WIDE } else { 0 };
@@ -75,9 +75,9 @@ impl OpenPiece {
 
 impl TableWriter {
     /// Maximum bytes of a chunk with more than one value.
-    const PIECE: usize = 1 << 16;
+    const MAX_CHUNK_BYTES: usize = 1 << 16;
     /// Maximum bytes of all incomplete chunks. It is a constant, since files depend on it.
-    const HELD: usize = 8 << 20;
+    const MAX_OPEN_BYTES: usize = 8 << 20;
 
     /// Adds a value of at most [`MAX_BYTES`] bytes to a column; the rows of a column must ascend.
     pub(crate) fn push(
@@ -85,36 +85,36 @@ impl TableWriter {
         column: u32,
         row: u32,
         value: &[u8],
-        take: &mut PieceVisitor<'_>,
+        take: &mut ChunkVisitor<'_>,
     ) -> Result<()> {
         let size = HEAD + 6 + value.len();
-        if self.open.get(&column).is_some_and(|piece| piece.size() + size > Self::PIECE) {
-            self.finish_piece(column, take)?;
+        if self.open.get(&column).is_some_and(|chunk| chunk.size() + size > Self::MAX_CHUNK_BYTES) {
+            self.finish_chunk(column, take)?;
         }
-        let piece = self.open.entry(column).or_default();
-        debug_assert!(piece.rows.last().is_none_or(|last| *last < row) && value.len() <= MAX_BYTES);
-        piece.rows.push(row);
-        piece.bytes.extend_from_slice(value);
-        piece.ends.push(piece.bytes.len() as u32);
-        self.held += 6 + value.len();
-        while self.held > Self::HELD {
-            let largest = self.open.iter().max_by_key(|(_, piece)| piece.size());
+        let chunk = self.open.entry(column).or_default();
+        debug_assert!(chunk.rows.last().is_none_or(|last| *last < row) && value.len() <= MAX_BYTES);
+        chunk.rows.push(row);
+        chunk.bytes.extend_from_slice(value);
+        chunk.ends.push(chunk.bytes.len() as u32);
+        self.open_bytes += 6 + value.len();
+        while self.open_bytes > Self::MAX_OPEN_BYTES {
+            let largest = self.open.iter().max_by_key(|(_, chunk)| chunk.size());
             let Some(largest) = largest.map(|(column, _)| *column) else { break };
-            self.finish_piece(largest, take)?;
+            self.finish_chunk(largest, take)?;
         }
         Ok(())
     }
 
-    fn finish_piece(&mut self, column: u32, take: &mut PieceVisitor<'_>) -> Result<()> {
-        let Some(piece) = self.open.remove(&column) else { return Ok(()) };
-        self.held -= piece.size() - HEAD;
-        take(key(column, piece.rows[0]), &piece.to_bytes())
+    fn finish_chunk(&mut self, column: u32, take: &mut ChunkVisitor<'_>) -> Result<()> {
+        let Some(chunk) = self.open.remove(&column) else { return Ok(()) };
+        self.open_bytes -= chunk.size() - HEAD;
+        take(key(column, chunk.rows[0]), &chunk.to_bytes())
     }
 
     /// Emits the remaining chunks.
-    pub(crate) fn finish(mut self, take: &mut PieceVisitor<'_>) -> Result<()> {
+    pub(crate) fn finish(mut self, take: &mut ChunkVisitor<'_>) -> Result<()> {
         while let Some(column) = self.open.keys().next().copied() {
-            self.finish_piece(column, take)?;
+            self.finish_chunk(column, take)?;
         }
         Ok(())
     }
@@ -127,7 +127,7 @@ pub(super) struct Values<'a> {
     count: usize,
     flags: u32,
     ends: usize,
-    texts: usize,
+    values_start: usize,
 }
 
 impl<'a> Values<'a> {
@@ -137,9 +137,9 @@ impl<'a> Values<'a> {
         let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
         let (count, flags) = (word(0)? as usize, word(4)?);
         let ends = HEAD + if flags & NUMBERS != 0 { 4 * count } else { 0 };
-        let texts = ends + count * if flags & WIDE != 0 { 4 } else { 2 };
-        let fits = texts <= bytes.len() && count > 0 && flags <= NUMBERS | WIDE;
-        fits.then_some(Values { bytes, first, count, flags, ends, texts })
+        let values_start = ends + count * if flags & WIDE != 0 { 4 } else { 2 };
+        let fits = values_start <= bytes.len() && count > 0 && flags <= NUMBERS | WIDE;
+        fits.then_some(Values { bytes, first, count, flags, ends, values_start })
     }
 
     /// Checks a chunk of an untrusted file; returns the row of its last value. Errors describe the
@@ -153,9 +153,9 @@ impl<'a> Values<'a> {
             }
             end = next;
         }
-        let texts = self.bytes.len() - self.texts;
-        if end != texts {
-            return Err(format!("{texts} bytes of values that end at {end}"));
+        let length = self.bytes.len() - self.values_start;
+        if end != length {
+            return Err(format!("{length} bytes of values that end at {end}"));
         }
         let are_ascending = self.flags & NUMBERS == 0
             || (0..self.count - 1).all(|index| self.row(index) < self.row(index + 1));
@@ -189,7 +189,7 @@ impl<'a> Values<'a> {
 
     fn value(&self, index: usize) -> &[u8] {
         let start = if index == 0 { 0 } else { self.end(index - 1) };
-        self.bytes.get(self.texts + start..self.texts + self.end(index)).unwrap_or_default()
+        self.bytes.get(self.values_start + start..self.values_start + self.end(index)).unwrap_or_default()
     }
 
     /// Returns the value of a row.
@@ -205,9 +205,9 @@ impl<'a> Values<'a> {
 
 impl ExactModel {
     /// Loads a chunk of a table.
-    pub(super) fn values(&self, table: &Pieces, index: usize) -> Result<Values<'_>> {
+    pub(super) fn values(&self, table: &ChunkList, index: usize) -> Result<Values<'_>> {
         let wrong = |found: String| {
-            self.corrupt(format!("{} {index}", table.name()), found, "values as formats.md has them")
+            self.corrupt(format!("{} {index}", table.name()), found, "values as in formats.md")
         };
         let bytes = table.load(&self.path, &*self.backend, index)?;
         let own = table.entry(&*self.backend, index).key;
@@ -216,7 +216,7 @@ impl ExactModel {
             let last = values.check().map_err(wrong)?;
             let next = (index + 1 < table.len()).then(|| table.entry(&*self.backend, index + 1).key);
             if next.is_some_and(|next| next >> 32 == own >> 32 && next as u32 <= last) {
-                return Err(wrong(format!("row {last}, which comes behind")));
+                return Err(wrong(format!("row {last}, which the next chunk's first row does not exceed")));
             }
             table.set_checked(index);
         }
@@ -224,7 +224,7 @@ impl ExactModel {
     }
 
     /// Reads the value of a row in a column of a table.
-    pub(super) fn value(&self, table: &Pieces, column: u32, row: u32) -> Result<Option<Vec<u8>>> {
+    pub(super) fn value(&self, table: &ChunkList, column: u32, row: u32) -> Result<Option<Vec<u8>>> {
         let found = table.find(&*self.backend, key(column, row));
         let found = found.filter(|index| table.entry(&*self.backend, *index).key >> 32 == u64::from(column));
         let Some(index) = found else { return Ok(None) };
@@ -234,7 +234,7 @@ impl ExactModel {
     /// Visits all values of a column of a table, with their rows.
     pub(super) fn each_value(
         &self,
-        table: &Pieces,
+        table: &ChunkList,
         column: u32,
         each: &mut dyn FnMut(u32, &[u8]) -> Result<()>,
     ) -> Result<()> {
@@ -251,22 +251,22 @@ impl ExactModel {
 
     /// Reads all values of a column as strings; rows must be numbered from 0 without gaps, and
     /// there may be at most `most`.
-    pub(super) fn list_of_texts(&self, table: &Pieces, column: u32, most: u64) -> Result<Vec<String>> {
-        let mut texts: Vec<String> = Vec::new();
+    pub(super) fn list_of_strings(&self, table: &ChunkList, column: u32, most: u64) -> Result<Vec<String>> {
+        let mut strings: Vec<String> = Vec::new();
         self.each_value(table, column, &mut |row, value| {
-            if row as usize != texts.len() || u64::from(row) >= most {
-                let expected = format!("{most} at most, without a gap");
+            if row as usize != strings.len() || u64::from(row) >= most {
+                let expected = format!("at most {most} rows, without gaps");
                 return Err(self.corrupt(table.name().into(), format!("row {row}"), &expected));
             }
-            texts.push(self.text(table, value.to_vec())?);
+            strings.push(self.text(table, value.to_vec())?);
             Ok(())
         })?;
-        Ok(texts)
+        Ok(strings)
     }
 
     /// Decodes a value that is a string.
-    pub(super) fn text(&self, table: &Pieces, value: Vec<u8>) -> Result<String> {
-        let wrong = |_| self.corrupt(table.name().into(), "a text that is none", "UTF-8");
+    pub(super) fn text(&self, table: &ChunkList, value: Vec<u8>) -> Result<String> {
+        let wrong = |_| self.corrupt(table.name().into(), "bytes that are not UTF-8", "UTF-8");
         String::from_utf8(value).map_err(wrong)
     }
 }
@@ -279,9 +279,9 @@ mod tests {
     #[test]
     fn values_come_back() {
         let mut writer = TableWriter::default();
-        let mut pieces: BTreeMap<u64, Vec<u8>> = BTreeMap::new();
+        let mut chunks: BTreeMap<u64, Vec<u8>> = BTreeMap::new();
         let mut take = |key: u64, bytes: &[u8]| {
-            assert!(pieces.insert(key, bytes.to_vec()).is_none());
+            assert!(chunks.insert(key, bytes.to_vec()).is_none());
             Ok(())
         };
         let value = |column: u32, row: u32| -> Option<Vec<u8>> {
@@ -300,10 +300,10 @@ mod tests {
             }
         }
         writer.finish(&mut take).unwrap();
-        assert!(pieces.len() > 8);
+        assert!(chunks.len() > 8);
         let mut next = [0; 3];
-        for (key, bytes) in &pieces {
-            assert!(bytes.len() <= TableWriter::PIECE + 16 || bytes[0] == 1, "{}", bytes.len());
+        for (key, bytes) in &chunks {
+            assert!(bytes.len() <= TableWriter::MAX_CHUNK_BYTES + 16 || bytes[0] == 1, "{}", bytes.len());
             let column = (key >> 32) as u32;
             let values = Values::new(FileBytes::Mapped(bytes), *key as u32).unwrap();
             let last = values.check().unwrap();
@@ -318,20 +318,20 @@ mod tests {
 
     /// A changed byte is either detected, or yields other valid values.
     #[test]
-    fn damage_is_found_or_harmless() {
+    fn corruption_is_found_or_harmless() {
         let mut writer = TableWriter::default();
-        let mut piece = Vec::new();
+        let mut chunk = Vec::new();
         for (row, value) in [(3, "a"), (4, ""), (9, "long")] {
             writer.push(7, row, value.as_bytes(), &mut |_, _| Ok(())).unwrap();
         }
         let mut take = |_, bytes: &[u8]| {
-            piece = bytes.to_vec();
+            chunk = bytes.to_vec();
             Ok(())
         };
         writer.finish(&mut take).unwrap();
-        for at in 0..piece.len() {
+        for at in 0..chunk.len() {
             for to in [0, 1, 2, 4, 0x7f, 0xff] {
-                let mut bytes = piece.clone();
+                let mut bytes = chunk.clone();
                 bytes[at] = to;
                 let Some(values) = Values::new(FileBytes::Mapped(&bytes), 3) else { continue };
                 if values.check().is_ok() {

@@ -14,7 +14,7 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::{Finding, Tag};
 
 /// Maximum number of findings.
-const MOST: usize = 100;
+const MAX_LISTED: usize = 100;
 
 /// An edge, the smaller end first.
 type Edge = [[i32; 3]; 2];
@@ -32,16 +32,16 @@ impl ExactModel {
     /// If the file cannot be read, if the memory is not enough for the faces of one leaf, or on
     /// cancellation. Corruption is not an error but a finding.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
-        let mut findings = self.verify_pieces(progress)?;
+        let mut findings = self.verify_chunks(progress)?;
         if findings.is_empty() {
             findings = self.verify_surface(memory, progress)?;
         }
-        findings.truncate(MOST);
+        findings.truncate(MAX_LISTED);
         Ok(findings)
     }
 
     /// Returns the flaws of lists, blocks, segments and sections, each by itself.
-    fn verify_pieces(&self, progress: &dyn Progress) -> Result<Vec<Finding>> {
+    fn verify_chunks(&self, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
         let sections = [
             ("directory", self.trailer.section(super::summary::DIRECTORY)),
@@ -77,7 +77,7 @@ impl ExactModel {
                 };
                 match read {
                     Err(error @ Error::Io { .. }) => return Err(error),
-                    Err(error) if findings.len() < MOST => {
+                    Err(error) if findings.len() < MAX_LISTED => {
                         findings.push(finding(&format!("{name} {index}"), &error));
                     }
                     _ => {}
@@ -102,22 +102,24 @@ impl ExactModel {
         let mut check = FaceCheck::new(self.summary.grid.bits);
         let mut buffer = FaceBuffer::default();
         let total = 2 * self.len();
-        let mut stand_ins = 0;
+        let mut proxies = 0;
         for index in 0..self.blocks.len() {
             progress.check()?;
             let block = self.block(index)?;
             for place in 0..block.len() {
                 block.read(place, &mut buffer);
                 let face = buffer.face();
-                stand_ins += u64::from(buffer.is_proxy);
+                proxies += u64::from(buffer.is_proxy);
                 closure.add(&face);
                 match check.has_area(&face) {
                     Ok(true) => octree.push(&face)?,
                     Ok(false) => {}
-                    Err(FaceFlaw { found, expected }) if findings.len() < MOST => findings.push(Finding {
-                        place: format!("face {}", face.number),
-                        problem: format!("{found}, expected {expected}"),
-                    }),
+                    Err(FaceFlaw { found, expected }) if findings.len() < MAX_LISTED => {
+                        findings.push(Finding {
+                            place: format!("face {}", face.number),
+                            problem: format!("{found}, expected {expected}"),
+                        })
+                    }
                     Err(_) => {}
                 }
             }
@@ -129,8 +131,8 @@ impl ExactModel {
         if findings.is_empty() {
             findings = self.verify_exact_faces(seed, &mut octree, progress)?;
         }
-        if findings.is_empty() && stand_ins != self.summary.stand_ins {
-            let problem = format!("{} faces that stand in, there are {stand_ins}", self.summary.stand_ins);
+        if findings.is_empty() && proxies != self.summary.proxies {
+            let problem = format!("{} proxies, expected {proxies}", self.summary.proxies);
             findings.push(Finding { place: "model".into(), problem });
         }
         if !findings.is_empty() {
@@ -148,7 +150,7 @@ impl ExactModel {
     fn compare(&self, checked: Checked) -> Vec<Finding> {
         let Checked { mut findings, defects, counts, cut } = checked;
         // (Where the surface is thinner than a grid unit, proxies may intersect.)
-        let is_thin = self.is_beside_grid() && self.metadata.tag(Tag::ModelThinPlaces).is_some();
+        let is_thin = self.has_exact_faces() && self.metadata.tag(Tag::ModelIntersections).is_some();
         if !is_thin {
             let of = |defect: &crate::Defect| Finding { place: "faces".into(), problem: defect.to_string() };
             findings.extend(defects.iter().map(of));
@@ -159,10 +161,10 @@ impl ExactModel {
             }
         };
         if counts != self.summary.nodes {
-            differs("model", format!("{:?} nodes, the tree has {counts:?}", self.summary.nodes));
+            differs("model", format!("{:?} nodes, expected {counts:?} from the tree", self.summary.nodes));
         }
         if cut + 1 != self.segments.len() as u64 {
-            differs("directory", format!("{} segments, {} of them are needed", self.segments.len(), cut + 1));
+            differs("directory", format!("{} segments, expected {}", self.segments.len(), cut + 1));
         }
         findings
     }
@@ -175,13 +177,13 @@ impl ExactModel {
         progress: &dyn Progress,
     ) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
-        if !self.is_beside_grid() {
+        if !self.has_exact_faces() {
             return Ok(findings);
         }
         let mut number = 0u64;
         let read = self.each_exact(&mut |face| {
             if let Some(problem) = face.flaw(progress)?
-                && findings.len() < MOST
+                && findings.len() < MAX_LISTED
             {
                 findings.push(Finding { place: format!("exact face {number}"), problem: problem.into() });
             }
@@ -229,13 +231,13 @@ impl ExactModel {
         // Surpluses of edges that begin at the same point, with a face of each.
         let mut group: BTreeMap<Edge, (i64, u32)> = BTreeMap::new();
         let mut before = [0; 3];
-        let mut tell = |group: &mut BTreeMap<Edge, (i64, u32)>| {
+        let mut report = |group: &mut BTreeMap<Edge, (i64, u32)>| {
             for (edge, (surplus, face)) in std::mem::take(group) {
-                if surplus != 0 && findings.len() < MOST {
+                if surplus != 0 && findings.len() < MAX_LISTED {
                     let [from, to] = if surplus > 0 { edge } else { [edge[1], edge[0]] };
                     let count = surplus.unsigned_abs();
                     let problem = format!(
-                        "an edge from {from:?} to {to:?} that is there {count} times more often than the other way, expected as often"
+                        "the edge from {from:?} to {to:?} {count} times more often than its reverse, expected equally often"
                     );
                     findings.push(Finding { place: format!("face {face}"), problem });
                 }
@@ -250,7 +252,7 @@ impl ExactModel {
             let four = |at: usize| <[u8; 4]>::try_from(&item[4 * at..4 * at + 4]).expect("four bytes");
             let edge: Edge = [0, 3].map(|end| [0, 1, 2].map(|axis| i32::from_le_bytes(four(end + axis))));
             if edge[0] != before {
-                tell(&mut group);
+                report(&mut group);
                 before = edge[0];
             }
             let face = u32::from_le_bytes(item[25..29].try_into().expect("four bytes"));
@@ -258,7 +260,7 @@ impl ExactModel {
             entry.0 += if item[24] == 1 { 1 } else { -1 };
             Ok(())
         })?;
-        tell(&mut group);
+        report(&mut group);
         Ok(findings)
     }
 }

@@ -6,16 +6,16 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::block::BlockBuilder;
+pub(crate) use super::chunks::List;
+use super::chunks::{ENTRY, Entry};
 use super::exact::{EXACT, ExactBlock, ExactBlockBuilder};
 use super::formula::FORMULA;
 use super::objects::{FACE_VALUES, OBJECTS};
 use super::packed::pack;
-pub(crate) use super::pieces::List;
-use super::pieces::{ENTRY, Entry};
 use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
 use crate::arrangement::ExactFace;
 use crate::{Face, Grid};
-use spinney_base::io::{Output, Sorter, folder};
+use spinney_base::io::{Output, Sorter, directory_of};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
@@ -41,7 +41,7 @@ impl ModelWriter {
     pub(crate) fn new(out: Output, grid: &Grid, memory: u64) -> Result<ModelWriter> {
         let path = out.path().to_path_buf();
         check_tree_name(&path)?;
-        let lists = List::ALL.map(|_| Sorter::new(folder(&path), ENTRY, memory));
+        let lists = List::ALL.map(|_| Sorter::new(directory_of(&path), ENTRY, memory));
         let (codec, block) = (Codec::Plain, BlockBuilder::default());
         let exact = ExactBlockBuilder::default();
         let mut writer = ModelWriter { out, path, position: 0, codec, block, exact, lists };
@@ -74,20 +74,15 @@ impl ModelWriter {
     }
 
     /// Writes a chunk, and adds it to a list under a key.
-    pub(crate) fn piece(&mut self, list: List, key: u64, plain: &[u8]) -> Result<()> {
+    pub(crate) fn chunk(&mut self, list: List, key: u64, plain: &[u8]) -> Result<()> {
         let bytes = match self.codec {
             Codec::Plain => Cow::Borrowed(plain),
             Codec::Packed => Cow::Owned(pack(list, plain)),
         };
         let offset = self.position;
         let Ok(length) = u32::try_from(bytes.len()) else {
-            return Err(Error::TooLarge {
-                path: self.path.clone(),
-                what: "a cell of very many faces".into(),
-                needed: bytes.len() as u64,
-                limit: u32::MAX.into(),
-                advice: "divide the model, or choose a coarser --snap".into(),
-            });
+            let advice = "divide the model, or choose a larger --snap";
+            return Err(Error::unsupported(&self.path, format!("a chunk of {} bytes", bytes.len()), advice));
         };
         self.write(&bytes, doing(list))?;
         let entry = Entry { key, offset, length, checksum: crc32c::crc32c(&bytes) };
@@ -102,7 +97,7 @@ impl ModelWriter {
 
     fn finish_block(&mut self) -> Result<()> {
         let (first, bytes) = self.block.finish();
-        self.piece(List::Faces, first, &bytes)
+        self.chunk(List::Faces, first, &bytes)
     }
 
     pub(crate) fn segment(&mut self, code: Code, bytes: &[u8]) -> Result<()> {
@@ -112,7 +107,7 @@ impl ModelWriter {
         if !self.exact.is_empty() {
             self.finish_exact_block()?;
         }
-        self.piece(List::Segments, code.bits(), bytes)
+        self.chunk(List::Segments, code.bits(), bytes)
     }
 
     /// Adds a face with off-grid vertices.
@@ -127,7 +122,7 @@ impl ModelWriter {
             self.finish_exact_block()?;
         }
         let first = self.exact.skip(block.len());
-        self.piece(List::Exact, first, block.bytes())
+        self.chunk(List::Exact, first, block.bytes())
     }
 
     /// Returns the number of added faces with off-grid vertices.
@@ -137,7 +132,7 @@ impl ModelWriter {
 
     fn finish_exact_block(&mut self) -> Result<()> {
         let (first, bytes) = self.exact.finish();
-        self.piece(List::Exact, first, &bytes)
+        self.chunk(List::Exact, first, &bytes)
     }
 
     /// Writes the sections after the segments, and commits the file.
@@ -148,7 +143,7 @@ impl ModelWriter {
         for list in lists {
             let mut section = SectionWriter::new(&mut out, position);
             list.finish(&mut |entry| {
-                section.write_all(entry).map_err(Error::io(&path, "write a list of pieces"))
+                section.write_all(entry).map_err(Error::io(&path, "write a list of chunks"))
             })?;
             position += section.written.length;
             sections.push(section.written);
@@ -182,7 +177,7 @@ fn doing(list: List) -> &'static str {
         List::Faces => "write faces",
         List::Segments => "write a segment",
         List::Exact => "write exact faces",
-        List::Objects => "write what is said of parts",
+        List::Objects => "write attributes of parts",
         List::FaceValues => "write values of faces",
     }
 }

@@ -42,7 +42,7 @@ pub(crate) fn areas(
 /// faces.
 fn groups(contacts: &[Contact]) -> Vec<Vec<u32>> {
     let pairs: Vec<[u32; 2]> =
-        contacts.iter().filter(|contact| contact.in_plane).map(|contact| contact.faces).collect();
+        contacts.iter().filter(|contact| contact.may_overlap).map(|contact| contact.faces).collect();
     let mut faces: Vec<u32> = pairs.iter().flatten().copied().collect();
     sort::numbers32(&mut faces);
     faces.dedup();

@@ -63,12 +63,13 @@ impl Segments {
                 // Where lines touch each other, continue along the same section of the inside
                 // surface.
                 let last = line.faces[line.faces.len() - 1];
-                let is_beside = |number: &u32| {
+                let is_on_same_section = |number: &u32| {
                     let faces = self.segment(*number).faces;
                     faces[0][0] == last[0][0] || faces[1][1] == last[1][1]
                 };
                 let open = from.at(line.end());
-                let Some(next) = open.iter().copied().find(is_beside).or(open.first().copied()) else {
+                let Some(next) = open.iter().copied().find(is_on_same_section).or(open.first().copied())
+                else {
                     break;
                 };
                 from.take(line.end(), next);

@@ -105,9 +105,9 @@ pub struct SurfaceIntersection {
 /// use spinney::raw::brep::surface_intersection::{LineKind, surface_intersection};
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 /// # use spinney::Output;
-/// # let folder = tempfile::tempdir().unwrap();
+/// # let directory = tempfile::tempdir().unwrap();
 /// # let made = |name: &str, [x, y, z]: [i32; 3]| -> spinney::Result<ExactModel> {
-/// #     let [mesh, path] = ["off", "goblin"].map(|ending| folder.path().join(name).with_extension(ending));
+/// #     let [mesh, path] = ["off", "goblin"].map(|ending| directory.path().join(name).with_extension(ending));
 /// #     let points = format!("{x} {y} {z}\n{} {y} {z}\n{x} {} {z}\n{x} {y} {}\n", x + 6, y + 6, z + 6);
 /// #     std::fs::write(&mesh, format!("OFF\n4 4 0\n{points}3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")).unwrap();
 /// #     let mut options = ExactOptions::new();
@@ -144,7 +144,7 @@ pub fn surface_intersection(
         are_bodies: true,
         turns_roots: false,
         most_contacts: 0,
-        keeps_apart: false,
+        keeps_cuts: false,
         changed: &[],
         winding: &|_, _| None,
         rest: None,
@@ -173,7 +173,12 @@ pub fn surface_intersection(
     let are_numbers = found.all_points().flatten().all(|at| at.is_finite());
     match are_numbers {
         true => Ok(found),
-        false => Err(Error::corrupt(a.path(), "faces", "faces whose corners lie in no plane", "flat faces")),
+        false => Err(Error::corrupt(
+            a.path(),
+            "faces",
+            "faces whose vertices are not in one plane",
+            "planar faces",
+        )),
     }
 }
 

@@ -40,8 +40,8 @@ fn model(triangles: &[Triangle]) -> ExactModel {
     for (source, points) in (0..).zip(triangles) {
         list.push(&Face { number: 0, points, ring_ends: &[3], colours: &[], part: 0, source });
     }
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.goblin");
     let mut builder = ModelBuilder::new(Output::create(&path).unwrap(), grid, 64 << 20).unwrap().leaf_size(4);
     list.each(&mut |face| builder.push(face)).unwrap();
     let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
@@ -57,7 +57,7 @@ fn pairs(faces: &crate::arrangement::ExactFaces, ends: &[u32], first: u64) -> (B
         are_bodies: true,
         turns_roots: false,
         most_contacts: 0,
-        keeps_apart: false,
+        keeps_cuts: false,
         changed: &[],
         winding: &|_, _| None,
         rest: None,

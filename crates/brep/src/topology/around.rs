@@ -64,7 +64,7 @@ pub(super) fn normal<'a>(rings: impl Iterator<Item = &'a [[i32; 3]]>) -> [i128; 
             *part += own;
         }
     }
-    let divisor = sum.iter().fold(0, |divisor, part| greatest_divisor(divisor, part.unsigned_abs()));
+    let divisor = sum.iter().fold(0, |divisor, part| common_divisor(divisor, part.unsigned_abs()));
     if divisor > 1 {
         sum = sum.map(|part| part / divisor as i128);
     }
@@ -74,7 +74,7 @@ pub(super) fn normal<'a>(rings: impl Iterator<Item = &'a [[i32; 3]]>) -> [i128; 
     sum
 }
 
-fn greatest_divisor(mut a: u128, mut b: u128) -> u128 {
+fn common_divisor(mut a: u128, mut b: u128) -> u128 {
     while b > 0 {
         (a, b) = (b, a % b);
     }

@@ -42,9 +42,9 @@ impl Topology {
         let Some(chain) = self.boundaries().next() else { return Ok(()) };
         let lone = self.edges.iter().filter(|[_, second]| *second == NONE).count();
         let points: Vec<_> = chain.iter().take(MAX_SHOWN).map(|&at| self.point(self.origin(at))).collect();
-        let more = if chain.len() > MAX_SHOWN { " and on" } else { "" };
+        let more = if chain.len() > MAX_SHOWN { " and further points" } else { "" };
         let found = format!(
-            "{lone} edges with a face on one side only, in {} chains; the first has {} edges and goes through {points:?}{more}",
+            "{lone} edges with a face on one side only, in {} chains; the first has {} edges and passes {points:?}{more}",
             self.boundaries().count(),
             chain.len(),
         );

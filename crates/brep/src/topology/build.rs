@@ -80,7 +80,10 @@ fn check_size(counts: &Counts, options: &TopologyOptions) -> Result<()> {
     }
     Err(Error::TooLarge {
         path: options.path.clone(),
-        what: format!("the topology of {} faces with {} half-edges", counts.faces, counts.half_edges),
+        what: format!(
+            "building the topology of {} faces with {} half-edges",
+            counts.faces, counts.half_edges
+        ),
         needed,
         // (Half-edge numbers have 32 bits.)
         limit: options.memory.min(numbers * HALF_EDGE_BYTES),
@@ -120,7 +123,11 @@ fn read(
     each_face(faces, progress, &mut |face| {
         // (The number of faces must not change between passes.)
         if corners.len() + face.points.len() > half_edges || u64::from(face_number) == counts.faces {
-            return Err(Error::invalid("faces", "more of them than at first", "the same each time"));
+            return Err(Error::invalid(
+                "faces",
+                "more faces than in the first pass",
+                "the same faces in each pass",
+            ));
         }
         found.find(face);
         topology.face_rings.push(topology.rings.len() as u32);
@@ -405,10 +412,10 @@ fn find_shells(topology: &mut Topology, progress: &dyn Progress) -> Result<()> {
             topology.shell_faces.push(face);
             for half_edge in topology.half_edges_of_face(face) {
                 let Some(twin) = topology.twin(half_edge) else { continue };
-                let beside = topology.face(twin);
-                if topology.shell_of[beside as usize] == NONE {
-                    topology.shell_of[beside as usize] = shell;
-                    pending.push(beside);
+                let adjacent = topology.face(twin);
+                if topology.shell_of[adjacent as usize] == NONE {
+                    topology.shell_of[adjacent as usize] = shell;
+                    pending.push(adjacent);
                 }
             }
         }

@@ -333,7 +333,7 @@ impl EulerBody {
             return Err(refused(
                 "kef",
                 format!("half-edge {half}"),
-                "one with another face behind it, of one ring",
+                "one with another face of one ring on its other side",
             ));
         }
         self.give(half ^ 1, one.ring);
@@ -485,9 +485,9 @@ impl EulerBody {
                     continue;
                 };
                 for half in self.around(first) {
-                    let beside = self.face_of(self.half(half ^ 1).ring);
-                    if !found.contains(&beside) {
-                        found.push(beside);
+                    let adjacent = self.face_of(self.half(half ^ 1).ring);
+                    if !found.contains(&adjacent) {
+                        found.push(adjacent);
                     }
                 }
             }
@@ -504,7 +504,7 @@ impl EulerBody {
     fn check(&self, operator: &'static str, half_edge: u32) -> Result<u32> {
         match self.half_edges.get(half_edge / 2) {
             Some(_) => Ok(half_edge),
-            None => Err(refused(operator, format!("half-edge {half_edge}"), "one that is there")),
+            None => Err(refused(operator, format!("half-edge {half_edge}"), "one that exists")),
         }
     }
 

@@ -43,13 +43,18 @@ impl BlockFile {
         let backend = options.access.cached(backend);
         let header = FileHeader::read(path, &*backend)?;
         if header.content != content {
-            return Err(Error::corrupt(path, "header", "a file of other content", noun));
+            return Err(Error::corrupt(
+                path,
+                "header",
+                format!("content {}", header.content as u8),
+                format!("{} ({noun})", content as u8),
+            ));
         }
         let bytes = backend.len();
         let tail = bytes.min(TAIL as u64);
         let trailer = Trailer::from_bytes(path, &backend.read(bytes - tail, tail as usize)?, bytes)?;
         if trailer.header != header {
-            return Err(Error::corrupt(path, "trailer", "another header", "the file's own"));
+            return Err(Error::corrupt(path, "trailer", "a different header", "a copy of the file's header"));
         }
         Metadata::check_length(path, trailer.section(METADATA).length)?;
         let metadata =
@@ -126,7 +131,7 @@ impl BlockFile {
             let code = nodes.code(self.backend(), index);
             let fits = Code::from_bits(dimension, code).is_some_and(|code| code.level() <= deepest);
             if before.is_some_and(|before| before >= code) || !fits {
-                let expected = "codes of the tree that ascend";
+                let expected = "ascending codes of nodes of the tree";
                 return Err(self.corrupt(format!("node {index}"), format!("code {code:x}"), expected));
             }
             before = Some(code);
@@ -147,7 +152,7 @@ impl BlockFile {
                 return Err(self.corrupt(
                     format!("block {index}"),
                     format!("code {key:x}"),
-                    "codes of nodes, in order",
+                    "the code of a node, in ascending order",
                 ));
             }
         }
@@ -170,11 +175,12 @@ impl BlockFile {
                 let last = entry.offset.checked_add(entry.length.into());
                 let is_inside = last.is_some_and(|last| entry.offset >= HEADER_SIZE as u64 && last <= end);
                 if !is_inside || !(1..=*most as u32).contains(&entry.count) {
-                    let found = format!("{} in bytes {} + {}", entry.count, entry.offset, entry.length);
+                    let found =
+                        format!("{} items in {} bytes at {}", entry.count, entry.length, entry.offset);
                     return Err(self.corrupt(
                         format!("{name} {index}"),
                         found,
-                        "some in bytes before the lists",
+                        format!("1 to {most} items in bytes before the lists"),
                     ));
                 }
                 // A list has fewer than 2^32 entries of less than 2^32 bytes each: the sum cannot
@@ -223,7 +229,7 @@ impl BlockFile {
     /// If it cannot be read, or the checksum differs.
     pub fn block(&self, place: &str, entry: &BlockLocation) -> Result<FileBytes<'_>> {
         if entry.offset + u64::from(entry.length) > self.backend.len() {
-            return Err(self.corrupt(place, "no bytes", "a file that nobody cuts short"));
+            return Err(self.corrupt(place, "the end of the file", "the block (was the file cut short?)"));
         }
         let bytes = self.backend.share(entry.offset, entry.length as usize)?;
         if self.check {

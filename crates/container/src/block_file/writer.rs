@@ -25,7 +25,7 @@ impl BlockWriter {
         let path = out.path().to_path_buf();
         check_tree_name(&path)?;
         if TreeFormat::of(&path) == TreeFormat::Autumnal {
-            let advice = format!("name it .goblin: trees of {noun} are not edited");
+            let advice = format!("give it a name that ends with .goblin: trees of {noun} cannot be edited");
             return Err(Error::unsupported(path, format!("an Autumnal file of {noun}"), advice));
         }
         let mut writer = BlockWriter { out, path, header, position: 0 };
@@ -55,7 +55,7 @@ impl BlockWriter {
             what: "a block".into(),
             needed: bytes.len() as u64,
             limit: u32::MAX.into(),
-            advice: "leave out what is largest with --where".into(),
+            advice: "leave out the largest items with --where".into(),
         })?;
         self.write(bytes, "write a block")?;
         Ok(BlockLocation { key, offset, length, checksum: crc32c::crc32c(bytes), count })

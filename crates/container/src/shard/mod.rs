@@ -15,20 +15,20 @@ use std::path::{Path, PathBuf};
 
 pub use reader::SummaryBytes;
 pub use run_file::RunFile;
-pub use summary::{PieceSummary, ShardSummary};
+pub use summary::{RangeSummary, ShardSummary};
 pub use writer::SummaryWriter;
 
-use spinney_base::io::{FileAccess, folder, url_of};
-use spinney_base::space::CodeRun;
+use spinney_base::io::{FileAccess, directory_of, url_of};
+use spinney_base::space::CodeRange;
 use spinney_base::{Error, Result};
 
 /// Consecutive nodes of one layer, at the level at which a file is cut into shards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ShardPiece {
+pub struct ShardRange {
     /// Number of the layer; 0 for trees of points.
     pub layer: u32,
     /// The nodes.
-    pub run: CodeRun,
+    pub run: CodeRange,
 }
 
 /// Checks that the runs of a layer are contiguous and cover the whole space. `head` is for
@@ -36,21 +36,21 @@ pub struct ShardPiece {
 ///
 /// # Errors
 /// If they leave gaps, overlap, or are in another order.
-pub fn check_cover(head: &Path, layer: u32, runs: &mut dyn Iterator<Item = CodeRun>) -> Result<()> {
+pub fn check_cover(head: &Path, layer: u32, runs: &mut dyn Iterator<Item = CodeRange>) -> Result<()> {
     let wrong =
         |found, expected| Err(Error::invalid(format!("shards of {}", head.display()), found, expected));
     let mut next = 0;
     for run in runs {
         let [first, last] = run.ends();
         if first != next {
-            let found = format!("a shard of layer {layer} that begins at {first:016x}");
-            return wrong(found, format!("{next:016x}"));
+            let found = format!("a shard of layer {layer} that begins at code {first:016x}");
+            return wrong(found, format!("code {next:016x}"));
         }
         next = last + 1;
     }
-    if next != CodeRun::ALL.ends()[1] + 1 {
-        let found = format!("shards of layer {layer} that end before {next:016x}");
-        return wrong(found, "the whole space".into());
+    if next != CodeRange::ALL.ends()[1] + 1 {
+        let found = format!("shards of layer {layer} that end at code {next:016x}");
+        return wrong(found, "shards up to the last code".into());
     }
     Ok(())
 }
@@ -59,13 +59,13 @@ pub fn check_cover(head: &Path, layer: u32, runs: &mut dyn Iterator<Item = CodeR
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shard {
     /// Local or remote directory of a file's shards.
-    pub folder: PathBuf,
+    pub directory: PathBuf,
     /// Identifies the planned output and its inputs. Summaries store it.
     pub job: u128,
     /// Number of this shard, in file order.
     pub number: u32,
     /// Its run of each layer, in file order.
-    pub pieces: Vec<ShardPiece>,
+    pub ranges: Vec<ShardRange>,
     /// How its files are read and written.
     pub access: FileAccess,
 }
@@ -73,42 +73,42 @@ pub struct Shard {
 impl Shard {
     /// Paths of all files that it may have: the summary, and the run file of each of its layers.
     pub fn files(&self) -> impl Iterator<Item = PathBuf> {
-        let runs = self.pieces.iter().map(|piece| self.run_path(piece.layer));
+        let runs = self.ranges.iter().map(|range| self.run_path(range.layer));
         [self.summary_path()].into_iter().chain(runs)
     }
 
     /// Local directory for temporary files: the shard directory, unless that is remote.
     pub fn temporary(&self) -> &Path {
-        match url_of(&self.folder) {
-            Some(_) => folder(&self.folder),
-            None => &self.folder,
+        match url_of(&self.directory) {
+            Some(_) => directory_of(&self.directory),
+            None => &self.directory,
         }
     }
 
     /// Path of the summary.
     pub fn summary_path(&self) -> PathBuf {
-        self.folder.join(format!("{:04}.summary", self.number))
+        self.directory.join(format!("{:04}.summary", self.number))
     }
 
     /// Path of a layer's run file, which exists only if the shard has bytes of that layer.
     pub fn run_path(&self, layer: u32) -> PathBuf {
-        self.folder.join(format!("{:04}-{layer}.run", self.number))
+        self.directory.join(format!("{:04}-{layer}.run", self.number))
     }
 
     /// Returns the run of a layer, if the shard has one.
-    pub fn piece(&self, layer: u32) -> Option<&ShardPiece> {
-        self.pieces.iter().find(|piece| piece.layer == layer)
+    pub fn range(&self, layer: u32) -> Option<&ShardRange> {
+        self.ranges.iter().find(|range| range.layer == layer)
     }
 
     /// The error for a summary that belongs to another job.
     pub fn another_job(&self) -> Error {
-        let advice = format!("remove the folder {}, and build its shards again", self.folder.display());
+        let advice = format!("remove the directory {}, and build its shards again", self.directory.display());
         Error::unsupported(self.summary_path(), "a shard of another job", advice)
     }
 
     /// The error for a merge of a shard that is not built yet.
     pub fn not_built(&self) -> Error {
-        let found = "a file of which a shard is not made";
-        Error::unsupported(self.summary_path(), found, "build this shard first")
+        let found = "merging before this shard is built";
+        Error::unsupported(self.summary_path(), found, "build the shard first")
     }
 }

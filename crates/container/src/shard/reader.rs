@@ -48,12 +48,12 @@ impl SummaryBytes {
         while (bytes.len() as u64) < length {
             if self.taken == self.block.len() {
                 let Some(entry) = self.entry() else {
-                    return Err(self.corrupt(format!("{} bytes", bytes.len()), format!("{length}")));
+                    return Err(self.corrupt(format!("{} bytes", bytes.len()), format!("{length} bytes")));
                 };
                 let place = format!("block {}", self.next);
                 if entry.block.length != entry.block.count {
                     let found = format!("{} bytes", entry.block.length);
-                    return Err(self.file.corrupt(place, found, format!("{}", entry.block.count)));
+                    return Err(self.file.corrupt(place, found, format!("{} bytes", entry.block.count)));
                 }
                 self.block = self.file.block(&place, &entry.block)?.to_vec();
                 (self.next, self.taken) = (self.next + 1, 0);

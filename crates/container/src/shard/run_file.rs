@@ -37,7 +37,7 @@ impl RunFile {
         read.map_err(Error::io(&self.path, "read"))?;
         if bytes.len() as u64 != length {
             let found = format!("{} bytes", bytes.len());
-            return Err(Error::corrupt(&self.path, "run of a shard", found, format!("{length}")));
+            return Err(Error::corrupt(&self.path, "shard run", found, format!("{length} bytes")));
         }
         Ok(())
     }

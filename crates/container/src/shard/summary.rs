@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{Shard, ShardPiece, SummaryBytes};
+use super::{Shard, ShardRange, SummaryBytes};
 use crate::{BlockEntry, BlockFile, Content, OpenOptions, VersionedSection};
 use spinney_base::io::FileAccess;
-use spinney_base::space::CodeRun;
+use spinney_base::space::CodeRange;
 use spinney_base::{Error, Result, parallel};
 
 /// Tags of the section that identifies the shard, and of the list of blocks.
@@ -33,11 +33,11 @@ pub(super) type Entry = BlockEntry<0>;
 pub(super) struct Identity<T> {
     pub(super) job: u128,
     pub(super) number: u32,
-    pub(super) pieces: Vec<StoredPiece<T>>,
+    pub(super) ranges: Vec<StoredRange<T>>,
 }
 
 #[derive(Serialize, Deserialize)]
-pub(super) struct StoredPiece<T> {
+pub(super) struct StoredRange<T> {
     pub(super) layer: u32,
     pub(super) run: [u64; 2],
     pub(super) run_bytes: u64,
@@ -46,9 +46,9 @@ pub(super) struct StoredPiece<T> {
 
 /// Summary of a shard's run of one layer, with totals that depend on the type of tree.
 #[derive(Clone, Debug)]
-pub struct PieceSummary<T> {
+pub struct RangeSummary<T> {
     /// The layer and the nodes.
-    pub piece: ShardPiece,
+    pub range: ShardRange,
     /// Bytes of its run file.
     pub run_bytes: u64,
     /// Its totals, unchecked.
@@ -62,7 +62,7 @@ pub struct ShardSummary<T> {
     path: PathBuf,
     access: FileAccess,
     /// The layers of the shard, in its order.
-    pub pieces: Vec<PieceSummary<T>>,
+    pub ranges: Vec<RangeSummary<T>>,
 }
 
 impl<T: DeserializeOwned + Send> ShardSummary<T> {
@@ -88,8 +88,8 @@ impl<T: DeserializeOwned + Send> ShardSummary<T> {
         let mut runs = Vec::new();
         for (number, (shard, found)) in shards.iter().zip(&all).enumerate() {
             let Ok(Some(summary)) = found else { continue };
-            let expected = summary.pieces.iter().filter(|piece| piece.run_bytes > 0);
-            runs.extend(expected.map(|piece| (number, shard.run_path(piece.piece.layer), piece.run_bytes)));
+            let expected = summary.ranges.iter().filter(|range| range.run_bytes > 0);
+            runs.extend(expected.map(|range| (number, shard.run_path(range.range.layer), range.run_bytes)));
         }
         let paths: Vec<&Path> = runs.iter().map(|(_, path, _)| &**path).collect();
         for ((number, _, bytes), state) in runs.iter().zip(access.stat(&paths)?) {
@@ -116,24 +116,28 @@ impl<T: DeserializeOwned + Send> ShardSummary<T> {
         let bytes = file.section(SHARD, SECTION.name)?;
         let (identity, used): (Identity<T>, usize) = SECTION.decode(&path, &bytes)?;
         if used != bytes.len() {
-            return Err(file.corrupt(SECTION.name, format!("{} bytes", bytes.len()), format!("{used}")));
+            return Err(file.corrupt(
+                SECTION.name,
+                format!("{} bytes", bytes.len()),
+                format!("{used} bytes"),
+            ));
         }
-        let is_same = |(stored, piece): (&StoredPiece<T>, &ShardPiece)| {
-            stored.layer == piece.layer && CodeRun::new(stored.run[0], stored.run[1]) == Some(piece.run)
+        let is_same = |(stored, range): (&StoredRange<T>, &ShardRange)| {
+            stored.layer == range.layer && CodeRange::new(stored.run[0], stored.run[1]) == Some(range.run)
         };
         if identity.job != shard.job
             || identity.number != shard.number
-            || identity.pieces.len() != shard.pieces.len()
-            || !identity.pieces.iter().zip(&shard.pieces).all(is_same)
+            || identity.ranges.len() != shard.ranges.len()
+            || !identity.ranges.iter().zip(&shard.ranges).all(is_same)
         {
             return Err(shard.another_job());
         }
-        let pieces = identity.pieces.into_iter().zip(&shard.pieces);
-        let pieces = pieces.map(|(stored, piece)| {
-            let StoredPiece { run_bytes, totals, .. } = stored;
-            PieceSummary { piece: *piece, run_bytes, totals }
+        let ranges = identity.ranges.into_iter().zip(&shard.ranges);
+        let ranges = ranges.map(|(stored, range)| {
+            let StoredRange { run_bytes, totals, .. } = stored;
+            RangeSummary { range: *range, run_bytes, totals }
         });
-        Ok(Some(ShardSummary { pieces: pieces.collect(), path, access: shard.access.clone() }))
+        Ok(Some(ShardSummary { ranges: ranges.collect(), path, access: shard.access.clone() }))
     }
 }
 
@@ -145,7 +149,7 @@ impl<T> ShardSummary<T> {
 
     /// Total bytes of all run files.
     pub fn run_bytes(&self) -> u64 {
-        self.pieces.iter().fold(0, |sum: u64, piece| sum.saturating_add(piece.run_bytes))
+        self.ranges.iter().fold(0, |sum: u64, range| sum.saturating_add(range.run_bytes))
     }
 
     /// Opens the byte stream of a layer. The file is opened again for it, because many summaries
@@ -153,8 +157,8 @@ impl<T> ShardSummary<T> {
     ///
     /// # Errors
     /// If the file cannot be read, or its list of blocks is corrupt.
-    pub fn bytes_of(&self, piece: &PieceSummary<T>) -> Result<SummaryBytes> {
-        SummaryBytes::new(open(&self.path, &self.access)?, piece.piece.layer)
+    pub fn bytes_of(&self, range: &RangeSummary<T>) -> Result<SummaryBytes> {
+        SummaryBytes::new(open(&self.path, &self.access)?, range.range.layer)
     }
 }
 

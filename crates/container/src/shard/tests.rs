@@ -3,21 +3,21 @@
 use std::fs;
 use std::path::Path;
 
-use super::summary::{BLOCKS, Entry, Identity, MAX_BLOCK, SECTION, SHARD, StoredPiece};
-use super::{Shard, ShardPiece, ShardSummary, SummaryWriter};
+use super::summary::{BLOCKS, Entry, Identity, MAX_BLOCK, SECTION, SHARD, StoredRange};
+use super::{Shard, ShardRange, ShardSummary, SummaryWriter};
 use crate::{BlockWriter, Content, FileHeader, Metadata, TreeFormat};
 use spinney_base::io::{FileAccess, Output, Sorter};
-use spinney_base::space::{CodeRun, Dimension};
+use spinney_base::space::{CodeRange, Dimension};
 use spinney_base::{Error, Result};
 
-fn shard(folder: &Path) -> Shard {
-    let [first, last] = CodeRun::ALL.ends();
-    let piece = |layer| ShardPiece { layer, run: CodeRun::new(first, last).unwrap() };
+fn shard(directory: &Path) -> Shard {
+    let [first, last] = CodeRange::ALL.ends();
+    let range = |layer| ShardRange { layer, run: CodeRange::new(first, last).unwrap() };
     Shard {
-        folder: folder.into(),
+        directory: directory.into(),
         job: 7,
         number: 3,
-        pieces: vec![piece(0), piece(2), piece(5)],
+        ranges: vec![range(0), range(2), range(5)],
         access: FileAccess::default(),
     }
 }
@@ -29,10 +29,10 @@ fn contents() -> [Vec<u8>; 3] {
 
 fn write(shard: &Shard) {
     let mut writer = SummaryWriter::new(shard).unwrap();
-    for (piece, bytes) in shard.pieces.iter().zip(contents()) {
-        writer.begin(*piece);
+    for (range, bytes) in shard.ranges.iter().zip(contents()) {
+        writer.begin(*range);
         bytes.chunks(1000).for_each(|bytes| writer.write(bytes).unwrap());
-        writer.end(0, u64::from(piece.layer)).unwrap();
+        writer.end(0, u64::from(range.layer)).unwrap();
     }
     writer.finish().unwrap();
 }
@@ -41,9 +41,9 @@ fn write(shard: &Shard) {
 fn read(shard: &Shard) -> Result<Vec<Vec<u8>>> {
     let Some(summary) = ShardSummary::<u64>::find(shard)? else { return Ok(Vec::new()) };
     let mut all = Vec::new();
-    for (piece, expected) in summary.pieces.iter().zip(contents()) {
-        assert_eq!(piece.totals, u64::from(piece.piece.layer));
-        let mut bytes = summary.bytes_of(piece)?;
+    for (range, expected) in summary.ranges.iter().zip(contents()) {
+        assert_eq!(range.totals, u64::from(range.range.layer));
+        let mut bytes = summary.bytes_of(range)?;
         let half = bytes.take(expected.len() as u64 / 2)?;
         all.push([half, bytes.take((expected.len() - expected.len() / 2) as u64)?].concat());
         assert!(bytes.is_over() && matches!(bytes.take(1), Err(Error::Corrupt { .. })));
@@ -53,16 +53,16 @@ fn read(shard: &Shard) -> Result<Vec<Vec<u8>>> {
 
 #[test]
 fn bytes_are_those_that_were_written() {
-    let folder = tempfile::tempdir().unwrap();
-    let shard = shard(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let shard = shard(directory.path());
     assert!(read(&shard).unwrap().is_empty());
     write(&shard);
     assert!(read(&shard).unwrap() == contents());
     let summary = ShardSummary::<u64>::find(&shard).unwrap().unwrap();
-    let mut bytes = summary.bytes_of(&summary.pieces[0]).unwrap();
+    let mut bytes = summary.bytes_of(&summary.ranges[0]).unwrap();
     assert!(matches!(bytes.take(u64::MAX), Err(Error::Corrupt { .. })));
     let mut other = shard.clone();
-    other.pieces.pop();
+    other.ranges.pop();
     for other in [other, Shard { job: 8, ..shard.clone() }] {
         assert!(matches!(ShardSummary::<u64>::find(&other), Err(Error::Unsupported { .. })));
     }
@@ -70,8 +70,8 @@ fn bytes_are_those_that_were_written() {
 
 #[test]
 fn truncated_and_corrupt_summaries_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let shard = shard(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let shard = shard(directory.path());
     write(&shard);
     let path = shard.summary_path();
     let good = fs::read(&path).unwrap();
@@ -79,7 +79,7 @@ fn truncated_and_corrupt_summaries_are_refused() {
         let mut bad = good.clone();
         bad[at] ^= 1 << (at % 8);
         fs::write(&path, &bad).unwrap();
-        let error = read(&shard).expect_err("a byte is wrong");
+        let error = read(&shard).expect_err("a bit was flipped");
         assert!(matches!(error, Error::Corrupt { .. } | Error::Unsupported { .. }), "{at}: {error}");
     }
     for length in (0..good.len()).filter(|length| length % 4999 == 0 || length + 300 > good.len()) {
@@ -96,24 +96,24 @@ fn forge(shard: &Shard, change: &dyn Fn(&mut Entry), section: &[u8]) {
     let mut writer = BlockWriter::new(output, header, "shards").unwrap();
     let mut entry = Entry { block: writer.block(0, &[9; 10], 10).unwrap(), bounds: [[]; 2] };
     change(&mut entry);
-    let mut list = Sorter::new(&shard.folder, Entry::BYTES, 0);
+    let mut list = Sorter::new(&shard.directory, Entry::BYTES, 0);
     list.push(0, entry.to_bytes()).unwrap();
     writer.finish(vec![(BLOCKS, list)], (SHARD, section.to_vec()), &Metadata::default()).unwrap();
 }
 
 #[test]
 fn forged_summaries_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut shard = shard(folder.path());
-    shard.pieces.truncate(1);
+    let directory = tempfile::tempdir().unwrap();
+    let mut shard = shard(directory.path());
+    shard.ranges.truncate(1);
     let identity = |layer, run: [u64; 2]| {
-        let pieces = vec![StoredPiece { layer, run, run_bytes: 0, totals: 0u64 }];
-        SECTION.encode(&Identity { job: 7, number: 3, pieces }).unwrap()
+        let ranges = vec![StoredRange { layer, run, run_bytes: 0, totals: 0u64 }];
+        SECTION.encode(&Identity { job: 7, number: 3, ranges }).unwrap()
     };
-    let section = identity(0, CodeRun::ALL.ends());
+    let section = identity(0, CodeRange::ALL.ends());
     let taken = |length| {
         let summary = ShardSummary::<u64>::find(&shard)?.expect("the file exists");
-        summary.bytes_of(&summary.pieces[0])?.take(length)
+        summary.bytes_of(&summary.ranges[0])?.take(length)
     };
     forge(&shard, &|_| {}, &section);
     assert_eq!(taken(10).unwrap(), [9; 10]);
@@ -134,7 +134,8 @@ fn forged_summaries_are_refused() {
     let count = section.iter().position(|byte| *byte == 3).unwrap() + 1;
     let mut many = section.clone();
     many.splice(count..count + 1, [253, 255, 255, 255, 255, 255, 255, 255, 255]);
-    for wrong in [identity(0, [5, 2]), identity(1, CodeRun::ALL.ends()), [&section[..], &[0]].concat(), many]
+    for wrong in
+        [identity(0, [5, 2]), identity(1, CodeRange::ALL.ends()), [&section[..], &[0]].concat(), many]
     {
         forge(&shard, &|_| {}, &wrong);
         let error = taken(10).unwrap_err();

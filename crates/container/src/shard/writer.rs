@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use super::summary::{BLOCKS, Entry, Identity, MAX_BLOCK, SECTION, SHARD, StoredPiece};
-use super::{Shard, ShardPiece};
+use super::summary::{BLOCKS, Entry, Identity, MAX_BLOCK, SECTION, SHARD, StoredRange};
+use super::{Shard, ShardRange};
 use crate::{BlockWriter, Content, FileHeader, Metadata, TreeFormat};
 use spinney_base::io::{FileAccess, Sorter};
 use spinney_base::space::Dimension;
@@ -20,7 +20,7 @@ pub struct SummaryWriter<T> {
     blocks: Sorter,
     identity: Identity<T>,
     /// The layer that was started last, and its bytes that are not in a block yet.
-    piece: Option<ShardPiece>,
+    range: Option<ShardRange>,
     pending: Vec<u8>,
 }
 
@@ -39,9 +39,9 @@ impl<T: Serialize> SummaryWriter<T> {
         };
         let out = BlockWriter::new(shard.access.append_only(&shard.summary_path())?, header, "shards")?;
         let blocks = Sorter::new(shard.temporary(), Entry::BYTES, MEMORY);
-        let identity = Identity { job: shard.job, number: shard.number, pieces: Vec::new() };
+        let identity = Identity { job: shard.job, number: shard.number, ranges: Vec::new() };
         let access = shard.access.clone();
-        Ok(SummaryWriter { out, access, blocks, identity, piece: None, pending: Vec::new() })
+        Ok(SummaryWriter { out, access, blocks, identity, range: None, pending: Vec::new() })
     }
 
     /// How the files of the shard are written.
@@ -50,8 +50,8 @@ impl<T: Serialize> SummaryWriter<T> {
     }
 
     /// Starts the next layer. Layers must be ascending.
-    pub fn begin(&mut self, piece: ShardPiece) {
-        self.piece = Some(piece);
+    pub fn begin(&mut self, range: ShardRange) {
+        self.range = Some(range);
     }
 
     /// Appends bytes to the layer that was started last.
@@ -70,7 +70,7 @@ impl<T: Serialize> SummaryWriter<T> {
     }
 
     fn flush(&mut self) -> Result<()> {
-        let key = u64::from(self.piece.expect("a piece was started").layer);
+        let key = u64::from(self.range.expect("a layer was started").layer);
         let block = self.out.block(key, &self.pending, self.pending.len() as u32)?;
         self.pending.clear();
         self.blocks.push(key, Entry { block, bounds: [[]; 2] }.to_bytes())
@@ -84,8 +84,8 @@ impl<T: Serialize> SummaryWriter<T> {
         if !self.pending.is_empty() {
             self.flush()?;
         }
-        let ShardPiece { layer, run } = self.piece.take().expect("a piece was started");
-        self.identity.pieces.push(StoredPiece { layer, run: run.ends(), run_bytes, totals });
+        let ShardRange { layer, run } = self.range.take().expect("a layer was started");
+        self.identity.ranges.push(StoredRange { layer, run: run.ends(), run_bytes, totals });
         Ok(())
     }
 
@@ -96,8 +96,8 @@ impl<T: Serialize> SummaryWriter<T> {
     pub fn finish(self) -> Result<()> {
         let SummaryWriter { out, blocks, identity, .. } = self;
         let section = SECTION.encode(&identity).ok_or_else(|| {
-            let found = format!("a shard of {} pieces", identity.pieces.len());
-            Error::unsupported(out.path(), found, "cut the job into more shards")
+            let found = format!("a shard of {} layers", identity.ranges.len());
+            Error::unsupported(out.path(), found, "plan the job with more shards")
         })?;
         out.finish(vec![(BLOCKS, blocks)], (SHARD, section), &Metadata::default())
     }

@@ -51,7 +51,7 @@ struct World {
     /// infinite if not known.
     near: [[f64; 2]; 2],
     /// Minimum and maximum coordinates of the tree in the input system, if known.
-    picture: Option<[[f64; 2]; 2]>,
+    tree_bounds: Option<[[f64; 2]; 2]>,
     /// First input coordinate of the tree's centre, if known.
     middle: Option<f64>,
 }
@@ -76,7 +76,7 @@ impl CellLocator {
             Coordinates::World => Way::in_world(None, frame, extent)?,
             Coordinates::System(crs) => {
                 let Some(own) = &frame.crs else {
-                    let expected = "one, to which coordinates can be brought; the step crs=EPSG:NUMBER of `spinney transform` says which it is";
+                    let expected = "a known one; set it with `spinney transform TREE crs=EPSG:NUMBER`";
                     return Err(Error::invalid("coordinate system of the tree", "none", expected));
                 };
                 Way::in_world(Some(Transformation::new(crs, own, true)?), frame, extent)?
@@ -95,14 +95,14 @@ impl CellLocator {
 
     /// Converts a position to cell coordinates, inside or outside of the tree. `None` if the tree's
     /// system cannot represent the position.
-    pub fn cell(&self, place: [f64; 3]) -> Option<[f64; 3]> {
-        let Way::World(world) = &self.way else { return Some(place) };
+    pub fn cell(&self, position: [f64; 3]) -> Option<[f64; 3]> {
+        let Way::World(world) = &self.way else { return Some(position) };
         let World { systems, columns, .. } = &**world;
         let [x, y] = match systems {
-            None => [place[0], place[1]],
-            Some(systems) => systems.forward([place[0], place[1]])?,
+            None => [position[0], position[1]],
+            Some(systems) => systems.forward([position[0], position[1]])?,
         };
-        let mut cell = self.frame.to_cells([x, y, place[2]])?;
+        let mut cell = self.frame.to_cells([x, y, position[2]])?;
         if let Some(columns) = columns {
             // (The seam is opposite to the data.)
             let first = (self.extent[0] as f64 - columns.abs()) / 2.0;
@@ -113,12 +113,12 @@ impl CellLocator {
 
     /// Returns the tree's bounds in the input system, for messages: west, south, east and north, or
     /// columns and rows.
-    pub fn picture(&self) -> String {
+    pub fn bounds_text(&self) -> String {
         let [low, high] = match &self.way {
             Way::Cells => [[0.0; 2], [self.extent[0] as f64, self.extent[1] as f64]],
-            Way::World(world) => match world.picture {
-                Some(picture) => picture,
-                None => return "nowhere in these coordinates".into(),
+            Way::World(world) => match world.tree_bounds {
+                Some(tree_bounds) => tree_bounds,
+                None => return "at no position of this coordinate system".into(),
             },
         };
         corners_text(low, high)
@@ -152,7 +152,7 @@ impl CellLocator {
             return Err(Error::invalid(
                 "box",
                 found,
-                "least coordinates (west, south) below the greatest (east, north)",
+                "minimum coordinates (west, south) below the maximum (east, north)",
             ));
         }
         let found = match &self.way {
@@ -178,7 +178,7 @@ impl CellLocator {
             }
             Way::Cells => {
                 let inside = |axis: usize, cell: f64| cell.clamp(0.0, self.extent[axis] as f64) as u64;
-                let mut bounds = Bounds::picture(self.extent);
+                let mut bounds = Bounds::of_extent(self.extent);
                 for axis in 0..axes {
                     bounds.min[axis] = inside(axis, (low[axis] + ROUNDING).floor());
                     bounds.max[axis] = inside(axis, (high[axis] - ROUNDING).ceil());
@@ -192,7 +192,7 @@ impl CellLocator {
     /// Returns the cells around a ring, given in cell coordinates, with layers from one world
     /// coordinate to another.
     fn around(&self, ring: &[[f64; 2]], [floor, ceiling]: [f64; 2]) -> Bounds {
-        let mut bounds = Bounds::picture(self.extent);
+        let mut bounds = Bounds::of_extent(self.extent);
         let inside = |axis: usize, cell: f64| cell.clamp(0.0, self.extent[axis] as f64) as u64;
         for axis in 0..2 {
             let least = ring.iter().map(|corner| corner[axis]).fold(f64::INFINITY, f64::min);
@@ -252,8 +252,8 @@ impl CellLocator {
         }
         let is_near = |ring: &[[f64; 2]], shift: f64| {
             let is_in = |[x, y]: &[f64; 2]| {
-                let place = [x + shift, *y];
-                (0..2).all(|axis| near[0][axis] <= place[axis] && place[axis] <= near[1][axis])
+                let position = [x + shift, *y];
+                (0..2).all(|axis| near[0][axis] <= position[axis] && position[axis] <= near[1][axis])
             };
             ring.iter().all(is_in)
         };
@@ -298,20 +298,20 @@ impl CellLocator {
     /// Converts a ring to cell coordinates. Inserts vertices where edges are curves.
     fn curved(&self, ring: &[[f64; 2]], close: f64) -> Vec<[f64; 2]> {
         /// Maximum number of times that an edge is halved.
-        const MOST: u32 = 14;
+        const MAX_DEPTH: u32 = 14;
         let Way::World(world) = &self.way else { return ring.to_vec() };
         let World { systems: Some(systems), turn, columns, middle, .. } = &**world else {
             return ring.to_vec();
         };
         let half = self.extent[0] as f64 / 2.0;
-        let cell = |place: [f64; 2]| {
-            let [x, y] = systems.forward(place)?;
+        let cell = |position: [f64; 2]| {
+            let [x, y] = systems.forward(position)?;
             let [column, row, _] = self.frame.to_cells([x, y, 0.0])?;
             // If columns are periodic, choose those whose distance from the middle corresponds to
             // the position's.
             let column = columns.map_or(column, |columns| {
                 let away =
-                    turn.zip(*middle).map_or(0.0, |(turn, middle)| (place[0] - middle) / turn * columns);
+                    turn.zip(*middle).map_or(0.0, |(turn, middle)| (position[0] - middle) / turn * columns);
                 let (expected, columns) = (half + away, columns.abs());
                 expected + (column - expected + columns / 2.0).rem_euclid(columns) - columns / 2.0
             });
@@ -334,7 +334,7 @@ impl CellLocator {
                     (None, None, None) => true,
                     _ => false,
                 };
-                if depth < MOST && ![0.25, 0.5, 0.75].into_iter().all(is_close) {
+                if depth < MAX_DEPTH && ![0.25, 0.5, 0.75].into_iter().all(is_close) {
                     let middle = between(a, b, 0.5);
                     pending.push((middle, b, depth + 1));
                     pending.push((a, middle, depth + 1));
@@ -392,7 +392,7 @@ pub fn corners_text(low: [f64; 2], high: [f64; 2]) -> String {
 impl Way {
     fn in_world(systems: Option<Transformation>, frame: &Frame, extent: [u64; 3]) -> Result<Way> {
         if frame.to_cells([0.0; 3]).is_none() {
-            return Err(Error::invalid("frame", format!("{:?}", frame.matrix), "one that has an inverse"));
+            return Err(Error::invalid("frame", format!("{:?}", frame.matrix), "an invertible matrix"));
         }
         let [[across, b, ..], [d, ..], _] = frame.matrix;
         let own = frame.crs.as_ref().and_then(|crs| crs.turn());
@@ -403,24 +403,24 @@ impl Way {
         let columns = own.filter(|_| b == 0.0 && d == 0.0).map(|own| own / across);
         let everywhere = [[f64::NEG_INFINITY; 2], [f64::INFINITY; 2]];
         let lattice = Lattice::new(systems.as_ref(), turn, frame, extent);
-        let (near, picture, middle) = match lattice {
-            Some(lattice) => (lattice.near(turn), Some(lattice.picture), Some(lattice.middle)),
+        let (near, tree_bounds, middle) = match lattice {
+            Some(lattice) => (lattice.near(turn), Some(lattice.tree_bounds), Some(lattice.middle)),
             None => (everywhere, None, None),
         };
-        Ok(Way::World(Box::new(World { systems, turn, columns, near, picture, middle })))
+        Ok(Way::World(Box::new(World { systems, turn, columns, near, tree_bounds, middle })))
     }
 }
 
 /// A lattice of positions in a tree's extent.
 struct Lattice {
     /// Minimum and maximum coordinates.
-    picture: [[f64; 2]; 2],
+    tree_bounds: [[f64; 2]; 2],
     /// Maximum distance between neighbouring positions, along each axis.
-    apart: [f64; 2],
+    max_spacing: [f64; 2],
     /// First coordinate of the centre.
     middle: f64,
     /// Whether first coordinates were wrapped to be within half a turn of the centre.
-    is_beside_middle: bool,
+    is_wrapped: bool,
 }
 
 impl Lattice {
@@ -432,7 +432,7 @@ impl Lattice {
         frame: &Frame,
         extent: [u64; 3],
     ) -> Option<Lattice> {
-        let place = |column: usize, row: usize| {
+        let position = |column: usize, row: usize| {
             let at = |axis: usize, step: usize| extent[axis] as f64 * step as f64 / STEPS as f64;
             let [x, y, _] = frame.to_world([at(0, column), at(1, row), 0.0]);
             match systems {
@@ -440,50 +440,48 @@ impl Lattice {
                 Some(systems) => systems.backward([x, y]),
             }
         };
-        let middle = place(STEPS / 2, STEPS / 2).or_else(|| place(STEPS / 4, STEPS / 4))?[0];
-        let is_beside_middle = systems.is_some_and(|systems| !systems.is_identity());
-        let beside = |x: f64| match turn {
-            Some(turn) if is_beside_middle => {
-                middle + (x - middle + turn / 2.0).rem_euclid(turn) - turn / 2.0
-            }
+        let middle = position(STEPS / 2, STEPS / 2).or_else(|| position(STEPS / 4, STEPS / 4))?[0];
+        let is_wrapped = systems.is_some_and(|systems| !systems.is_identity());
+        let wrap = |x: f64| match turn {
+            Some(turn) if is_wrapped => middle + (x - middle + turn / 2.0).rem_euclid(turn) - turn / 2.0,
             _ => x,
         };
         let row = |row: usize| -> Vec<Option<[f64; 2]>> {
-            let places = (0..=STEPS).map(|column| place(column, row));
-            places.map(|place| place.map(|[x, y]| [beside(x), y])).collect()
+            let positions = (0..=STEPS).map(|column| position(column, row));
+            positions.map(|position| position.map(|[x, y]| [wrap(x), y])).collect()
         };
         let rows: Vec<_> = (0..=STEPS).map(row).collect();
-        let (mut low, mut high, mut apart) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2], [0f64; 2]);
-        for (row, places) in rows.iter().enumerate() {
-            for (column, place) in places.iter().enumerate() {
-                let Some(place) = place else { continue };
-                let right = places.get(column + 1).copied().flatten();
-                let below = rows.get(row + 1).and_then(|places| places[column]);
+        let (mut low, mut high, mut max_spacing) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2], [0f64; 2]);
+        for (row, positions) in rows.iter().enumerate() {
+            for (column, position) in positions.iter().enumerate() {
+                let Some(position) = position else { continue };
+                let right = positions.get(column + 1).copied().flatten();
+                let below = rows.get(row + 1).and_then(|positions| positions[column]);
                 for axis in 0..2 {
-                    (low[axis], high[axis]) = (low[axis].min(place[axis]), high[axis].max(place[axis]));
+                    (low[axis], high[axis]) = (low[axis].min(position[axis]), high[axis].max(position[axis]));
                     for other in [right, below].into_iter().flatten() {
-                        apart[axis] = apart[axis].max((place[axis] - other[axis]).abs());
+                        max_spacing[axis] = max_spacing[axis].max((position[axis] - other[axis]).abs());
                     }
                 }
             }
         }
         let is_somewhere = (0..2).all(|axis| low[axis] <= high[axis]);
-        is_somewhere.then_some(Lattice { picture: [low, high], apart, middle, is_beside_middle })
+        is_somewhere.then_some(Lattice { tree_bounds: [low, high], max_spacing, middle, is_wrapped })
     }
 
     /// Returns the minimum and maximum coordinates of positions that can be in the tree: the
     /// lattice's bounds, extended by the distance between neighbours.
     fn near(&self, turn: Option<f64>) -> [[f64; 2]; 2] {
-        let [low, high] = self.picture;
+        let [low, high] = self.tree_bounds;
         let [mut low, mut high] = [
-            [0, 1].map(|axis| low[axis] - self.apart[axis]),
-            [0, 1].map(|axis| high[axis] + self.apart[axis]),
+            [0, 1].map(|axis| low[axis] - self.max_spacing[axis]),
+            [0, 1].map(|axis| high[axis] + self.max_spacing[axis]),
         ];
         if let Some(turn) = turn
             && high[0] - low[0] > turn
         {
             // Limited to one turn around the world, so that no position is included twice.
-            let centre = if self.is_beside_middle { self.middle } else { (low[0] + high[0]) / 2.0 };
+            let centre = if self.is_wrapped { self.middle } else { (low[0] + high[0]) / 2.0 };
             (low[0], high[0]) = (centre - turn / 2.0, centre + turn / 2.0);
         }
         [low, high]

@@ -28,12 +28,12 @@ fn counted(rings: &[Vec<[f64; 2]>], frame: &Frame, extent: [u64; 3]) -> u64 {
 }
 
 fn counted_in_cells(rings: &[Vec<[f64; 2]>], frame: &Frame, extent: [u64; 3]) -> u64 {
-    let places = CellLocator::new(&Coordinates::LONLAT, frame, extent).unwrap();
-    let parts = places.parts(&[rings.to_vec()]);
+    let locator = CellLocator::new(&Coordinates::LONLAT, frame, extent).unwrap();
+    let parts = locator.parts(&[rings.to_vec()]);
     if parts.is_empty() {
         return 0;
     }
-    Polygon::of_parts(&parts).unwrap().count_centres(&Bounds::picture(extent), &mut Crossings::default())
+    Polygon::of_parts(&parts).unwrap().count_centres(&Bounds::of_extent(extent), &mut Crossings::default())
 }
 
 /// A ring of longitudes and latitudes around a position.
@@ -51,7 +51,7 @@ fn ring(state: &mut u64, middle: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
 }
 
 #[test]
-fn polygons_in_degrees_have_the_cells_whose_places_are_inside() {
+fn polygons_in_degrees_contain_the_cells_whose_positions_are_inside() {
     let trees = [
         // UTM, Lambert's conic, both poles, Africa, Web Mercator around the 180th meridian, and
         // degrees in several ranges.
@@ -87,37 +87,37 @@ fn polygons_in_degrees_have_the_cells_whose_places_are_inside() {
 fn boxes_lie_across_the_seam() {
     let world = framed(4326, [0.5, 0.0, -180.0, 0.0, -0.5, 90.0]);
     let extent = [720, 360, 1];
-    let boxes = |places: &CellLocator, [w, s, e, n]: [f64; 4]| -> Vec<[u64; 4]> {
-        let boxes = places.boxes([w, s, 0.0], [e, n, 0.0]).unwrap();
+    let boxes = |locator: &CellLocator, [w, s, e, n]: [f64; 4]| -> Vec<[u64; 4]> {
+        let boxes = locator.boxes([w, s, 0.0], [e, n, 0.0]).unwrap();
         boxes.iter().map(|b| [b.min[0], b.min[1], b.max[0], b.max[1]]).collect()
     };
     for coordinates in [Coordinates::LONLAT, Coordinates::World] {
-        let places = CellLocator::new(&coordinates, &world, extent).unwrap();
-        assert_eq!(boxes(&places, [175.0, -1.0, -175.0, 1.0]), [[710, 178, 720, 182], [0, 178, 10, 182]]);
-        assert_eq!(boxes(&places, [-185.0, -1.0, -175.0, 1.0]), [[710, 178, 720, 182], [0, 178, 10, 182]]);
-        assert_eq!(boxes(&places, [-10.0, -1.0, 10.0, 1.0]), [[340, 178, 380, 182]]);
-        assert_eq!(boxes(&places, [170.0, -1.0, 180.0, 1.0]), [[700, 178, 720, 182]]);
-        assert_eq!(boxes(&places, [-180.0, -90.0, 180.0, 90.0]), [[0, 0, 720, 360]]);
-        assert!(boxes(&places, [0.0, 95.0, 10.0, 99.0]).is_empty());
-        assert!(places.boxes([0.0, 1.0, 0.0], [1.0, 1.0, 0.0]).is_err());
+        let locator = CellLocator::new(&coordinates, &world, extent).unwrap();
+        assert_eq!(boxes(&locator, [175.0, -1.0, -175.0, 1.0]), [[710, 178, 720, 182], [0, 178, 10, 182]]);
+        assert_eq!(boxes(&locator, [-185.0, -1.0, -175.0, 1.0]), [[710, 178, 720, 182], [0, 178, 10, 182]]);
+        assert_eq!(boxes(&locator, [-10.0, -1.0, 10.0, 1.0]), [[340, 178, 380, 182]]);
+        assert_eq!(boxes(&locator, [170.0, -1.0, 180.0, 1.0]), [[700, 178, 720, 182]]);
+        assert_eq!(boxes(&locator, [-180.0, -90.0, 180.0, 90.0]), [[0, 0, 720, 360]]);
+        assert!(boxes(&locator, [0.0, 95.0, 10.0, 99.0]).is_empty());
+        assert!(locator.boxes([0.0, 1.0, 0.0], [1.0, 1.0, 0.0]).is_err());
     }
     let pacific = framed(4326, [0.5, 0.0, 170.0, 0.0, -0.5, 10.0]);
-    let places = CellLocator::new(&Coordinates::LONLAT, &pacific, [40, 40, 1]).unwrap();
-    assert_eq!(boxes(&places, [175.0, -1.0, -175.0, 1.0]), [[10, 18, 30, 22]]);
-    assert_eq!(boxes(&places, [-176.0, -1.0, -175.0, 1.0]), [[28, 18, 30, 22]]);
-    assert_eq!(places.cell([-175.0, 0.25, 0.0]), Some([30.0, 19.5, 0.0]));
-    assert!(boxes(&places, [0.0, -1.0, 5.0, 1.0]).is_empty());
+    let locator = CellLocator::new(&Coordinates::LONLAT, &pacific, [40, 40, 1]).unwrap();
+    assert_eq!(boxes(&locator, [175.0, -1.0, -175.0, 1.0]), [[10, 18, 30, 22]]);
+    assert_eq!(boxes(&locator, [-176.0, -1.0, -175.0, 1.0]), [[28, 18, 30, 22]]);
+    assert_eq!(locator.cell([-175.0, 0.25, 0.0]), Some([30.0, 19.5, 0.0]));
+    assert!(boxes(&locator, [0.0, -1.0, 5.0, 1.0]).is_empty());
     // The Web Mercator square is periodic, too; a polar projection has no seam.
-    let places = CellLocator::new(&Coordinates::LONLAT, &web_mercator(8), [256, 256, 1]).unwrap();
-    assert_eq!(boxes(&places, [178.6, -1.0, -178.6, 1.0]), [[255, 127, 256, 129], [0, 127, 1, 129]]);
+    let locator = CellLocator::new(&Coordinates::LONLAT, &web_mercator(8), [256, 256, 1]).unwrap();
+    assert_eq!(boxes(&locator, [178.6, -1.0, -178.6, 1.0]), [[255, 127, 256, 129], [0, 127, 1, 129]]);
     let pole = framed(3413, [100_000.0, 0.0, -4_000_000.0, 0.0, -100_000.0, 4_000_000.0]);
-    let places = CellLocator::new(&Coordinates::LONLAT, &pole, [80, 80, 1]).unwrap();
-    assert_eq!(boxes(&places, [170.0, 80.0, -170.0, 85.0]).len(), 1);
-    assert_eq!(boxes(&places, [-180.0, 60.0, 180.0, 90.0]).len(), 1);
+    let locator = CellLocator::new(&Coordinates::LONLAT, &pole, [80, 80, 1]).unwrap();
+    assert_eq!(boxes(&locator, [170.0, 80.0, -170.0, 85.0]).len(), 1);
+    assert_eq!(boxes(&locator, [-180.0, 60.0, 180.0, 90.0]).len(), 1);
 }
 
 #[test]
-fn the_box_of_a_place_is_found_in_cells_and_in_the_world() {
+fn boxes_around_points_are_found_in_cells_and_in_the_world() {
     let frame = framed(32632, [10.0, 0.0, 500_000.0, 0.0, -10.0, 5_000_000.0]);
     let extent = [100, 50, 1];
     let cells = CellLocator::new(&Coordinates::Cells, &frame, extent).unwrap();

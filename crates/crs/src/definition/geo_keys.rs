@@ -60,7 +60,7 @@ pub(crate) const USER_DEFINED: u16 = 32767;
 
 /// Tags that contain the values of keys. (With tag 0, the entry itself contains the value.)
 const DOUBLES_TAG: u16 = 34736;
-const TEXTS_TAG: u16 = 34737;
+const STRINGS_TAG: u16 = 34737;
 
 /// Maximum number of keys that are read; the specification has fewer than a hundred.
 const MAX_KEYS: usize = 1024;
@@ -77,7 +77,8 @@ pub struct GeoKeys {
     entries: Vec<[u16; 4]>,
     doubles: Vec<f64>,
     /// Without the NUL at the end.
-    texts: Vec<u8>,
+    #[serde(rename = "texts")]
+    strings: Vec<u8>,
 }
 
 /// Builder of keys, which may be added in any order.
@@ -85,32 +86,38 @@ pub struct GeoKeys {
 pub(crate) struct GeoKeysBuilder {
     entries: BTreeMap<u16, [u16; 3]>,
     doubles: Vec<f64>,
-    texts: Vec<u8>,
+    strings: Vec<u8>,
 }
 
 impl GeoKeysBuilder {
-    pub(crate) fn number(&mut self, place: u16, value: u16) {
-        self.entries.insert(place, [0, 1, value]);
+    pub(crate) fn number(&mut self, key_number: u16, value: u16) {
+        self.entries.insert(key_number, [0, 1, value]);
     }
 
-    pub(crate) fn double(&mut self, place: u16, values: &[f64]) {
+    pub(crate) fn double(&mut self, key_number: u16, values: &[f64]) {
         // (A system has at most about thirty of them.)
-        self.entries.insert(place, [DOUBLES_TAG, values.len() as u16, self.doubles.len() as u16]);
+        self.entries.insert(key_number, [DOUBLES_TAG, values.len() as u16, self.doubles.len() as u16]);
         self.doubles.extend(values);
     }
 
     /// Adds a string. Removes characters that are not printable ASCII, as the format requires, and
     /// shortens it to 400 characters.
-    pub(crate) fn text(&mut self, place: u16, text: &str) {
+    pub(crate) fn text(&mut self, key_number: u16, text: &str) {
         let text: String = text.chars().filter(|c| c.is_ascii() && !c.is_ascii_control()).take(400).collect();
-        let start = self.texts.len() as u16;
-        self.texts.extend(text.bytes().chain(*b"|"));
-        self.entries.insert(place, [TEXTS_TAG, text.len() as u16 + 1, start]);
+        let start = self.strings.len() as u16;
+        self.strings.extend(text.bytes().chain(*b"|"));
+        self.entries.insert(key_number, [STRINGS_TAG, text.len() as u16 + 1, start]);
     }
 
     pub(crate) fn finish(self) -> GeoKeys {
-        let entries = self.entries.into_iter().map(|(place, [tag, count, value])| [place, tag, count, value]);
-        GeoKeys { version: [1, 1, 0], entries: entries.collect(), doubles: self.doubles, texts: self.texts }
+        let entries =
+            self.entries.into_iter().map(|(key_number, [tag, count, value])| [key_number, tag, count, value]);
+        GeoKeys {
+            version: [1, 1, 0],
+            entries: entries.collect(),
+            doubles: self.doubles,
+            strings: self.strings,
+        }
     }
 }
 
@@ -120,7 +127,7 @@ enum KeyValue<'a> {
     Doubles(&'a [f64]),
     Text(&'a [u8]),
     /// The entry of a value that is in other tags, or beyond the end of a tag.
-    Elsewhere(&'a [u16; 4]),
+    Unresolved(&'a [u16; 4]),
 }
 
 impl GeoKeys {
@@ -129,19 +136,19 @@ impl GeoKeys {
     ///
     /// Entries beyond the directory's own count are ignored. Of the other values, only those that
     /// keys can refer to are kept, so untrusted files use at most 1 MiB.
-    pub fn new(directory: &[u16], doubles: &[f64], texts: &[u8]) -> Option<GeoKeys> {
+    pub fn new(directory: &[u16], doubles: &[f64], strings: &[u8]) -> Option<GeoKeys> {
         /// Range of values that keys can refer to, by an index and a count of 16 bits each.
         const REACH: usize = 2 * (u16::MAX as usize);
         let (entries, _) = directory.as_chunks::<4>();
         let ([version, revision, minor, count], entries) = entries.split_first()?;
         let entries = entries.iter().take(usize::from(*count).min(MAX_KEYS));
         let entries = entries.filter(|[number, ..]| *number != key::RASTER_TYPE).copied().collect();
-        let end = texts.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
+        let end = strings.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
         let keys = GeoKeys {
             version: [*version, *revision, *minor],
             entries,
             doubles: doubles[..doubles.len().min(REACH)].to_vec(),
-            texts: texts[..end.min(REACH)].to_vec(),
+            strings: strings[..end.min(REACH)].to_vec(),
         };
         let says = |[number, ..]: &[u16; 4]| ![0, key::MODEL_TYPE].contains(number);
         keys.entries.iter().any(says).then_some(keys)
@@ -153,25 +160,25 @@ impl GeoKeys {
         let number =
             |number: u32| u16::try_from(number).ok().filter(|number| (1024..USER_DEFINED).contains(number));
         let horizontal = number(horizontal)?;
-        let (model, place) = match is_geographic(horizontal) {
+        let (model, key_number) = match is_geographic(horizontal) {
             true => (GEOGRAPHIC, key::GEODETIC_CRS),
             false => (PROJECTED, key::PROJECTED_CRS),
         };
-        let mut entries = vec![[key::MODEL_TYPE, 0, 1, model], [place, 0, 1, horizontal]];
+        let mut entries = vec![[key::MODEL_TYPE, 0, 1, model], [key_number, 0, 1, horizontal]];
         if let Some(vertical) = vertical {
             entries.push([key::VERTICAL, 0, 1, number(vertical)?]);
         }
         // Readers support EPSG codes of vertical systems from GeoTIFF 1.1 on.
         let minor = u16::from(vertical.is_some());
-        Some(GeoKeys { version: [1, 1, minor], entries, doubles: Vec::new(), texts: Vec::new() })
+        Some(GeoKeys { version: [1, 1, minor], entries, doubles: Vec::new(), strings: Vec::new() })
     }
 
     /// Returns the value of the tag GeoKeyDirectory, including a key for the raster type.
     pub fn directory(&self, raster_type: u16) -> Vec<u16> {
         let mut entries: Vec<_> = self.entries.iter().take(MAX_KEYS).copied().collect();
-        let place =
+        let index =
             entries.iter().position(|[number, ..]| *number > key::RASTER_TYPE).unwrap_or(entries.len());
-        entries.insert(place, [key::RASTER_TYPE, 0, 1, raster_type]);
+        entries.insert(index, [key::RASTER_TYPE, 0, 1, raster_type]);
         let [version, revision, minor] = self.version;
         entries.insert(0, [version, revision, minor, entries.len() as u16]);
         entries.concat()
@@ -183,8 +190,8 @@ impl GeoKeys {
     }
 
     /// Returns the value of the tag GeoAsciiParams, without the NUL at its end.
-    pub fn texts(&self) -> &[u8] {
-        &self.texts
+    pub fn strings(&self) -> &[u8] {
+        &self.strings
     }
 
     /// Iterates over all keys in order, with their values.
@@ -199,7 +206,7 @@ impl GeoKeys {
                     budget -= usize::from(count);
                     value
                 }
-                _ => KeyValue::Elsewhere(entry),
+                _ => KeyValue::Unresolved(entry),
             };
             (number, value)
         })
@@ -211,13 +218,15 @@ impl GeoKeys {
         let end = start + usize::from(count);
         match tag {
             0 => KeyValue::Number(value),
-            DOUBLES_TAG => self.doubles.get(start..end).map_or(KeyValue::Elsewhere(entry), KeyValue::Doubles),
+            DOUBLES_TAG => {
+                self.doubles.get(start..end).map_or(KeyValue::Unresolved(entry), KeyValue::Doubles)
+            }
             // (Some writers count one byte too many.)
-            TEXTS_TAG => match self.texts.get(start..end.min(self.texts.len())) {
+            STRINGS_TAG => match self.strings.get(start..end.min(self.strings.len())) {
                 Some(text) => KeyValue::Text(text),
-                None => KeyValue::Elsewhere(entry),
+                None => KeyValue::Unresolved(entry),
             },
-            _ => KeyValue::Elsewhere(entry),
+            _ => KeyValue::Unresolved(entry),
         }
     }
 
@@ -265,10 +274,13 @@ impl GeoKeys {
     }
 
     fn model(&self) -> Option<u16> {
-        let told = self.number(key::MODEL_TYPE).filter(|model| *model != 0);
+        let model = self.number(key::MODEL_TYPE).filter(|model| *model != 0);
         let by_keys = [(key::PROJECTED_CRS, PROJECTED), (key::GEODETIC_CRS, GEOGRAPHIC)];
-        told.or_else(|| {
-            by_keys.into_iter().find(|(place, _)| self.number(*place).is_some()).map(|(_, model)| model)
+        model.or_else(|| {
+            by_keys
+                .into_iter()
+                .find(|(key_number, _)| self.number(*key_number).is_some())
+                .map(|(_, model)| model)
         })
     }
 
@@ -287,8 +299,8 @@ impl GeoKeys {
         };
         let epsg = Epsg::new(horizontal.into());
         // A unit that differs from the system's unit makes another system.
-        let agrees = |told: Option<&str>| match (told, epsg.unit()) {
-            (Some(told), Some(known)) => told == known,
+        let agrees = |unit: Option<&str>| match (unit, epsg.unit()) {
+            (Some(unit), Some(known)) => unit == known,
             _ => true,
         };
         if !agrees(if self.model() == Some(PROJECTED) { self.linear_unit() } else { self.angular_unit() }) {
@@ -311,7 +323,7 @@ impl GeoKeys {
 
     pub(super) fn name(&self) -> Option<String> {
         let names = [key::CITATION, key::PROJECTED_CITATION, key::GEODETIC_CITATION];
-        names.into_iter().find_map(|place| self.text(place))
+        names.into_iter().find_map(|key_number| self.text(key_number))
     }
 
     /// Returns the unit of the horizontal axes according to the keys.
@@ -351,12 +363,12 @@ impl GeoKeys {
     }
 
     /// Whether a citation specifies what the keys leave open, so that it belongs to the definition.
-    fn defines(&self, place: u16, text: &str) -> bool {
+    fn defines(&self, key_number: u16, text: &str) -> bool {
         let model = self.model();
-        let is_known = |places: &[u16]| places.iter().any(|place| self.registered(*place).is_some());
+        let is_known = |keys: &[u16]| keys.iter().any(|key| self.registered(*key).is_some());
         let plane = || is_known(&[key::PROJECTED_CRS, key::PROJECTION, key::PROJECTION_METHOD]);
         text.starts_with("ESRI PE String")
-            || match place {
+            || match key_number {
                 key::CITATION => match model {
                     Some(PROJECTED) => !plane(),
                     model => !matches!(model, Some(GEOGRAPHIC | GEOCENTRIC)),
@@ -410,7 +422,7 @@ impl fmt::Display for KeyValue<'_> {
                 f.write_str(&values.iter().map(|value| number_text(*value)).collect::<Vec<_>>().join(","))
             }
             KeyValue::Text(text) => write!(f, "{:?}", plain(text)),
-            KeyValue::Elsewhere([_, tag, count, value]) => write!(f, "@{tag}:{count}:{value}"),
+            KeyValue::Unresolved([_, tag, count, value]) => write!(f, "@{tag}:{count}:{value}"),
         }
     }
 }

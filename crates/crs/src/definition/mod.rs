@@ -23,7 +23,7 @@ use crate::web_mercator::{WEB_MERCATOR, WEB_MERCATOR_HALF};
 use spinney_base::{Error, Result};
 
 /// Maximum length of a definition in bytes; real ones have a few thousand.
-const MOST: usize = 1 << 20;
+const MAX_LENGTH: usize = 1 << 20;
 
 /// A coordinate reference system, in its original form of definition.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
@@ -74,18 +74,17 @@ impl Crs {
         }
         if text.starts_with('{') {
             projjson::parse(text)
-                .map_err(|found| invalid(found, "the PROJJSON of a coordinate system, of at most 1 MiB"))?;
+                .map_err(|found| invalid(found, "PROJJSON of a coordinate system, at most 1 MiB"))?;
             return Ok(Crs::ProjJson(text.into()));
         }
         if text.starts_with('+') {
             proj_string::parse(text).map_err(|found| {
-                invalid(found, "PROJ's words of a coordinate system, each once, of at most 1 MiB")
+                invalid(found, "a PROJ string of a coordinate system, each parameter once, at most 1 MiB")
             })?;
             return Ok(Crs::Proj(text.into()));
         }
         if text.contains(['[', '(']) {
-            wkt::parse(text)
-                .map_err(|found| invalid(found, "the WKT of a coordinate system, of at most 1 MiB"))?;
+            wkt::parse(text).map_err(|found| invalid(found, "WKT of a coordinate system, at most 1 MiB"))?;
             return Ok(Crs::Wkt(text.into()));
         }
         Err(invalid(format!("`{}`", shortened(text, 60)), forms))
@@ -108,8 +107,12 @@ impl Crs {
         match numbers.find(|number| !registered::is_registered(*number)) {
             None => Ok(()),
             Some(number) => {
-                let expected = "a number of a coordinate system in the EPSG registry, or a definition as WKT, PROJJSON or +proj=...";
-                Err(Error::invalid("coordinate system", format!("EPSG:{number}, which is none"), expected))
+                let expected = "the number of a coordinate system in the EPSG registry, or a definition as WKT, PROJJSON or +proj=...";
+                Err(Error::invalid(
+                    "coordinate system",
+                    format!("EPSG:{number}, which is not registered"),
+                    expected,
+                ))
             }
         }
     }
@@ -223,11 +226,11 @@ impl Crs {
         }
         let show = |crs: Option<&Crs>| crs.map_or("none".into(), Crs::to_string);
         let (found, expected) = (show(found), show(expected));
-        let other = if found == expected { "another one: " } else { "" };
+        let other = if found == expected { "another system, " } else { "" };
         let known = a.1.or(b.1).map_or(String::new(), |crs| format!(" {}", crs.short_definition()));
         let expected = format!(
-            "{expected}, as {here} has; if all are in one system: build with --crs{known}; otherwise build a tree of each, and \
-             `spinney combine over` brings one to the other"
+            "{expected}, as {here} has; if all are in one system, build with --crs{known}; otherwise build a tree of each: \
+             `spinney combine over` reprojects one to the other"
         );
         Err(Error::invalid(format!("coordinate system of {there}"), format!("{other}{found}"), expected))
     }
@@ -243,8 +246,8 @@ fn parse_numbers(text: &str) -> Option<Epsg> {
     }
     let number = |part: &str| {
         // Authority, version (if any) and number.
-        let (_, behind) = part.split_once("epsg")?;
-        let (version, number) = behind.rsplit_once([':', '/'])?;
+        let (_, after_authority) = part.split_once("epsg")?;
+        let (version, number) = after_authority.rsplit_once([':', '/'])?;
         version.chars().all(|c| ":/.v".contains(c) || c.is_ascii_digit()).then_some(())?;
         Epsg::parse_numbers(number).filter(|epsg| epsg.vertical.is_none()).map(|epsg| epsg.horizontal)
     };

@@ -1,14 +1,14 @@
 //! PROJ strings: `+proj=utm +zone=32 +datum=WGS84`.
 
-use super::{MOST, unit_of_length};
+use super::{MAX_LENGTH, unit_of_length};
 
 /// Words for programs that do not affect the definition.
-const TOLD: [&str; 4] = ["no_defs", "type", "wktext", "title"];
+const IGNORED_WORDS: [&str; 4] = ["no_defs", "type", "wktext", "title"];
 
 /// Parses the words of a definition, with their values if they have any. The error describes what
 /// was found.
 pub(crate) fn parse(text: &str) -> Result<Vec<(&str, Option<&str>)>, String> {
-    if text.len() > MOST {
+    if text.len() > MAX_LENGTH {
         return Err(format!("{} bytes", text.len()));
     }
     let mut words: Vec<(&str, Option<&str>)> = Vec::new();
@@ -30,7 +30,7 @@ pub(crate) fn parse(text: &str) -> Result<Vec<(&str, Option<&str>)>, String> {
         }
         // (Real definitions have about ten words. The limit keeps the next line cheap.)
         if words.len() == 64 || words.iter().any(|(own, _)| *own == name) {
-            return Err(format!("{} once more", shown()));
+            return Err(format!("{} twice, or more than 64 parameters", shown()));
         }
         words.push((name, value));
     }
@@ -69,7 +69,7 @@ pub(super) fn unit(text: &str) -> Option<&'static str> {
 /// Returns a string that is equal for equivalent definitions.
 pub(super) fn normalised(text: &str) -> Option<String> {
     let mut words = parse(text).ok()?;
-    words.retain(|(name, _)| !TOLD.contains(name));
+    words.retain(|(name, _)| !IGNORED_WORDS.contains(name));
     words.sort_unstable();
     let words =
         words.into_iter().map(|(name, value)| match value.map(|value| (value, value.parse::<f64>())) {

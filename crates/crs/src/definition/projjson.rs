@@ -2,15 +2,15 @@
 
 use serde_json::Value;
 
-use super::{Epsg, MOST, number_text, unit_of_angle, unit_of_length};
+use super::{Epsg, MAX_LENGTH, number_text, unit_of_angle, unit_of_length};
 
 /// Members for programs and people that do not affect the definition.
-const TOLD: [&str; 8] =
+const IGNORED_WORDS: [&str; 8] =
     ["$schema", "usages", "scope", "area", "bbox", "vertical_extent", "temporal_extent", "remarks"];
 
 /// Parses a coordinate reference system. The error describes what was found.
 pub(crate) fn parse(text: &str) -> Result<Value, String> {
-    if text.len() > MOST {
+    if text.len() > MAX_LENGTH {
         return Err(format!("{} bytes", text.len()));
     }
     // (The parser limits the nesting depth.)
@@ -73,7 +73,7 @@ fn write(value: &Value, text: &mut String) {
     match value {
         Value::Object(members) => {
             let mut members: Vec<_> =
-                members.iter().filter(|(name, _)| !TOLD.contains(&name.as_str())).collect();
+                members.iter().filter(|(name, _)| !IGNORED_WORDS.contains(&name.as_str())).collect();
             members.sort_by_key(|(name, _)| *name);
             text.push('{');
             for (name, value) in members {

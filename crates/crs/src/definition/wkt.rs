@@ -1,6 +1,6 @@
 //! Well-known text: version 1 (OGC 01-009) and version 2 (ISO 19162).
 
-use super::{Epsg, MOST, number_text, unit_of_angle, unit_of_length};
+use super::{Epsg, MAX_LENGTH, number_text, unit_of_angle, unit_of_length};
 
 /// Maximum nesting depth of brackets; real definitions have a dozen levels.
 const MAX_LEVELS: usize = 64;
@@ -43,7 +43,7 @@ pub(crate) const WKT2: [&str; 13] = [
 ];
 
 /// Nodes for people that do not affect the definition.
-const TOLD: [&str; 7] = ["USAGE", "SCOPE", "AREA", "BBOX", "VERTICALEXTENT", "TIMEEXTENT", "REMARK"];
+const IGNORED_WORDS: [&str; 7] = ["USAGE", "SCOPE", "AREA", "BBOX", "VERTICALEXTENT", "TIMEEXTENT", "REMARK"];
 
 /// A keyword with the items in its brackets.
 #[derive(Debug, PartialEq)]
@@ -65,7 +65,7 @@ enum Item {
 
 /// Parses a coordinate reference system. The error describes what was found.
 pub(crate) fn parse(text: &str) -> Result<WktNode, String> {
-    if text.len() > MOST {
+    if text.len() > MAX_LENGTH {
         return Err(format!("{} bytes", text.len()));
     }
     let mut parser = Parser { text, at: 0 };
@@ -76,7 +76,7 @@ pub(crate) fn parse(text: &str) -> Result<WktNode, String> {
     };
     match parser.peek() {
         None => Ok(node),
-        Some(c) => Err(format!("`{}` behind the last bracket", c.escape_debug())),
+        Some(c) => Err(format!("`{}` after the last bracket", c.escape_debug())),
     }
 }
 
@@ -95,12 +95,12 @@ impl Parser<'_> {
 
     fn found(&mut self) -> String {
         let at = self.at;
-        self.peek().map_or("the end of the text".into(), |c| format!("`{}` at byte {at}", c.escape_debug()))
+        self.peek().map_or("the end of the string".into(), |c| format!("`{}` at byte {at}", c.escape_debug()))
     }
 
     fn item(&mut self, level: usize) -> Result<Item, String> {
         if level > MAX_LEVELS {
-            return Err(format!("brackets on more than {MAX_LEVELS} levels"));
+            return Err(format!("brackets nested more than {MAX_LEVELS} levels deep"));
         }
         match self.peek() {
             Some('"') => self.quoted().map(Item::Text),
@@ -151,7 +151,7 @@ impl Parser<'_> {
         let mut text = String::new();
         loop {
             let rest = &self.text[self.at + 1..];
-            let end = rest.find('"').ok_or("a quote that is not closed")?;
+            let end = rest.find('"').ok_or("an unclosed quote")?;
             text.push_str(&rest[..end]);
             self.at += end + 2;
             if !self.text[self.at..].starts_with('"') {
@@ -184,7 +184,7 @@ impl WktNode {
     }
 
     /// Returns the quoted strings.
-    pub(crate) fn texts(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn strings(&self) -> impl Iterator<Item = &str> {
         self.items
             .iter()
             .filter_map(|item| if let Item::Text(text) = item { Some(text.as_str()) } else { None })
@@ -280,7 +280,7 @@ impl WktNode {
         text.push('[');
         for item in &self.items {
             match item {
-                Item::WktNode(node) if node.is(&TOLD) => continue,
+                Item::WktNode(node) if node.is(&IGNORED_WORDS) => continue,
                 Item::WktNode(node) => node.write(text),
                 Item::Text(quoted) => text.push_str(&format!("{quoted:?}")),
                 Item::Number(number) => text.push_str(&number_text(*number)),

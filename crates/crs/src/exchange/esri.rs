@@ -1,6 +1,6 @@
 //! Esri's variant of well-known text version 1, as in `.prj` files of shapefiles.
 
-use super::parts::{Earth, Horizontal, Parts};
+use super::parts::{Earth, Horizontal, HorizontalAndVertical};
 use super::text::Text;
 use crate::methods::{self, Measure};
 use crate::projection::shift::Shift;
@@ -19,13 +19,13 @@ fn unit(text: &mut Text, metres: f64) {
 }
 
 /// Writes a system. The error describes what cannot be written.
-pub(super) fn write(parts: &Parts) -> Result<String, String> {
+pub(super) fn write(parts: &HorizontalAndVertical) -> Result<String, String> {
     let earth = match &parts.horizontal {
         Horizontal::Earth(earth) => earth,
-        Horizontal::Local { .. } => return Err("a local system, which Esri's WKT has not".into()),
+        Horizontal::Local { .. } => return Err("a local system, which Esri WKT does not support".into()),
     };
     if let Some(Shift::Grid(name)) = &earth.shift {
-        return Err(format!("a shift of the datum by the grid {name}, which Esri's WKT has not"));
+        return Err(format!("a datum shift by the grid {name}, which Esri WKT does not support"));
     }
     let mut text = Text::new();
     let Some((words, values)) = &earth.projection else {
@@ -59,7 +59,7 @@ fn geographic(text: &mut Text, earth: &Earth) {
     text.node("GEOGCS", &mut |text| {
         let name = match (&registered, &earth.base.name) {
             (Some(known), _) => known.esri_name(),
-            (None, told) => esri_name("", told.as_deref().unwrap_or("Unknown")),
+            (None, name) => esri_name("", name.as_deref().unwrap_or("Unknown")),
         };
         text.quoted(&format!("GCS_{}", name.trim_start_matches("GCS_")));
         text.node("DATUM", &mut |text| {
@@ -87,7 +87,7 @@ fn geographic(text: &mut Text, earth: &Earth) {
 }
 
 /// Appends the vertical system to the text.
-fn with_heights(plane: Text, parts: &Parts) -> String {
+fn with_heights(plane: Text, parts: &HorizontalAndVertical) -> String {
     let mut text = plane;
     if let Some(vertical) = &parts.vertical {
         text.node("VERTCS", &mut |text| {

@@ -1,6 +1,6 @@
 //! GeoTIFF keys for systems that were defined in other forms.
 
-use super::parts::{Earth, Horizontal, Parts};
+use super::parts::{Earth, Horizontal, HorizontalAndVertical};
 use crate::definition::geo_keys::{GEOGRAPHIC, GeoKeys, GeoKeysBuilder, PROJECTED, USER_DEFINED, key};
 use crate::methods::{self, Measure};
 use crate::projection::shift::Shift;
@@ -12,32 +12,34 @@ const DEGREE: u16 = 9102;
 const GREENWICH: u16 = 8901;
 
 /// Writes the keys of a system. The error describes what keys cannot represent.
-pub(super) fn write(parts: &Parts) -> Result<GeoKeys, String> {
+pub(super) fn write(parts: &HorizontalAndVertical) -> Result<GeoKeys, String> {
     let mut keys = GeoKeysBuilder::default();
     let earth = match &parts.horizontal {
         Horizontal::Earth(earth) => earth,
-        Horizontal::Local { .. } => return Err("a local system, which GeoTIFF's keys have not".into()),
+        Horizontal::Local { .. } => return Err("a local system, which GeoTIFF keys do not support".into()),
     };
     if earth.height.is_some() {
-        return Err("heights above the ellipsoid, which GeoTIFF's keys have for few systems".into());
+        return Err("ellipsoidal heights, which GeoTIFF keys support for few systems".into());
     }
     let is_north_first = earth.axes.first().is_some_and(|axis| axis.direction == "north");
     let is_polar = earth.axes.first().zip(earth.axes.get(1)).is_some_and(|(a, b)| a.direction == b.direction);
     match &earth.projection {
         None => {
             if (earth.unit / 1f64.to_radians() - 1.0).abs() > 1e-9 {
-                return Err("longitude and latitude in another unit than degrees".into());
+                return Err("longitude and latitude in a unit other than degrees".into());
             }
             keys.number(key::MODEL_TYPE, GEOGRAPHIC);
             base(&mut keys, earth)?;
         }
         Some(_) if is_north_first && !is_polar => {
-            return Err("northings before eastings, which GeoTIFF's keys cannot say without a number".into());
+            return Err(
+                "northings before eastings, which GeoTIFF keys support only with an EPSG number".into()
+            );
         }
         Some((words, values)) => {
             let written = methods::find_words(words, values)?;
             if written.key == 0 {
-                return Err(format!("the method {}, which GeoTIFF's keys have not", written.name));
+                return Err(format!("the method {}, which GeoTIFF keys do not support", written.name));
             }
             keys.number(key::MODEL_TYPE, PROJECTED);
             keys.text(key::CITATION, &earth.name());
@@ -59,7 +61,7 @@ pub(super) fn write(parts: &Parts) -> Result<GeoKeys, String> {
         let number = vertical.number.and_then(|number| u16::try_from(number).ok());
         match number {
             Some(number) => keys.number(key::VERTICAL, number),
-            None if !vertical.is_up => return Err("depths in a system without a number".into()),
+            None if !vertical.is_up => return Err("depths in a system without an EPSG number".into()),
             None => {
                 let known = LENGTHS.iter().find(|(own, _)| (vertical.unit / own - 1.0).abs() < 1e-10);
                 let (_, unit) = known.ok_or_else(|| format!("heights in a unit of {:?} m", vertical.unit))?;
@@ -121,7 +123,7 @@ fn base(keys: &mut GeoKeysBuilder, earth: &Earth) -> Result<(), String> {
         None => {}
         Some(Shift::Helmert(numbers)) => keys.double(key::TO_WGS84, numbers),
         Some(Shift::Grid(name)) => {
-            return Err(format!("a shift of the datum by the grid {name}, which GeoTIFF's keys have not"));
+            return Err(format!("a datum shift by the grid {name}, which GeoTIFF keys do not support"));
         }
     }
     Ok(())

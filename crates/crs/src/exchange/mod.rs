@@ -44,7 +44,7 @@ impl Crs {
     /// As for [`Crs::to_wkt2`], and if Esri's variant cannot represent it.
     pub fn to_esri_wkt(&self) -> Result<String> {
         let text = parts::read(self).and_then(|parts| esri::write(&parts));
-        text.map_err(|found| self.not_written("Esri's WKT", found))
+        text.map_err(|found| self.not_written("Esri WKT", found))
     }
 
     /// Returns the system in GeoTIFF keys: the original keys, those of its EPSG codes, or those of
@@ -60,7 +60,7 @@ impl Crs {
             return Ok(keys);
         }
         let keys = parts::read(self).and_then(|parts| keys::write(&parts));
-        keys.map_err(|found| self.not_written("GeoTIFF's keys", found))
+        keys.map_err(|found| self.not_written("GeoTIFF keys", found))
     }
 
     /// Returns the system in a form that other programs read: `EPSG:4326` or `EPSG:4326+5773` if it
@@ -102,7 +102,7 @@ impl Crs {
 
     fn not_written(&self, form: &str, found: String) -> Error {
         let expected =
-            format!("a definition that can be said in {form}; as it came it says `{}`", self.excerpt());
+            format!("a definition that {form} can represent; the definition is `{}`", self.excerpt());
         Error::invalid(format!("coordinate system {self}"), found, expected)
     }
 

@@ -16,7 +16,7 @@ use crate::registry::{Axes, Ellipsoid, Geographic, VerticalSystem, base_of, defi
 
 /// A horizontal system, and its vertical system.
 #[derive(Debug)]
-pub(super) struct Parts {
+pub(super) struct HorizontalAndVertical {
     /// Name of both together, if there is one.
     pub(super) name: Option<String>,
     pub(super) horizontal: Horizontal,
@@ -69,7 +69,7 @@ const DEGREE: f64 = std::f64::consts::PI / 180.0;
 const GEOCENTRIC: u16 = 3;
 
 /// Reads the components of a definition. The error describes what was found.
-pub(super) fn read(crs: &Crs) -> Result<Parts, String> {
+pub(super) fn read(crs: &Crs) -> Result<HorizontalAndVertical, String> {
     let parts = match (crs.numbers(), crs) {
         (Some(epsg), _) => {
             let epsg = epsg.in_parts();
@@ -77,21 +77,21 @@ pub(super) fn read(crs: &Crs) -> Result<Parts, String> {
             let earth = Earth::of_epsg(epsg.horizontal)?;
             let name = crs.name().filter(|_| vertical.is_none()).or(earth.name.clone());
             let earth = Earth { name, ..earth };
-            Parts { name: None, horizontal: Horizontal::Earth(earth.into()), vertical }
+            HorizontalAndVertical { name: None, horizontal: Horizontal::Earth(earth.into()), vertical }
         }
         (None, Crs::Epsg(_)) => return Err("no number".into()),
         (None, Crs::GeoKeys(keys)) => of_keys(keys)?,
         (None, Crs::Wkt(text)) => of_wkt(&parse_wkt(text)?)?,
         (None, Crs::ProjJson(text)) => of_json(&parse_projjson(text)?)?,
-        (None, Crs::Proj(text)) => Parts::of(Earth::of_proj_string(text)?),
+        (None, Crs::Proj(text)) => HorizontalAndVertical::of(Earth::of_proj_string(text)?),
     };
     parts.check()?;
     Ok(parts)
 }
 
-impl Parts {
-    fn of(earth: Earth) -> Parts {
-        Parts { name: None, horizontal: Horizontal::Earth(earth.into()), vertical: None }
+impl HorizontalAndVertical {
+    fn of(earth: Earth) -> HorizontalAndVertical {
+        HorizontalAndVertical { name: None, horizontal: Horizontal::Earth(earth.into()), vertical: None }
     }
 
     /// Returns a string that is equal for equal systems, independent of names and of the order of
@@ -163,17 +163,17 @@ impl Earth {
                 Some((words.to_string(), values))
             }
         };
-        let System { name, base, axes: told, unit, height, shift, .. } = system;
-        let axes = match told.is_empty() && projection.is_none() {
+        let System { name, base, axes: own_axes, unit, height, shift, .. } = system;
+        let axes = match own_axes.is_empty() && projection.is_none() {
             true => axes.map(axis).into(),
-            false => told,
+            false => own_axes,
         };
         Ok(Earth { name, number: None, base, projection, axes, unit, height, shift })
     }
 
     /// Returns the components of a system with an EPSG code.
     fn of_epsg(number: u32) -> Result<Earth, String> {
-        let unknown = || format!("EPSG:{number}, whose parts are not known here");
+        let unknown = || format!("EPSG:{number}, whose definition is not built in");
         let small = u16::try_from(number).map_err(|_| unknown())?;
         let in_degrees = Crs::epsg(number).unit() == Some("degrees");
         if let Some(known) = Geographic::find(small).filter(|_| in_degrees) {
@@ -221,10 +221,10 @@ impl Earth {
 
     /// Returns the components of a PROJ string.
     fn of_proj_string(text: &str) -> Result<Earth, String> {
-        let told = proj_string::parts(text)?;
-        let [a, b] = told.ellipsoid;
-        let known = Ellipsoid::of_size(a, inverse_flattening(told.ellipsoid));
-        let datum = match told.datum.filter(|_| told.prime_meridian == 0.0) {
+        let system = proj_string::parts(text)?;
+        let [a, b] = system.ellipsoid;
+        let known = Ellipsoid::of_size(a, inverse_flattening(system.ellipsoid));
+        let datum = match system.datum.filter(|_| system.prime_meridian == 0.0) {
             Some(number) => Name::Epsg(number),
             None => Name::Text(match known {
                 Some(known) => format!("Unknown based on {} ellipsoid", known.name),
@@ -234,24 +234,24 @@ impl Earth {
         let base = Base {
             name: None,
             datum,
-            ellipsoid: told.ellipsoid,
+            ellipsoid: system.ellipsoid,
             ellipsoid_name: None,
-            prime_meridian: told.prime_meridian,
+            prime_meridian: system.prime_meridian,
             angle: DEGREE,
         };
-        let (axes, unit) = match &told.projection {
+        let (axes, unit) = match &system.projection {
             Some((words, values)) => {
                 // (Polar stereographic systems are recognized by their method.)
                 let is_at = |pole: f64| words == "+proj=laea" && values.contains(&("lat_0", pole));
                 let of_pole =
                     [(90.0, ["south"; 2]), (-90.0, ["north"; 2])].into_iter().find(|(pole, _)| is_at(*pole));
                 let directions = axes_of_words(words).or(of_pole.map(|(_, axes)| axes));
-                (directions.into_iter().flatten().map(axis).collect(), told.unit)
+                (directions.into_iter().flatten().map(axis).collect(), system.unit)
             }
             None => (["east", "north"].map(axis).into(), DEGREE),
         };
-        let projection = told.projection;
-        let shift = told.shift;
+        let projection = system.projection;
+        let shift = system.shift;
         Ok(Earth { name: None, number: None, base, projection, axes, unit, height: None, shift })
     }
 
@@ -310,7 +310,7 @@ impl Vertical {
         let known = u16::try_from(number).ok().and_then(VerticalSystem::find);
         known
             .map(Vertical::of_registry)
-            .ok_or_else(|| format!("heights in EPSG:{number}, whose parts are not known here"))
+            .ok_or_else(|| format!("heights in EPSG:{number}, whose definition is not built in"))
     }
 
     fn of_registry(known: VerticalSystem) -> Vertical {
@@ -319,15 +319,15 @@ impl Vertical {
     }
 }
 
-fn of_keys(keys: &GeoKeys) -> Result<Parts, String> {
+fn of_keys(keys: &GeoKeys) -> Result<HorizontalAndVertical, String> {
     if let Some(text) = keys_reader::cited(keys) {
         return of_wkt(&parse_wkt(&text)?);
     }
-    let is_told = |place| keys.number(place).is_some();
+    let has_key = |place| keys.number(place).is_some();
     let model = keys.number(key::MODEL_TYPE).unwrap_or_default();
     // (A user-defined plane without a model type has no known position, whatever the geographic
     // system is.)
-    let is_geographic = keys.registered(key::GEODETIC_CRS).is_some() && !is_told(key::PROJECTED_CRS);
+    let is_geographic = keys.registered(key::GEODETIC_CRS).is_some() && !has_key(key::PROJECTED_CRS);
     let is_local = ![geo_keys::PROJECTED, geo_keys::GEOGRAPHIC, GEOCENTRIC].contains(&model)
         && keys.registered(key::PROJECTED_CRS).is_none()
         && !is_geographic;
@@ -335,14 +335,14 @@ fn of_keys(keys: &GeoKeys) -> Result<Parts, String> {
     if is_local {
         let name = keys.text(key::CITATION).unwrap_or_else(|| "unknown".into());
         let horizontal = Horizontal::Local { name, unit: keys_reader::linear_unit(keys)? };
-        return Ok(Parts { name: None, horizontal, vertical });
+        return Ok(HorizontalAndVertical { name: None, horizontal, vertical });
     }
     let earth = match keys.registered(key::PROJECTED_CRS) {
         Some(number) if model == geo_keys::PROJECTED => {
             let own = Earth::of_epsg(number.into())?;
             let unit = match keys.metres() {
                 Some(by_name) => by_name,
-                None if is_told(key::LINEAR_UNITS) => keys_reader::linear_unit(keys)?,
+                None if has_key(key::LINEAR_UNITS) => keys_reader::linear_unit(keys)?,
                 None => own.unit,
             };
             let is_own = (unit / own.unit - 1.0).abs() < 1e-9;
@@ -352,7 +352,7 @@ fn of_keys(keys: &GeoKeys) -> Result<Parts, String> {
         _ => Earth::of_system(keys_reader::system(keys)?, ["north", "east"])?,
     };
     let earth = Earth { height, ..earth };
-    Ok(Parts {
+    Ok(HorizontalAndVertical {
         name: keys.text(key::CITATION).filter(|_| vertical.is_some()),
         horizontal: Horizontal::Earth(earth.into()),
         vertical,
@@ -389,13 +389,13 @@ fn heights_of_keys(keys: &GeoKeys) -> Result<(Option<Vertical>, Option<f64>), St
         true => of_datum(number),
         false => VerticalSystem::find(number).or_else(|| datum.and_then(of_datum)),
     };
-    let told = keys.text(key::VERTICAL_CITATION);
+    let citation = keys.text(key::VERTICAL_CITATION);
     let mut vertical = match known {
         Some(known) => Vertical::of_registry(known),
         None => {
             let datum = datum.map_or("unknown".into(), |number| format!("unknown, of the number {number}"));
             Vertical {
-                name: told.clone().unwrap_or_else(|| "unknown".into()),
+                name: citation.clone().unwrap_or_else(|| "unknown".into()),
                 datum,
                 number: None,
                 unit: 1.0,
@@ -403,8 +403,8 @@ fn heights_of_keys(keys: &GeoKeys) -> Result<(Option<Vertical>, Option<f64>), St
             }
         }
     };
-    if let Some(told) = told.filter(|_| vertical.number != Some(number.into())) {
-        vertical.name = told;
+    if let Some(citation) = citation.filter(|_| vertical.number != Some(number.into())) {
+        vertical.name = citation;
     }
     if let Some(unit) = unit.filter(|unit| (unit / vertical.unit - 1.0).abs() > 1e-9) {
         (vertical.unit, vertical.number) = (unit, None);
@@ -412,33 +412,41 @@ fn heights_of_keys(keys: &GeoKeys) -> Result<(Option<Vertical>, Option<f64>), St
     Ok((Some(vertical), None))
 }
 
-fn of_wkt(node: &WktNode) -> Result<Parts, String> {
+fn of_wkt(node: &WktNode) -> Result<HorizontalAndVertical, String> {
     if node.is(&["LOCAL_CS", "ENGCRS", "ENGINEERINGCRS"]) {
         let unit = wkt::unit(node, &["LENGTHUNIT", "UNIT"])?;
         let unit = match (unit, node.child(&["AXIS"])) {
             (None, Some(axis)) => wkt::unit(axis, &["LENGTHUNIT"])?,
             (unit, _) => unit,
         };
-        let name = node.texts().next().unwrap_or("unknown").into();
+        let name = node.strings().next().unwrap_or("unknown").into();
         let unit = unit.ok_or("a local system without a unit")?;
-        return Ok(Parts { name: None, horizontal: Horizontal::Local { name, unit }, vertical: None });
+        return Ok(HorizontalAndVertical {
+            name: None,
+            horizontal: Horizontal::Local { name, unit },
+            vertical: None,
+        });
     }
     if !node.is(&["COMPD_CS", "COMPOUNDCRS"]) {
-        return Ok(Parts::of(earth_of_wkt(node)?));
+        return Ok(HorizontalAndVertical::of(earth_of_wkt(node)?));
     }
     let parts: Vec<_> = node.nodes().filter(|node| node.is_crs()).collect();
     let [horizontal, vertical] = parts[..] else {
-        return Err(format!("a compound system of {} parts", parts.len()));
+        return Err(format!("a compound system of {} components", parts.len()));
     };
     let vertical = Some(vertical_of_wkt(vertical)?);
-    let name = node.texts().next().map(String::from);
-    Ok(Parts { name, horizontal: Horizontal::Earth(earth_of_wkt(horizontal)?.into()), vertical })
+    let name = node.strings().next().map(String::from);
+    Ok(HorizontalAndVertical {
+        name,
+        horizontal: Horizontal::Earth(earth_of_wkt(horizontal)?.into()),
+        vertical,
+    })
 }
 
 fn earth_of_wkt(node: &WktNode) -> Result<Earth, String> {
     let earth = match node.child(&["EXTENSION"]) {
         None => Earth::of_system(wkt::system(node)?, ["east", "north"])?,
-        Some(extension) => match extension.texts().collect::<Vec<_>>()[..] {
+        Some(extension) => match extension.strings().collect::<Vec<_>>()[..] {
             ["PROJ4", words] if proj_string::is_web_mercator(words) => Earth::of_proj_string(words)?,
             _ => return Err("an EXTENSION that is not known".into()),
         },
@@ -455,7 +463,7 @@ fn vertical_of_wkt(node: &WktNode) -> Result<Vertical, String> {
         return Ok(known);
     }
     let datum = node.child(&["VERT_DATUM", "VDATUM", "VRF", "VERTICALDATUM", "ENSEMBLE"]);
-    let name = |node: &WktNode| node.texts().next().map(String::from);
+    let name = |node: &WktNode| node.strings().next().map(String::from);
     let axis = node.child(&["AXIS"]);
     let units = ["LENGTHUNIT", "UNIT"];
     let unit = match (wkt::unit(node, &units)?, axis) {
@@ -470,28 +478,28 @@ fn vertical_of_wkt(node: &WktNode) -> Result<Vertical, String> {
         is_up: match axis.and_then(|axis| axis.words().next()) {
             None | Some("UP") => true,
             Some("DOWN") => false,
-            Some(other) => return Err(format!("heights that go {other}")),
+            Some(other) => return Err(format!("heights with the axis direction {other}")),
         },
     })
 }
 
-fn of_json(value: &Value) -> Result<Parts, String> {
+fn of_json(value: &Value) -> Result<HorizontalAndVertical, String> {
     let text = |value: &Value| value.as_str().map(String::from);
     let earth = |value: &Value| {
         let earth = Earth::of_system(projjson::system(value)?, ["north", "east"])?;
         Ok::<_, String>(Earth { number: number_of_json(value), ..earth })
     };
     match value["components"].as_array().map(Vec::as_slice) {
-        None => Ok(Parts::of(earth(value)?)),
+        None => Ok(HorizontalAndVertical::of(earth(value)?)),
         Some([horizontal, vertical]) => {
             let (horizontal, vertical) = (earth(horizontal)?, vertical_of_json(vertical)?);
-            Ok(Parts {
+            Ok(HorizontalAndVertical {
                 name: text(&value["name"]),
                 horizontal: Horizontal::Earth(horizontal.into()),
                 vertical: Some(vertical),
             })
         }
-        Some(parts) => Err(format!("a compound system of {} parts", parts.len())),
+        Some(parts) => Err(format!("a compound system of {} components", parts.len())),
     }
 }
 
@@ -511,7 +519,7 @@ fn vertical_of_json(value: &Value) -> Result<Vertical, String> {
     let is_up = match axis["direction"].as_str() {
         Some("up") => true,
         Some("down") => false,
-        _ => return Err("heights that go neither up nor down".into()),
+        _ => return Err("heights whose axis points neither up nor down".into()),
     };
     Ok(Vertical { name: name.into(), datum: datum.into(), number, unit, is_up })
 }

@@ -110,7 +110,7 @@ fn heights_of_keys_are_kept() {
 }
 
 #[test]
-fn texts_of_esri() {
+fn esri_wkt_is_exported() {
     let text = Crs::epsg(2263).to_esri_wkt().unwrap();
     let expected = "GEOGCS[\"GCS_North_American_1983\",DATUM[\"D_North_American_1983\",SPHEROID[\"GRS_1980\",6378137,298.257222101]],\
                     PRIMEM[\"Greenwich\",0],UNIT[\"Degree\",0.017453292519943295]],PROJECTION[\"Lambert_Conformal_Conic\"]";
@@ -200,7 +200,7 @@ fn numbers_and_parameters_are_one_system() {
 }
 
 #[test]
-fn what_is_not_understood_is_said_and_handed_out_as_it_came() {
+fn unsupported_definitions_are_reported_and_returned_unchanged() {
     let geos = "PROJCS[\"disk\",GEOGCS[\"x\",DATUM[\"y\",SPHEROID[\"z\",6378137,298]],PRIMEM[\"Greenwich\",0],UNIT[\"degree\",0.0174532925]],\
                 PROJECTION[\"Geostationary_Satellite\"],PARAMETER[\"satellite_height\",35786023],UNIT[\"metre\",1]]";
     let crs = Crs::parse(geos).unwrap();

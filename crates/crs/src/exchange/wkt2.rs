@@ -1,6 +1,6 @@
 //! Well-known text version 2 (ISO 19162:2019).
 
-use super::parts::{Earth, Horizontal, Parts, Vertical, inverse_flattening};
+use super::parts::{Earth, Horizontal, HorizontalAndVertical, Vertical, inverse_flattening};
 use super::text::Text;
 use crate::methods::{self, Measure};
 use crate::projection::axis::Axis;
@@ -37,7 +37,7 @@ fn unit_name(table: &[(f64, &'static str, u16)], size: f64) -> (&'static str, u1
 }
 
 /// Writes a system. The error describes what cannot be written.
-pub(super) fn write(parts: &Parts) -> Result<String, String> {
+pub(super) fn write(parts: &HorizontalAndVertical) -> Result<String, String> {
     let mut text = Text::new();
     let Some(vertical) = &parts.vertical else {
         horizontal(&mut text, &parts.horizontal)?;
@@ -153,7 +153,7 @@ fn system(text: &mut Text, earth: &Earth) -> Result<(), String> {
             vec![axis(direction), axis(direction)]
         }
         ([], None) => methods::axes_of_words(words).unwrap_or(["east", "north"]).map(axis).into(),
-        (told, _) => told.to_vec(),
+        (axes_of_system, _) => axes_of_system.to_vec(),
     };
     text.node("PROJCRS", &mut |text| {
         text.quoted(&earth.name());

@@ -34,7 +34,7 @@ pub(crate) struct Method {
     words: &'static str,
     /// Normalized names in definitions; empty if another method is read in its place.
     names: &'static [&'static str],
-    form: TreeType,
+    form: WordMapping,
     roles: &'static [&'static [Role]],
     /// Name in WKT 2.
     pub(crate) name: &'static str,
@@ -60,7 +60,7 @@ pub(crate) struct Role {
 /// Whether a method needs a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Need {
-    Given,
+    Required,
     /// Optional, with a default.
     Or(f64),
     /// Optional, without a default.
@@ -71,7 +71,7 @@ enum Need {
 
 /// Conversion of a method to PROJ's words.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum TreeType {
+enum WordMapping {
     /// Unchanged.
     Plain,
     /// The method with axes to the west and south.

@@ -1,7 +1,7 @@
 //! Projection methods as they are in definitions.
 
 use super::Need::*;
-use super::TreeType::*;
+use super::WordMapping::*;
 use super::table::METHODS;
 use super::{Method, Role, Values};
 use crate::projection::axis::Axis;
@@ -42,14 +42,14 @@ impl Method {
             let given = values.iter().find(|(own, _)| own == word).map(|(_, value)| *value);
             let parameter = names.first().unwrap_or(word);
             match (need, given) {
-                (Given | Or(_) | Free, Some(value)) => whole.push((*word, value)),
+                (Required | Or(_) | Free, Some(value)) => whole.push((*word, value)),
                 (Or(value), None) => whole.push((*word, *value)),
                 (Free | Only(_), None) => {}
                 (Only(value), Some(given)) if (given - value).abs() < 1e-9 => {}
                 (Only(_), Some(given)) => {
                     return Err(format!("the method {name} with the {parameter} {given:?}"));
                 }
-                (Given, None) => return Err(format!("the method {name} without a {parameter}")),
+                (Required, None) => return Err(format!("the method {name} without a {parameter}")),
             }
         }
         let goes_east = axes.first().is_some_and(|axis| axis.direction == "east");

@@ -2,7 +2,7 @@
 
 use super::Measure::*;
 use super::Need::*;
-use super::TreeType::*;
+use super::WordMapping::*;
 use super::{EsriName, KROVAK_COLATITUDE, Measure, Method, Need, ParameterKey, ParameterName, Role};
 
 const fn role(word: &'static str, measure: Measure, need: Need, names: &'static [&'static str]) -> Role {
@@ -28,22 +28,22 @@ const SCALES: &[&str] = &["scalefactoratnaturalorigin", "scalefactor", "scalefac
 const PARALLEL_1: &[&str] = &["latitudeof1ststandardparallel", "standardparallel1"];
 const PARALLEL_2: &[&str] = &["latitudeof2ndstandardparallel", "standardparallel2"];
 
-const READ_LAT_0: Role = role("lat_0", Angle, Given, NAT_LAT);
-const READ_LON_0: Role = role("lon_0", Angle, Given, NAT_LON);
+const READ_LAT_0: Role = role("lat_0", Angle, Required, NAT_LAT);
+const READ_LON_0: Role = role("lon_0", Angle, Required, NAT_LON);
 const READ_EQUATOR: Role = role("lat_0", Angle, Only(0.0), NAT_LAT);
 const READ_K_0: Role = role("k_0", Scale, Or(1.0), SCALES);
 const READ_NO_SCALE: Role = role("k_0", Scale, Only(1.0), SCALES);
-const READ_LAT_1: Role = role("lat_1", Angle, Given, PARALLEL_1);
-const READ_LAT_2: Role = role("lat_2", Angle, Given, PARALLEL_2);
-const READ_LAT_TS: Role = role("lat_ts", Angle, Given, PARALLEL_1);
+const READ_LAT_1: Role = role("lat_1", Angle, Required, PARALLEL_1);
+const READ_LAT_2: Role = role("lat_2", Angle, Required, PARALLEL_2);
+const READ_LAT_TS: Role = role("lat_ts", Angle, Required, PARALLEL_1);
 const READ_FALSE: &[Role] = &[
     role("x_0", Length, Or(0.0), &["falseeasting", "eastingatfalseorigin", "eastingatprojectioncentre"]),
     role("y_0", Length, Or(0.0), &["falsenorthing", "northingatfalseorigin", "northingatprojectioncentre"]),
 ];
 const READ_OBLIQUE: &[Role] = &[
-    role("lat_0", Angle, Given, NAT_LAT),
-    role("lonc", Angle, Given, NAT_LON),
-    role("alpha", Angle, Given, &["azimuthatprojectioncentre", "azimuth"]),
+    role("lat_0", Angle, Required, NAT_LAT),
+    role("lonc", Angle, Required, NAT_LON),
+    role("alpha", Angle, Required, &["azimuthatprojectioncentre", "azimuth"]),
     role("gamma", Angle, Free, &["anglefromrectifiedtoskewgrid", "rectifiedgridangle", "xyplanerotation"]),
     READ_K_0,
 ];
@@ -58,7 +58,7 @@ const READ_KROVAK: &[Role] = &[
     READ_LON_0,
     role("", Angle, Only(KROVAK_COLATITUDE), &["colatitudeofconeaxis", "azimuth"]),
     role("lat_1", Angle, Only(78.5), &["latitudeofpseudostandardparallel", "pseudostandardparallel1"]),
-    role("k_0", Scale, Given, &["scalefactoronpseudostandardparallel", "scalefactor"]),
+    role("k_0", Scale, Required, &["scalefactoronpseudostandardparallel", "scalefactor"]),
 ];
 
 const LAT_0: ParameterName = ("lat_0", "Latitude of natural origin", 8801);
@@ -146,7 +146,7 @@ impl Method {
     const fn read(
         self,
         names: &'static [&'static str],
-        form: super::TreeType,
+        form: super::WordMapping,
         roles: &'static [&'static [Role]],
     ) -> Method {
         Method { names, form, roles, ..self }
@@ -199,7 +199,7 @@ pub(super) const METHODS: &[Method] = &[
     method("+proj=stere").read(&["stereographic"], Plain, &[READ_SCALED, READ_FALSE]).wkt("Stereographic", 0, SCALED)
         .esri("Stereographic", ESRI_SCALED).geotiff(14, &[("x_0", 3082), ("y_0", 3083), ("lon_0", 3088), ("lat_0", 3089), ("k_0", 3092)]),
     method("+proj=stere parallel")
-        .read(&["polarstereographicvariantb", "polarstereographic"], Polar, &[&[role("lat_0", Angle, Given, &["latitudeofstandardparallel",
+        .read(&["polarstereographicvariantb", "polarstereographic"], Polar, &[&[role("lat_0", Angle, Required, &["latitudeofstandardparallel",
             "latitudeoforigin", "latitudeofnaturalorigin"]), READ_LON_0, READ_K_0], READ_FALSE])
         .wkt("Polar Stereographic (variant B)", 9829, &[("lat_ts", "Latitude of standard parallel", 8832), ("lon_0", "Longitude of origin", 8833), X_0, Y_0])
         .esri("Stereographic_North_Pole", ESRI_PARALLEL).geotiff(15, &[("lat_ts", 3081), ("x_0", 3082), ("y_0", 3083), ("1", 3092), ("lon_0", 3095)]),

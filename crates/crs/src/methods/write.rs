@@ -92,13 +92,13 @@ fn parameter<N>(values: &Values, word: &str, name: N) -> Parameter<N> {
             value,
         };
     }
-    let told = value(values, word);
+    let given = value(values, word);
     let (measure, value) = match word {
-        "k_0" => (Measure::Scale, told.unwrap_or(1.0)),
-        "x_0" | "y_0" => (Measure::Length, told.unwrap_or(0.0)),
+        "k_0" => (Measure::Scale, given.unwrap_or(1.0)),
+        "x_0" | "y_0" => (Measure::Length, given.unwrap_or(0.0)),
         // (The default rotation of the grid is the azimuth.)
-        "gamma" => (Measure::Angle, told.or(value(values, "alpha")).unwrap_or(0.0)),
-        _ => (Measure::Angle, told.unwrap_or(0.0)),
+        "gamma" => (Measure::Angle, given.or(value(values, "alpha")).unwrap_or(0.0)),
+        _ => (Measure::Angle, given.unwrap_or(0.0)),
     };
     Parameter { name, measure, value }
 }

@@ -2,7 +2,7 @@
 
 use super::Projection;
 use super::formula::Formula;
-use super::{Form, RADIUS};
+use super::{ProjectionKind, RADIUS};
 use crate::WEB_MERCATOR_LATITUDE;
 
 /// The area in which a projection is suitable for maps. Outside of it, cells are many times as
@@ -72,14 +72,14 @@ impl AreaOfUse {
         const STEPS: u32 = 128;
         let [middle, width] = self.longitudes;
         let [south, north] = self.latitudes.map(|latitude| latitude.clamp(-90.0, 90.0));
-        let mut places = Vec::new();
+        let mut positions = Vec::new();
         for step in 0..=STEPS {
             let part = f64::from(step) / f64::from(STEPS);
             let [longitude, latitude] = [middle + width * (2.0 * part - 1.0), south + (north - south) * part];
             let [west, east] = [middle - width, middle + width];
-            places.extend([[longitude, south], [longitude, north], [west, latitude], [east, latitude]]);
+            positions.extend([[longitude, south], [longitude, north], [west, latitude], [east, latitude]]);
         }
-        places
+        positions
     }
 }
 
@@ -87,12 +87,12 @@ impl Projection {
     /// Returns the area in which the projection is suitable for maps.
     pub fn area_of_use(&self) -> AreaOfUse {
         match &self.form {
-            Form::Degrees => AreaOfUse { latitudes: WORLD, longitudes: [0.0, 180.0] },
-            Form::WebMercator => AreaOfUse {
+            ProjectionKind::Degrees => AreaOfUse { latitudes: WORLD, longitudes: [0.0, 180.0] },
+            ProjectionKind::WebMercator => AreaOfUse {
                 latitudes: [-WEB_MERCATOR_LATITUDE, WEB_MERCATOR_LATITUDE],
                 longitudes: [0.0, 180.0],
             },
-            Form::Other(.., formula) => AreaOfUse::of(formula),
+            ProjectionKind::Other(.., formula) => AreaOfUse::of(formula),
         }
     }
 
@@ -100,10 +100,10 @@ impl Projection {
     /// these are the same at all latitudes: for degrees and cylindrical projections.
     pub fn turn(&self) -> Option<[f64; 2]> {
         match &self.form {
-            Form::Degrees => Some([0.0, 360.0]),
-            Form::WebMercator => Some([0.0, RADIUS * std::f64::consts::TAU]),
-            Form::Other(proj, ..) if proj.is_latlong() => Some([0.0, 360.0]),
-            Form::Other(.., formula) => {
+            ProjectionKind::Degrees => Some([0.0, 360.0]),
+            ProjectionKind::WebMercator => Some([0.0, RADIUS * std::f64::consts::TAU]),
+            ProjectionKind::Other(proj, ..) if proj.is_latlong() => Some([0.0, 360.0]),
+            ProjectionKind::Other(.., formula) => {
                 if !matches!(formula.method(), "merc" | "webmerc" | "cea" | "eqc" | "mill") {
                     return None;
                 }

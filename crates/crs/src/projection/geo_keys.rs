@@ -44,8 +44,8 @@ pub(super) fn read(keys: &GeoKeys) -> Result<Definition, String> {
 
 /// Returns the citation in Esri's WKT that defines systems which keys cannot represent.
 pub(crate) fn cited(keys: &GeoKeys) -> Option<String> {
-    let places = [key::CITATION, key::PROJECTED_CITATION, key::GEODETIC_CITATION];
-    places.into_iter().find_map(|place| Some(keys.text(place)?.strip_prefix("ESRI PE String = ")?.to_owned()))
+    let citations = [key::CITATION, key::PROJECTED_CITATION, key::GEODETIC_CITATION];
+    citations.into_iter().find_map(|key| Some(keys.text(key)?.strip_prefix("ESRI PE String = ")?.to_owned()))
 }
 
 /// Returns the components of a system that is not defined by a code alone.
@@ -114,7 +114,7 @@ fn base(keys: &GeoKeys) -> Result<Base, String> {
     );
     let sizes = match sizes {
         (size, None, None) => (size, None, known.map(|known| known.inverse_flattening)),
-        told => told,
+        sizes => sizes,
     };
     let ellipsoid = match sizes {
         (Some(a), _, Some(inverse)) => half_axes(a, inverse)?,

@@ -35,13 +35,13 @@ use spinney_base::{Error, Result};
 /// shift to WGS 84 is not known or needs a grid are rejected, unless the caller allows to assume no
 /// shift.
 pub struct Projection {
-    form: Form,
+    form: ProjectionKind,
     /// A remark on the accuracy of the system's datum.
     remark: Option<String>,
 }
 
 /// Method of computation.
-enum Form {
+enum ProjectionKind {
     /// Degrees of longitude and latitude in WGS 84, or in a datum that is treated as equal.
     Degrees,
     /// Web Mercator: spherical formulas on WGS 84 coordinates.
@@ -84,7 +84,7 @@ impl Projection {
     /// or a shift that is not available. The message names it.
     pub fn new(crs: &Crs, allow_ballpark: bool) -> Result<Projection> {
         if crs.numbers().is_some_and(|epsg| epsg.in_parts().horizontal == WEB_MERCATOR) {
-            return Ok(Projection { form: Form::WebMercator, remark: None });
+            return Ok(Projection { form: ProjectionKind::WebMercator, remark: None });
         }
         let invalid = |found: String, expected: String| {
             Error::invalid(format!("coordinate system {crs}"), found, expected)
@@ -92,8 +92,8 @@ impl Projection {
         let Definition { words, datum } = read::read(crs).map_err(|found| {
             invalid(
                 found,
-                "one whose parts are known; if it is one of the EPSG registry, say so with `spinney build --crs EPSG:NUMBER` or the \
-                 step crs=EPSG:NUMBER of `spinney transform`, otherwise bring the raster into one"
+                "a supported definition; if the system is in the EPSG registry, set its number with `spinney build --crs EPSG:NUMBER` \
+                 or `spinney transform TREE crs=EPSG:NUMBER`, otherwise reproject the raster"
                     .into(),
             )
         })?;
@@ -107,7 +107,7 @@ impl Projection {
             Datum::Unknown => Some("a datum whose shift to WGS 84 is not known".into()),
             _ if number.is_some_and(is_verified) => None,
             Datum::Unlisted(name) => Some(format!("the datum {name}, whose shift to WGS 84 is not known")),
-            Datum::Grid(name) => Some(format!("a datum that is shifted to WGS 84 by the grid {name}")),
+            Datum::Grid(name) => Some(format!("a datum whose shift to WGS 84 is the grid {name}")),
             Datum::Named(name) => Some(format!("the datum {name}, whose shift to WGS 84 needs a grid")),
             Datum::Wgs84 | Datum::Shifted(_) if number.is_some() => {
                 Some("a datum for which PROJ has a newer shift to WGS 84 than its definition".into())
@@ -116,11 +116,11 @@ impl Projection {
         };
         let remark = match unsure {
             Some(found) if !allow_ballpark => {
-                let expected = "a system whose shift is known, which its EPSG number may tell, or --allow-ballpark, which may be off by \
-                                some hundred metres";
+                let expected = "a datum with a known shift (the EPSG number of the system may define it), or --allow-ballpark, whose \
+                                error is up to some hundred metres";
                 return Err(invalid(found, expected.into()));
             }
-            Some(found) => Some(format!("{found}; places may be off by some hundred metres")),
+            Some(found) => Some(format!("{found}; positions may be off by some hundred metres")),
             None => None,
         };
         let shifted = datum.words().map(|shift| format!("{words} {shift}"));
@@ -130,21 +130,20 @@ impl Projection {
             _ => shifted,
         };
         let open = |text: &str| {
-            Proj::from_proj_string(text).map_err(|error| {
-                invalid(format!("`{text}`: {error}"), "a definition that makes sense".into())
-            })
+            Proj::from_proj_string(text)
+                .map_err(|error| invalid(format!("`{text}`: {error}"), "a valid definition".into()))
         };
         let (definition, shifts) = (shifted.as_ref().unwrap_or(&words), shifted.is_some());
         let proj = open(definition)?;
         let form = match proj.is_latlong() && !shifts && proj.from_greenwich() == 0.0 {
-            true => Form::Degrees,
+            true => ProjectionKind::Degrees,
             false => {
                 let formula = Formula::of(&words, &proj, &datum);
                 if formula.is_web_mercator(RADIUS) {
-                    return Ok(Projection { form: Form::WebMercator, remark });
+                    return Ok(Projection { form: ProjectionKind::WebMercator, remark });
                 }
                 let degrees = open("+proj=longlat +datum=WGS84 +no_defs")?;
-                Form::Other(Box::new(proj), Box::new(degrees), formula)
+                ProjectionKind::Other(Box::new(proj), Box::new(degrees), formula)
             }
         };
         Ok(Projection { form, remark })
@@ -159,8 +158,9 @@ impl Projection {
     /// needed.
     pub(crate) fn is_same(&self, other: &Projection) -> bool {
         match (&self.form, &other.form) {
-            (Form::Degrees, Form::Degrees) | (Form::WebMercator, Form::WebMercator) => true,
-            (Form::Other(.., own), Form::Other(.., other)) => own.is_same(other),
+            (ProjectionKind::Degrees, ProjectionKind::Degrees)
+            | (ProjectionKind::WebMercator, ProjectionKind::WebMercator) => true,
+            (ProjectionKind::Other(.., own), ProjectionKind::Other(.., other)) => own.is_same(other),
             _ => false,
         }
     }
@@ -168,9 +168,9 @@ impl Projection {
     /// Whether coordinates are longitude and latitude, with a period of 360 degrees.
     pub fn is_geographic(&self) -> bool {
         match &self.form {
-            Form::Degrees => true,
-            Form::WebMercator => false,
-            Form::Other(proj, ..) => proj.is_latlong(),
+            ProjectionKind::Degrees => true,
+            ProjectionKind::WebMercator => false,
+            ProjectionKind::Other(proj, ..) => proj.is_latlong(),
         }
     }
 
@@ -178,9 +178,9 @@ impl Projection {
     /// only.
     pub fn is_cylindrical(&self) -> bool {
         match &self.form {
-            Form::Degrees | Form::WebMercator => true,
+            ProjectionKind::Degrees | ProjectionKind::WebMercator => true,
             // (Datum shifts mix both.)
-            Form::Other(..) => false,
+            ProjectionKind::Other(..) => false,
         }
     }
 
@@ -188,9 +188,11 @@ impl Projection {
     /// outside of the projection's domain.
     pub fn inverse(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
         let point = match &self.form {
-            Form::Degrees => [x, y],
-            Form::WebMercator => [(x / RADIUS).to_degrees(), (y / RADIUS).sinh().atan().to_degrees()],
-            Form::Other(proj, degrees, _) => {
+            ProjectionKind::Degrees => [x, y],
+            ProjectionKind::WebMercator => {
+                [(x / RADIUS).to_degrees(), (y / RADIUS).sinh().atan().to_degrees()]
+            }
+            ProjectionKind::Other(proj, degrees, _) => {
                 let mut point = match proj.is_latlong() {
                     true => (x.to_radians(), y.to_radians(), 0.0),
                     false => (x, y, 0.0),
@@ -209,11 +211,11 @@ impl Projection {
             return None;
         }
         let point = match &self.form {
-            Form::Degrees => [longitude, latitude],
-            Form::WebMercator => {
+            ProjectionKind::Degrees => [longitude, latitude],
+            ProjectionKind::WebMercator => {
                 [RADIUS * longitude.to_radians(), RADIUS * latitude.to_radians().tan().asinh()]
             }
-            Form::Other(proj, degrees, _) => {
+            ProjectionKind::Other(proj, degrees, _) => {
                 let mut point = (longitude.to_radians(), latitude.to_radians(), 0.0);
                 transform(degrees, proj, &mut point).ok()?;
                 match proj.is_latlong() {

@@ -48,7 +48,7 @@ const NUMBERS: [(&str, f64); 18] = [
     ("to_meter", 1e7),
 ];
 /// Words that do not affect horizontal coordinates.
-const TOLD: [&str; 3] = ["no_defs", "wktext", "title"];
+const IGNORED_WORDS: [&str; 3] = ["no_defs", "wktext", "title"];
 /// Named prime meridians, whose longitudes are those of PROJ.
 const MERIDIANS: [&str; 13] = [
     "greenwich",
@@ -214,7 +214,7 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
         let own = if *name == "k" { "k_0" } else { name };
         match (*name, *value) {
             ("proj", _) => {}
-            (name, _) if TOLD.contains(&name) => {}
+            (name, _) if IGNORED_WORDS.contains(&name) => {}
             ("type", Some("crs")) => {}
             // The default.
             ("axis", Some("enu")) => {}
@@ -284,7 +284,7 @@ fn check_method(
     let scale = number("k_0").or(number("k")).unwrap_or(1.0);
     let refused = |why: &str| Err(format!("the method {method} {why}"));
     if scale <= 0.0 || has("k") && has("k_0") {
-        return refused("with a scale that makes no sense");
+        return refused("with an invalid scale");
     }
     match method {
         "utm" => match number("zone") {
@@ -342,5 +342,5 @@ fn check_figure<'a>(
     if agrees && fits && !shifts {
         return Ok(());
     }
-    Err("an ellipsoid that is told in no way, or in more than one, which PROJ may choose from".into())
+    Err("no definition of the ellipsoid, or several that may disagree".into())
 }

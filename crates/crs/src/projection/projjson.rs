@@ -91,7 +91,7 @@ fn height(value: &Value) -> Result<Option<f64>, String> {
             Unit::Length(metres) => Ok(Some(metres)),
             _ => Err("heights in no unit of length".into()),
         },
-        _ => Err("a third axis that is not up".into()),
+        _ => Err("a third axis that does not point up".into()),
     }
 }
 

@@ -27,6 +27,6 @@ fn proj_string_of(crs: &Crs) -> Result<String, String> {
     match u16::try_from(number).ok().and_then(definition_of) {
         Some(text) if crs.unit().is_none() => Err(format!("`{text}` with a unit that is not known")),
         Some(text) => Ok(text),
-        None => Err(format!("EPSG:{number}, which the list of definitions does not have")),
+        None => Err(format!("EPSG:{number}, whose definition is not built in")),
     }
 }

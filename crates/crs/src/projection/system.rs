@@ -127,7 +127,7 @@ pub(super) fn degrees(value: f64, radians: f64) -> f64 {
 impl Base {
     /// Returns the base of a geographic system of the EPSG registry.
     pub(crate) fn of_epsg(number: u16) -> Result<Base, String> {
-        let missing = || format!("EPSG:{number}, which the list of definitions does not have");
+        let missing = || format!("EPSG:{number}, whose definition is not built in");
         let definition = definition_of(number).ok_or_else(missing)?;
         let proj = Proj::from_proj_string(&words::without_shift(&definition));
         let proj = proj.ok().filter(Proj::is_latlong).ok_or_else(missing)?;

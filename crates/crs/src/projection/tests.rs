@@ -33,7 +33,7 @@ const KNOWN: [(u32, f64, f64, f64, f64); 28] = [
 ];
 
 #[test]
-fn places_are_those_of_proj() {
+fn coordinates_equal_those_of_proj() {
     for (number, longitude, latitude, x, y) in KNOWN {
         let projection = Projection::new(&Crs::epsg(number), false).unwrap();
         let point = projection.forward([longitude, latitude]).unwrap();
@@ -61,7 +61,7 @@ fn systems_that_cannot_be_computed_are_refused_by_name() {
         (4978, "geocent"),
         (2815, "PROJ has a newer shift"),
         (3973, "PROJ has a newer shift"),
-        (60_000, "which the list of definitions does not have"),
+        (60_000, "whose definition is not built in"),
     ] {
         let refusal = refusal(Crs::epsg(number));
         assert!(refusal.contains(text) && refusal.contains(&number.to_string()), "{number}: {refusal}");
@@ -86,7 +86,7 @@ fn ballpark_takes_datums_for_wgs_84_and_says_so() {
 }
 
 #[test]
-fn there_are_places_without_coordinates() {
+fn positions_outside_of_a_projection_have_no_coordinates() {
     let mercator = Projection::new(&Crs::epsg(3857), false).unwrap();
     assert!(mercator.forward([0.0, 91.0]).is_none() && mercator.inverse([f64::NAN, 0.0]).is_none());
     assert!(mercator.forward([0.0, 90.0]).is_none_or(|[_, y]| y > 1e8));
@@ -160,7 +160,7 @@ fn one_system_is_the_same_in_every_form() {
 }
 
 #[test]
-fn shifts_that_definitions_tell() {
+fn datum_shifts_of_definitions_are_read() {
     let wkt1 = r#"GEOGCS["a",DATUM["b",SPHEROID["International 1924",6378388,297],TOWGS84[-87,-98,-121,0.1,-0.2,0.3,4]],
         PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]]"#;
     let bound = |method: &str, sign: &str| {
@@ -176,13 +176,13 @@ fn shifts_that_definitions_tell() {
     };
     // Coordinates of the first system computed by PROJ 9.5.1.
     let expected = [5.001_199_587_4, 50.000_795_992_1];
-    let texts = [
+    let strings = [
         wkt1.to_string(),
         bound("Position Vector transformation (geog2D domain)", ""),
         bound("Coordinate Frame rotation (geog2D domain)", "-").replace("--", ""),
         "+proj=longlat +ellps=intl +towgs84=-87,-98,-121,0.1,-0.2,0.3,4".into(),
     ];
-    for text in texts {
+    for text in strings {
         let point = of(&text).unwrap().forward([5.0, 50.0]).unwrap();
         assert!(
             (point[0] - expected[0]).abs() < 1e-7 && (point[1] - expected[1]).abs() < 1e-7,
@@ -231,7 +231,7 @@ fn definitions_that_are_not_understood_are_refused_by_name() {
         ("+proj=laea +lat_0=52 +ellps=intl", "whose shift to WGS 84 is not known"),
         ("+proj=laea +lat_0=52 +datum=potsdam", "potsdam"),
         ("+proj=laea +lat_0=52 +ellps=intl +nadgrids=a.gsb", "a.gsb"),
-        ("+proj=laea +lat_0=52", "an ellipsoid that is told in no way"),
+        ("+proj=laea +lat_0=52", "no definition of the ellipsoid, or several"),
         ("+proj=laea +lat_0=52 +ellps=WGS84 +towgs84=1,2,nan", "+towgs84=1,2,nan"),
         ("+proj=laea +lat_0=52 +R=1737400 +towgs84=0,0,0", "not the earth"),
         ("+proj=laea +lat_0=52 +datum=WGS84 +axis=neu", "+axis=neu"),
@@ -281,9 +281,9 @@ fn axes_turned_south_and_west() {
 }
 
 /// Keys from entries, as in a file.
-fn keys(entries: &[[u16; 4]], doubles: &[f64], texts: &str) -> Crs {
+fn keys(entries: &[[u16; 4]], doubles: &[f64], strings: &str) -> Crs {
     let directory = [&[[1, 1, 0, entries.len() as u16]], entries].concat();
-    Crs::GeoKeys(crate::GeoKeys::new(directory.as_flattened(), doubles, texts.as_bytes()).unwrap())
+    Crs::GeoKeys(crate::GeoKeys::new(directory.as_flattened(), doubles, strings.as_bytes()).unwrap())
 }
 
 #[test]

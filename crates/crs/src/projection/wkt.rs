@@ -19,7 +19,7 @@ const MERIDIANS: [&str; 2] = ["PRIMEM", "PRIMEMERIDIAN"];
 const LENGTHS: [&str; 2] = ["LENGTHUNIT", "UNIT"];
 const ANGLES: [&str; 2] = ["ANGLEUNIT", "UNIT"];
 /// Nodes that do not affect coordinates.
-const TOLD: [&str; 14] = [
+const IGNORED_NODES: [&str; 14] = [
     "USAGE",
     "SCOPE",
     "AREA",
@@ -41,7 +41,7 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
     let node = parse_wkt(text)?;
     // (Some programs append a PROJ string as an EXTENSION where it differs from the WKT.)
     match node.horizontal().and_then(|node| node.child(&["EXTENSION"])) {
-        Some(extension) => match extension.texts().collect::<Vec<_>>()[..] {
+        Some(extension) => match extension.strings().collect::<Vec<_>>()[..] {
             ["PROJ4", words] if proj_string::is_web_mercator(words) => proj_string::read(words),
             _ => Err("an EXTENSION that is not known".into()),
         },
@@ -87,13 +87,13 @@ pub(crate) fn system(node: &WktNode) -> Result<System, String> {
     let axes = axes(node)?;
     let unit = unit_of_axes(node, &LENGTHS)?.ok_or("a plane without a unit")?;
     let conversion = conversion(node.child(&["CONVERSION"]).unwrap_or(node))?;
-    let (name, height) = (node.texts().next().map(String::from), height(node, &axes)?);
+    let (name, height) = (node.strings().next().map(String::from), height(node, &axes)?);
     Ok(System { name, base, conversion: Some(conversion), axes, unit, height, shift })
 }
 
 /// Fails if a node has children that might change its meaning.
 fn check_children(node: &WktNode, known: &[&str]) -> Result<(), String> {
-    match node.nodes().find(|child| !child.is(known) && !child.is(&TOLD)) {
+    match node.nodes().find(|child| !child.is(known) && !child.is(&IGNORED_NODES)) {
         Some(other) => Err(format!("{} in {}", other.keyword(), node.keyword())),
         None => Ok(()),
     }
@@ -105,23 +105,24 @@ fn base(node: &WktNode) -> Result<(Base, Option<Shift>), String> {
     check_children(node, &known)?;
     let datum = node.child(&DATUMS).ok_or_else(|| format!("{} without a datum", node.keyword()))?;
     check_children(datum, &[&ELLIPSOIDS[..], &["MEMBER", "TOWGS84", "EXTENSION"]].concat())?;
-    let name = datum.texts().next().ok_or("a datum without a name")?;
+    let name = datum.strings().next().ok_or("a datum without a name")?;
     let ellipsoid =
         datum.child(&ELLIPSOIDS).ok_or_else(|| format!("the datum {name} without an ellipsoid"))?;
-    let ellipsoid_name = ellipsoid.texts().next().map(String::from);
+    let ellipsoid_name = ellipsoid.strings().next().map(String::from);
     let [size, inverse_flattening] = ellipsoid.numbers().collect::<Vec<_>>()[..] else {
         return Err(format!("the datum {name} without the size of its ellipsoid"));
     };
     let ellipsoid = half_axes(size * unit(ellipsoid, &LENGTHS)?.unwrap_or(1.0), inverse_flattening)?;
     let angle = unit_of_axes(node, &ANGLES)?.unwrap_or(1f64.to_radians());
     let meridian = node.child(&MERIDIANS).map(|node| prime_meridian(node, angle)).transpose()?.unwrap_or(0.0);
-    let grid = datum.child(&["EXTENSION"]).map(|extension| match extension.texts().collect::<Vec<_>>()[..] {
-        ["PROJ4_GRIDS", grid] => Ok(Shift::Grid(grid.into())),
-        _ => Err(format!("the datum {name} with an EXTENSION that is not known")),
-    });
+    let grid =
+        datum.child(&["EXTENSION"]).map(|extension| match extension.strings().collect::<Vec<_>>()[..] {
+            ["PROJ4_GRIDS", grid] => Ok(Shift::Grid(grid.into())),
+            _ => Err(format!("the datum {name} with an EXTENSION that is not known")),
+        });
     let shift = datum.child(&["TOWGS84"]).map(|node| Ok(Shift::Helmert(node.numbers().collect())));
     let base = Base {
-        name: node.texts().next().map(String::from),
+        name: node.strings().next().map(String::from),
         datum: Name::Text(name.into()),
         ellipsoid,
         ellipsoid_name,
@@ -136,7 +137,7 @@ fn prime_meridian(node: &WktNode, angle: f64) -> Result<f64, String> {
     let longitude = node.numbers().next().ok_or("a prime meridian without a longitude")?;
     let unit = unit(node, &ANGLES)?.unwrap_or(angle);
     // GDAL writes the longitude of Paris in degrees even if the unit is grads.
-    let in_degrees = (longitude - 2.337_229_17).abs() < 1e-8 && node.texts().next() == Some("Paris");
+    let in_degrees = (longitude - 2.337_229_17).abs() < 1e-8 && node.strings().next() == Some("Paris");
     Ok(if in_degrees { longitude } else { degrees(longitude, unit) })
 }
 
@@ -175,7 +176,7 @@ fn height(node: &WktNode, axes: &[Axis]) -> Result<Option<f64>, String> {
 fn axes(node: &WktNode) -> Result<Vec<Axis>, String> {
     let mut axes = Vec::new();
     for (place, axis) in node.nodes().filter(|node| node.is(&["AXIS"])).enumerate() {
-        let (Some(name), Some(direction)) = (axis.texts().next(), axis.words().next()) else {
+        let (Some(name), Some(direction)) = (axis.strings().next(), axis.words().next()) else {
             return Err("an axis without a direction".into());
         };
         let order = axis.child(&["ORDER"]).and_then(|order| order.numbers().next());
@@ -197,7 +198,7 @@ fn axes(node: &WktNode) -> Result<Vec<Axis>, String> {
 
 /// Reads the method and the parameters from a node's children.
 fn conversion(node: &WktNode) -> Result<Conversion, String> {
-    let method = node.child(&["METHOD", "PROJECTION"]).and_then(|method| method.texts().next());
+    let method = node.child(&["METHOD", "PROJECTION"]).and_then(|method| method.strings().next());
     let parameters = node.nodes().filter(|node| node.is(&["PARAMETER"])).map(parameter);
     Ok(Conversion {
         method: method.ok_or("a plane without a method")?.into(),
@@ -206,7 +207,7 @@ fn conversion(node: &WktNode) -> Result<Conversion, String> {
 }
 
 fn parameter(node: &WktNode) -> Result<Parameter, String> {
-    let (Some(name), Some(value)) = (node.texts().next(), node.numbers().next()) else {
+    let (Some(name), Some(value)) = (node.strings().next(), node.numbers().next()) else {
         return Err("a parameter without a value".into());
     };
     let unit = match unit(node, &["ANGLEUNIT"])?.map(Unit::Angle) {
@@ -232,12 +233,12 @@ fn bound(node: &WktNode) -> Result<System, String> {
     }
     let mut source = system(source)?;
     let target = inner("TARGETCRS")?;
-    let target_name = target.child(&DATUMS).and_then(|datum| datum.texts().next()).unwrap_or_default();
+    let target_name = target.child(&DATUMS).and_then(|datum| datum.strings().next()).unwrap_or_default();
     shift::check_target(target.is(&GEOGRAPHIC), target_name)?;
     let transformation =
         node.child(&["ABRIDGEDTRANSFORMATION"]).ok_or("a BOUNDCRS without a transformation")?;
     if let Some(grid) = transformation.child(&["PARAMETERFILE"]) {
-        source.shift = Some(Shift::Grid(grid.texts().nth(1).unwrap_or("without a name").into()));
+        source.shift = Some(Shift::Grid(grid.strings().nth(1).unwrap_or("without a name").into()));
         return Ok(source);
     }
     let mut conversion = conversion(transformation)?;

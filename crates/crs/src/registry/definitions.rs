@@ -41,8 +41,8 @@ mod tests {
 
     #[test]
     fn definitions_are_those_of_the_list() {
-        let texts = include_str!(concat!(env!("OUT_DIR"), "/definitions.txt"));
-        let listed: BTreeMap<&str, &str> = texts.lines().filter_map(|line| line.split_once(' ')).collect();
+        let strings = include_str!(concat!(env!("OUT_DIR"), "/definitions.txt"));
+        let listed: BTreeMap<&str, &str> = strings.lines().filter_map(|line| line.split_once(' ')).collect();
         assert!(listed.len() > 6000, "{}", listed.len());
         for number in 0..=u16::MAX {
             let expected = listed.get(number.to_string().as_str()).copied();

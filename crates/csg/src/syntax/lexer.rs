@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::{At, wrong};
-use crate::affine::MOST;
+use crate::affine::MAX_NUMBER;
 use spinney_base::Result;
 
 /// A token.
@@ -70,7 +70,7 @@ impl<'a> Lexer<'a> {
             let expected = "a number such as 12, -0.5 or 1e-3";
             let number: f64 =
                 text.parse().map_err(|_| wrong(self.path, at, format!("`{}`", shortened(text)), expected))?;
-            if number.abs() > MOST {
+            if number.abs() > MAX_NUMBER {
                 let found = format!("`{}`", shortened(text));
                 return Err(wrong(self.path, at, found, "a number from -1e30 to 1e30"));
             }

@@ -44,13 +44,9 @@ enum Statement<'a> {
 /// Parses a CSG text.
 pub(crate) fn parse(path: &Path, text: &str) -> Result<Csg> {
     if text.len() as u64 > MAX_BYTES {
-        return Err(Error::TooLarge {
-            path: path.to_path_buf(),
-            what: "the text of a solid".into(),
-            needed: text.len() as u64,
-            limit: MAX_BYTES,
-            advice: "divide it into several files, and combine what is built of them".into(),
-        });
+        let found = format!("a CSG text of {} bytes, above {MAX_BYTES},", text.len());
+        let advice = "divide it into several files, build each, and combine the results";
+        return Err(Error::unsupported(path, found, advice));
     }
     let mut parser =
         Parser { path, lexer: Lexer::new(path, text), builder: Builder::new(path), names: HashMap::new() };
@@ -74,14 +70,14 @@ pub(crate) fn parse(path: &Path, text: &str) -> Result<Csg> {
                 parser.sign('(')?;
                 let arguments = parser.numbers_of("bounds", at)?;
                 if bounds.replace(words::bounds(arguments)?).is_some() {
-                    return Err(wrong(path, at, "bounds once more", "them once at most"));
+                    return Err(wrong(path, at, "a second `bounds`", "at most one"));
                 }
                 parser.statement_end(&Statement::Solid)?;
             }
             Token::Name("unit") => {
                 let given = parser.unit()?;
                 if unit.replace(given).is_some() {
-                    return Err(wrong(path, at, "a unit once more", "it once at most"));
+                    return Err(wrong(path, at, "a second `unit`", "at most one"));
                 }
                 parser.statement_end(&Statement::Solid)?;
             }
@@ -124,7 +120,7 @@ impl<'a> Parser<'a> {
         match (self.lexer.next()?, statement) {
             ((Token::Sign(';'), _), _) | ((Token::End, _), Statement::Solid) => Ok(()),
             ((token, at), Statement::Let(name)) => {
-                let expected = format!("`;` behind what `{name}` is, and then a solid");
+                let expected = format!("`;` after the definition of `{name}`, and then a solid");
                 Err(wrong(self.path, at, token.text(), expected))
             }
             ((token, at), Statement::Solid) => Err(wrong(self.path, at, token.text(), "`;`")),
@@ -138,10 +134,10 @@ impl<'a> Parser<'a> {
             return Err(wrong(self.path, at, token.text(), "a name"));
         };
         if words::is_word(name) || ["let", "bounds", "unit"].contains(&name) {
-            return Err(wrong(self.path, at, token.text(), "a name that is no word of the language"));
+            return Err(wrong(self.path, at, token.text(), "a name that is not a keyword"));
         }
         if self.names.contains_key(name) {
-            let expected = "another name: this one has been given";
+            let expected = "another name: this one is already defined";
             return Err(wrong(self.path, at, token.text(), expected));
         }
         Ok(name)
@@ -204,11 +200,11 @@ impl<'a> Parser<'a> {
             if words::is_word(word) {
                 let (token, token_at) = self.lexer.next()?;
                 if token != Token::Sign('(') {
-                    return Err(wrong(self.path, token_at, token.text(), format!("`(` behind {word}")));
+                    return Err(wrong(self.path, token_at, token.text(), format!("`(` after {word}")));
                 }
                 if calls.len() == MAX_DEPTH {
-                    let found = format!("{} calls within each other", MAX_DEPTH + 1);
-                    let expected = format!("{MAX_DEPTH} at most; give parts names with let");
+                    let found = format!("{} nested calls", MAX_DEPTH + 1);
+                    let expected = format!("at most {MAX_DEPTH}; name parts with let");
                     return Err(wrong(self.path, at, found, expected));
                 }
                 calls.push(Call { word, at, arguments: Vec::new() });
@@ -222,7 +218,9 @@ impl<'a> Parser<'a> {
             // Arguments of the innermost call, up to the next name.
             loop {
                 let (token, token_at) = self.lexer.next()?;
-                let Some(call) = calls.last_mut() else { unreachable!("who has no call has returned") };
+                let Some(call) = calls.last_mut() else {
+                    unreachable!("without an open call, the solid was returned")
+                };
                 match token {
                     Token::Sign(')') => {
                         let Some(Call { word, at, arguments }) = calls.pop() else {
@@ -238,7 +236,7 @@ impl<'a> Parser<'a> {
                     }
                     Token::Sign(',') if needs_comma => needs_comma = false,
                     _ if needs_comma => {
-                        let expected = format!("`,` or `)` behind an argument of {}", call.word);
+                        let expected = format!("`,` or `)` after an argument of {}", call.word);
                         return Err(wrong(self.path, token_at, token.text(), expected));
                     }
                     Token::Number(number) => {
@@ -284,7 +282,7 @@ impl<'a> Parser<'a> {
             }
         }
         match (numbers.is_empty(), points.is_empty()) {
-            (true, true) => Err(wrong(self.path, begin, "nothing in brackets", "numbers, or points")),
+            (true, true) => Err(wrong(self.path, begin, "nothing in brackets", "numbers or points")),
             (false, _) => Ok(Argument::Numbers(numbers)),
             (true, false) => Ok(Argument::Points(points)),
         }

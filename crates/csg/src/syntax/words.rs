@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::parse::Argument;
 use super::{At, wrong};
-use crate::affine::{Affine, MOST, dot};
+use crate::affine::{Affine, MAX_NUMBER, dot};
 use crate::model::{Builder, Solid};
 use crate::outline::Outline;
 use crate::shape::Shape;
@@ -61,7 +61,7 @@ pub(super) fn instead_of(name: &str) -> String {
         "subtract" | "minus" => "difference",
         _ => {
             let words: Vec<&str> = WORDS.iter().map(|(word, ..)| *word).collect();
-            return format!("{}, or a name that was given before", words.join(", "));
+            return format!("{}, or a name defined before", words.join(", "));
         }
     };
     usage(same).into()
@@ -70,7 +70,7 @@ pub(super) fn instead_of(name: &str) -> String {
 /// Creates the solid of a call.
 pub(super) fn call(builder: &mut Builder<'_>, mut arguments: Arguments<'_>) -> Result<Solid> {
     let make = WORDS.iter().find(|(word, ..)| *word == arguments.word).map(|(.., make)| make);
-    let make = make.ok_or_else(|| arguments.wrong(arguments.at, "no word", "one of the language"))?;
+    let make = make.ok_or_else(|| arguments.wrong(arguments.at, "an unknown word", "a keyword"))?;
     let solid = make(builder, &mut arguments)?;
     arguments.end()?;
     Ok(solid)
@@ -163,7 +163,7 @@ impl<'a> Arguments<'a> {
             }
             let is_flat = (0..2).any(|axis| points.iter().all(|point| point[axis] == points[0][axis]));
             if points.len() < 3 || is_flat {
-                return Err(self.wrong(at, "an outline without an area", "three corners or more"));
+                return Err(self.wrong(at, "an outline without an area", "at least three vertices"));
             }
             rings.push(points);
         }
@@ -196,7 +196,7 @@ impl<'a> Arguments<'a> {
 
     /// Checks that a length is positive.
     fn length(&self, what: &str, length: f64) -> Result<f64> {
-        if length > 1.0 / MOST {
+        if length > 1.0 / MAX_NUMBER {
             return Ok(length);
         }
         Err(self.wrong(self.at, format!("the {what} {length}"), "a length above zero"))
@@ -205,10 +205,10 @@ impl<'a> Arguments<'a> {
     /// Checks that a direction is not zero.
     fn direction(&self, what: &str, direction: [f64; 3]) -> Result<[f64; 3]> {
         let most = direction.iter().fold(0.0, |most: f64, part| most.max(part.abs()));
-        if most > 1.0 / MOST {
+        if most > 1.0 / MAX_NUMBER {
             return Ok(direction);
         }
-        Err(self.wrong(self.at, format!("{what} {direction:?}"), "a direction"))
+        Err(self.wrong(self.at, format!("{what} {direction:?}"), "a vector that is not zero"))
     }
 
     /// Returns the box between two opposite corners.
@@ -216,7 +216,7 @@ impl<'a> Arguments<'a> {
         let min = [0, 1, 2].map(|axis| a[axis].min(b[axis]));
         let max = [0, 1, 2].map(|axis| a[axis].max(b[axis]));
         if (0..3).any(|axis| min[axis] == max[axis]) {
-            return Err(self.wrong(self.at, "a box without a volume", "two corners opposite to each other"));
+            return Err(self.wrong(self.at, "a box without a volume", "two opposite corners"));
         }
         Ok([min, max])
     }
@@ -224,7 +224,7 @@ impl<'a> Arguments<'a> {
     /// Applies a transform to the solids that come next.
     fn moved(&mut self, builder: &mut Builder<'_>, map: Affine) -> Result<Solid> {
         if map.inverse().is_none() || !map.is_bounded() {
-            return Err(self.wrong(self.at, "a map that cannot be inverted", "one that can"));
+            return Err(self.wrong(self.at, "a transform that cannot be inverted", "an invertible one"));
         }
         let solids = self.solids()?;
         let all = builder.union(&solids, self.at)?;
@@ -261,9 +261,9 @@ fn cylinder(builder: &mut Builder<'_>, arguments: &mut Arguments<'_>) -> Result<
 
 fn cone(builder: &mut Builder<'_>, arguments: &mut Arguments<'_>) -> Result<Solid> {
     let [x0, y0, z0, low, x1, y1, z1, high] = arguments.numbers()?;
-    arguments.length("greater radius", low.max(high))?;
+    arguments.length("larger radius", low.max(high))?;
     if low < 0.0 || high < 0.0 {
-        return Err(arguments.wrong(arguments.at, "a radius below zero", "none below zero"));
+        return Err(arguments.wrong(arguments.at, "a negative radius", "radii of at least zero"));
     }
     cone_between(builder, arguments, [[x0, y0, z0], [x1, y1, z1]], [low, high])
 }
@@ -275,7 +275,7 @@ fn cone_between(
     radii: [f64; 2],
 ) -> Result<Solid> {
     let along = [0, 1, 2].map(|axis| to[axis] - from[axis]);
-    arguments.direction("an axis that leads along", along)?;
+    arguments.direction("an axis along", along)?;
     let height = arguments.length("height", dot(along, along).sqrt())?;
     arguments.primitive(builder, Shape::Cone { radii, height }, Affine::frame(from, along))
 }
@@ -286,7 +286,7 @@ fn torus(builder: &mut Builder<'_>, arguments: &mut Arguments<'_>) -> Result<Sol
     let tube = arguments.length("radius of the tube", tube)?;
     if ring <= tube {
         let found = format!("a ring of radius {ring} around a tube of radius {tube}");
-        return Err(arguments.wrong(arguments.at, found, "a ring that is larger than the tube"));
+        return Err(arguments.wrong(arguments.at, found, "a ring radius above the tube radius"));
     }
     arguments.primitive(builder, Shape::Torus { ring, tube }, Affine::frame([x, y, z], axis))
 }
@@ -311,8 +311,8 @@ fn sweep(builder: &mut Builder<'_>, arguments: &mut Arguments<'_>) -> Result<Sol
     let outline = arguments.outline()?;
     let [dx, dy, dz] = arguments.numbers()?;
     let [z0] = if arguments.number_count() > 0 { arguments.numbers()? } else { [0.0] };
-    if dz.abs() <= 1.0 / MOST {
-        let expected = "a vector that leads out of the outline's plane";
+    if dz.abs() <= 1.0 / MAX_NUMBER {
+        let expected = "a vector out of the outline's plane";
         return Err(arguments.wrong(arguments.at, format!("the vector {:?}", [dx, dy, dz]), expected));
     }
     let map = Affine { rows: [[1.0, 0.0, dx, 0.0], [0.0, 1.0, dy, 0.0], [0.0, 0.0, dz, z0]] };
@@ -324,7 +324,7 @@ fn revolve(builder: &mut Builder<'_>, arguments: &mut Arguments<'_>) -> Result<S
     let mut points = outline.rings.iter().flat_map(|ring| &ring.points);
     if let Some([radius, z]) = points.find(|point| point[0] < 0.0) {
         let found = format!("the point [{radius}, {z}]");
-        return Err(arguments.wrong(arguments.at, found, "distances from the axis, none below zero"));
+        return Err(arguments.wrong(arguments.at, found, "distances from the axis of at least zero"));
     }
     let map = if arguments.number_count() > 0 {
         let [x, y, z, ax, ay, az] = arguments.numbers()?;

@@ -89,10 +89,11 @@ impl Dataset {
         each: &mut ContourVisitor<'_>,
     ) -> Result<ContourSummary> {
         if self.header().form.axes() != 2 {
-            let advice = "it has isosurfaces: `spinney contours` with -o surface.ply, or export_isosurfaces";
+            let advice =
+                "export isosurfaces: `spinney contours` with -o surface.ply (in Python: export_isosurfaces)";
             return Err(Error::unsupported(self.name(), "contours of an octree", advice));
         }
-        self.check_amounts("contours")?;
+        self.check_continuous("contours")?;
         let level = request.level.unwrap_or(self.depth());
         check_level(level, self.depth())?;
         let relief = self.relief(level);
@@ -115,24 +116,24 @@ impl Dataset {
     ///
     /// # Errors
     /// If the tree is categorical.
-    pub fn check_amounts(&self, what: &str) -> Result<()> {
+    pub fn check_continuous(&self, what: &str) -> Result<()> {
         if self.header().kind != DataKind::Categorical {
             return Ok(());
         }
         let tree = self.name().display();
         let advice = if self.header().form.axes() == 2 {
             format!(
-                "numbers of classes have no order. Areas of classes: `spinney stats {tree}`; blocks of one: `spinney find {tree} --class N`; \
-                 polygons: `spinney export {tree} regions.gpkg --polygons`. If the values are amounts: `spinney build {tree} --kind \
-                 continuous -o AMOUNTS.goblin`"
+                "class numbers have no order. Areas of classes: `spinney stats {tree}`; blocks of one class: `spinney find {tree} --class N`; \
+                 polygons: `spinney export {tree} regions.gpkg --polygons`. If the values are continuous: `spinney build {tree} --kind \
+                 continuous -o CONTINUOUS.goblin`"
             )
         } else {
             format!(
-                "numbers of classes have no order. The surface of all cells that are not VOID: `spinney export {tree} surface.ply`. If the \
-                 values are amounts: `spinney build {tree} --kind continuous -o AMOUNTS.goblin`"
+                "class numbers have no order. Surface of all cells that are not VOID: `spinney export {tree} surface.ply`. If the \
+                 values are continuous: `spinney build {tree} --kind continuous -o CONTINUOUS.goblin`"
             )
         };
-        Err(Error::unsupported(self.name(), format!("{what} of a tree of classes"), advice))
+        Err(Error::unsupported(self.name(), format!("{what} of a categorical tree"), advice))
     }
 
     /// Returns the cells of a level, which must exist.
@@ -155,11 +156,11 @@ impl Relief for LevelRelief<'_> {
     }
 
     fn extremes(&self, code: Code) -> Result<Extremes> {
-        let picture = self.tree.header().picture();
+        let extent = self.tree.header().extent_bounds();
         let extremes = match &self.tree.tree {
             Tree::Goblin(file) => file_extremes(file, code),
-            Tree::Autumnal(file) => source_extremes(&**file, &picture, code),
-            Tree::View(viewed) => source_extremes(viewed.view(), &picture, code),
+            Tree::Autumnal(file) => source_extremes(&**file, &extent, code),
+            Tree::View(viewed) => source_extremes(viewed.view(), &extent, code),
         }?;
         Ok(if self.has_zeros { extremes.with_zeros() } else { extremes })
     }

@@ -2,13 +2,13 @@
 //! command line and for bindings.
 
 mod contours;
+mod dumps;
 mod labels;
 mod outer_bounds;
 mod polygons;
-mod questions;
+mod queries;
 mod rebuild;
 mod solids;
-mod texts;
 mod viewed;
 mod zonal;
 
@@ -18,7 +18,9 @@ use std::sync::Arc;
 
 pub use self::rebuild::Rebuild;
 use self::viewed::Viewed;
-use crate::ops::{FileView, LayerInfo, Sampling, TreeFile, View, ViewSource, ViewStep, WarpGrid, data_box};
+use crate::ops::{
+    FileView, LayerInfo, Sampling, TreeFile, View, ViewOperation, ViewSource, WarpGrid, data_box,
+};
 use crate::store::autumnal::{Autumnal, Commit};
 use crate::store::goblin::Goblin;
 use crate::tree::Source;
@@ -107,7 +109,7 @@ impl Dataset {
     ///
     /// # Errors
     /// If an operation is not possible.
-    pub fn view(self, steps: &[ViewStep]) -> Result<Dataset> {
+    pub fn view(self, steps: &[ViewOperation]) -> Result<Dataset> {
         let rule = self.header().rule;
         let file = match self.tree {
             Tree::Goblin(file) => TreeFile::Goblin(file),
@@ -245,8 +247,8 @@ impl Dataset {
     /// If there is no layer of that name or index, it is corrupt, or this is a view.
     pub fn layer(&self, name: &str) -> Result<Dataset> {
         let Some(file) = self.as_file() else {
-            let advice = "name the layer where the view is opened, as in FILE:LAYER";
-            return Err(Error::unsupported(self.name(), "a view, which has no layers,", advice));
+            let advice = "name the layer when you open the view, as in FILE:LAYER";
+            return Err(Error::unsupported(self.name(), "choosing a layer of a view", advice));
         };
         let layers = file.layers()?;
         let place = FileReference { file: self.name().into(), commit: None, layer: Some(name.into()) };
@@ -332,8 +334,8 @@ impl Dataset {
 
     /// Returns the number of record slots. For Goblin files, this counts the slots in all segments;
     /// dense blocks use fewer slots than the records that they replace, and records stored twice
-    /// count twice. For Autumnal files, it counts the records of the commit's tree; shared records
-    /// count once per occurrence.
+    /// count twice. For Autumnal files, it counts the INNER nodes of the commit's tree; nodes of
+    /// shared subtrees count once per occurrence.
     pub fn stored_records(&self) -> u64 {
         self.file().map_or(0, |file| file.stored_records())
     }
@@ -352,11 +354,11 @@ impl Dataset {
     /// are VOID. Levels deeper than [`Dataset::depth`] count as that level.
     pub fn extent_at(&self, level: u8) -> Bounds {
         let shift = self.depth().saturating_sub(level);
-        Bounds::picture(self.header().extent.map(|cells| cells.div_ceil(1 << shift)))
+        Bounds::of_extent(self.header().extent.map(|cells| cells.div_ceil(1 << shift)))
     }
 
     /// Returns whether the values of a level are approximate. This holds for the levels of a
-    /// [calculation](ViewStep::Calculation) above its cells, which are calculated from the
+    /// [calculation](ViewOperation::Calculation) above its cells, which are calculated from the
     /// operands' values at that level. It concerns windows and single cells. Statistics, zones,
     /// histograms, searches and exact sizes are computed from the cells.
     pub fn is_approximate(&self, level: u8) -> bool {

@@ -2,7 +2,7 @@
 
 use super::Dataset;
 use crate::query::{
-    ClassCells, ClassGround, PolygonRequest, PolygonSummary, RegionVisitor, check_level, find_regions,
+    ClassCells, ClassGrid, PolygonRequest, PolygonSummary, RegionVisitor, check_level, find_regions,
 };
 use crate::tree::Child;
 use spinney_base::space::{Bounds, Code};
@@ -58,7 +58,7 @@ impl Dataset {
         let [columns, rows, _] = self.extent_at(level).max;
         let cells = LevelClasses { tree: self, level };
         let value = self.header().form.value;
-        let mut ground = ClassGround {
+        let mut grid = ClassGrid {
             cells: &cells,
             level,
             size: [columns, rows],
@@ -67,7 +67,7 @@ impl Dataset {
             width: value.size(),
             classes: None,
         };
-        let summary = find_regions(&mut ground, request, progress, each)?;
+        let summary = find_regions(&mut grid, request, progress, each)?;
         self.check_unchanged()?;
         Ok(summary)
     }
@@ -81,7 +81,7 @@ impl Dataset {
         let refuse = |found: &str, advice: String| Err(Error::unsupported(self.name(), found, advice));
         if form.axes() != 2 {
             let advice = format!(
-                "surfaces of solids: `spinney export {tree} surface.ply`. Or cut a layer, such as that of z = 0, and build a tree of it: \
+                "export the surface: `spinney export {tree} surface.ply`. Or build a quadtree from a slice, such as z = 0: \
                  `spinney get {tree} layer.tif --slice z=0`, `spinney build layer.tif --kind categorical -o layer.goblin`"
             );
             return refuse("polygons of an octree", advice);
@@ -94,7 +94,7 @@ impl Dataset {
             let sum = sum.collect::<Vec<_>>().join("+");
             let sample = if form.value.channels == 4 { "i64" } else { "i32" };
             let advice = format!(
-                "classes are one number a cell: `spinney transform {tree} 'calc={sum},type={sample}' -o number.goblin`, \
+                "combine the channels to one class number per cell: `spinney transform {tree} 'calc={sum},type={sample}' -o number.goblin`, \
                  `spinney build number.goblin --kind categorical -o classes.goblin`"
             );
             return refuse("polygons of several channels", advice);
@@ -103,7 +103,7 @@ impl Dataset {
             let bounds = self.value_bounds()?;
             let middle = bounds.first().map_or(0.0, |(low, high)| (low + high) / 2.0);
             let advice = format!(
-                "areas between some values: `spinney contours {tree} --at {middle} --filled -o areas.gpkg`. If the values are classes: \
+                "export the areas above a value: `spinney contours {tree} --at {middle} --filled -o areas.gpkg`. If the values are classes: \
                  `spinney build {tree} --kind categorical -o classes.goblin`"
             );
             return refuse("polygons of a tree of continuous values", advice);

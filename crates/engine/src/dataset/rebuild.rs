@@ -31,7 +31,7 @@ impl Dataset {
     /// Returns the options for a tree with the dataset's properties, except for those in `other`.
     ///
     /// # Errors
-    /// If the map to the world has no inverse.
+    /// If the map to the world has no inverse, or the rule does not fit the kind.
     pub fn rebuild_options(&self, other: &Rebuild, memory: u64) -> Result<BuildOptions> {
         let mut options = self.build_options(memory);
         if let Some(kind) = other.kind
@@ -39,13 +39,20 @@ impl Dataset {
         {
             (options.kind, options.rule) = (kind, kind.default_rule());
         }
-        options.rule = other.rule.unwrap_or(options.rule);
+        if let Some(rule) = other.rule {
+            options.kind.check_rule(rule, self.name())?;
+            options.rule = rule;
+        }
         options.depth = other.depth.unwrap_or(options.depth);
         let frame = &mut options.metadata.frame;
         frame.matrix = other.matrix.unwrap_or(frame.matrix);
         let is_finite = frame.matrix.iter().flatten().all(|number| number.is_finite());
         if !is_finite || frame.to_cells([0.0; 3]).is_none() {
-            return Err(Error::invalid("transform", "numbers that have no inverse", "a map that has one"));
+            return Err(Error::invalid(
+                "transform",
+                "a map with no inverse",
+                "an invertible map of finite numbers",
+            ));
         }
         if let Some(crs) = &other.crs {
             frame.crs = Some(crs.clone());
@@ -68,8 +75,8 @@ impl Dataset {
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
     /// use spinney::{Output, Rule};
     ///
-    /// # let folder = tempfile::tempdir().unwrap();
-    /// # let path = folder.path().join("largest.goblin");
+    /// # let directory = tempfile::tempdir().unwrap();
+    /// # let path = directory.path().join("largest.goblin");
     /// let heights = spinney::open("fixtures/v1/elevation.goblin")?;
     /// let options = heights.build_options(64 << 20).rule(Rule::Max);
     /// heights.build(&options, Output::create(&path)?, &())?;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::ops::{View, ViewSource, ViewStep, WarpGrid};
+use crate::ops::{View, ViewOperation, ViewSource, WarpGrid};
 use crate::query::{Canvas, check_level};
 use crate::tree::{Child, Source, no_children};
 use spinney_base::Result;
@@ -30,7 +30,7 @@ impl Viewed {
     }
 
     /// Returns the view with further operations.
-    pub(super) fn through(self, steps: &[ViewStep]) -> Result<Viewed> {
+    pub(super) fn through(self, steps: &[ViewOperation]) -> Result<Viewed> {
         Ok(Viewed::new(self.view.through(steps)?, self.moves))
     }
 
@@ -166,7 +166,7 @@ impl Viewed {
         // nodes block by block.)
         const MAX_COMPUTED: usize = 1000;
         let most = if self.view.source().is_computed() { MAX_COMPUTED } else { MAX_NODES };
-        if !self.header.picture().contains(bounds) {
+        if !self.header.extent_bounds().contains(bounds) {
             return Ok(true);
         }
         let (view, form) = (&self.view, self.view.form());

@@ -61,7 +61,7 @@ impl Dataset {
         let mut groups: Vec<([u64; 3], ZonalGroup<'_>)> = Vec::new();
         for (number, (layer, polygons)) in layers.iter().enumerate() {
             if polygons.len() != count {
-                let found = format!("{} polygons of a layer, {count} of another", polygons.len());
+                let found = format!("{} polygons for one layer and {count} for another", polygons.len());
                 return Err(Error::invalid("zones", found, "the same polygons for all layers"));
             }
             let tree = (number, layer.zonal_tree());

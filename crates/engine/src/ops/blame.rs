@@ -26,8 +26,8 @@ use spinney_container::{FileReference, Metadata, Tag};
 /// use spinney::{Output, WriteOptions};
 /// use spinney::raw::ops;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("age.goblin");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("age.goblin");
 /// ops::blame("fixtures/v1/history.autumn".as_ref(), Output::create(&path)?, WriteOptions::new(64 << 20), &())?;
 /// assert_eq!(spinney::open(&path)?.value_bounds()?[0].0, 1.0);
 /// # Ok::<(), spinney::Error>(())
@@ -40,15 +40,15 @@ use spinney_container::{FileReference, Metadata, Tag};
 /// cannot be written, or on cancellation.
 pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Progress) -> Result<()> {
     let options = output.access().into();
-    let asked = TreeFile::open_only(path, &options)?;
-    let TreeFile::Autumnal(commit) = &asked else {
-        let expected = "an Autumnal file, which has commits";
+    let requested = TreeFile::open_only(path, &options)?;
+    let TreeFile::Autumnal(commit) = &requested else {
+        let expected = "an Autumnal file (.autumn), which has commits";
         return Err(Error::invalid("file to blame", format!("{}, a Goblin file", path.display()), expected));
     };
     let last = commit.commit().number;
     let place = FileReference::of(path);
     let history = History::open(&place.file, &options)?;
-    let depth = asked.depth();
+    let depth = requested.depth();
     let mut commits = Vec::new();
     for commit in history.commits() {
         let number = commit?.number;
@@ -58,19 +58,19 @@ pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Prog
             let other = TreeFile::at(&place, &options)?;
             // (Trees of different depths share no nodes.)
             if other.depth() != depth {
-                let found = format!("{} levels at commit {number}", other.depth());
-                let expected = format!("{depth}, as commit {last} has");
+                let found = format!("{} at commit {number}", other.depth());
+                let expected = format!("{depth}, the depth of commit {last}");
                 return Err(Error::invalid("depth of a tree", found, expected));
             }
             commits.push((number, other.root()?));
         }
     }
     commits.reverse();
-    let form = TreeType::new(asked.form().dimension, ValueType::new(SampleType::U32, 1));
+    let form = TreeType::new(requested.form().dimension, ValueType::new(SampleType::U32, 1));
     // (A record's position in the file does not depend on the commit.)
     let file = TreeFile::at(&FileReference { commit: None, ..place }, &options)?;
     let ages = Ages { file, commits, form, depth };
-    let own = asked.metadata();
+    let own = requested.metadata();
     let provenance = vec![format!("commits that changed the cells of {} last", path.display())];
     // (Keeps the georeferencing, and drops the meaning of the values.)
     let mut metadata = Metadata {
@@ -85,7 +85,7 @@ pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Prog
     }
     let options =
         BuildOptions::new(DataKind::Continuous, depth).rule(Rule::Max).written(how).metadata(metadata);
-    build(&ages, asked.header().extent, &options, output, progress)?;
+    build(&ages, requested.header().extent, &options, output, progress)?;
     history.check_unchanged()
 }
 

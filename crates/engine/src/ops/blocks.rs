@@ -16,7 +16,7 @@ pub(super) const BLOCK_LEVELS: [u8; 2] = [8, 5];
 pub(super) type DrawLevel<'a> = dyn FnMut(u8, &Bounds, &mut [u8], &mut [bool]) -> Result<()> + 'a;
 
 /// Number of cached blocks.
-const KEPT: usize = 16;
+const MAX_CACHED: usize = 16;
 
 /// Nodes of a block, level by level from the cells up.
 pub(super) struct Block {
@@ -135,7 +135,7 @@ impl Blocks {
                 // same block.)
                 let block = Arc::new(make(code)?);
                 let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-                if kept.len() >= KEPT {
+                if kept.len() >= MAX_CACHED {
                     kept.remove(0);
                 }
                 kept.push((code, block.clone()));

@@ -20,7 +20,7 @@ enum Resolution {
     Void,
     Leaf(Value),
     /// Node of the tree at this index, with its whole subtree.
-    Take(usize),
+    Keep(usize),
     /// Undetermined: resolve its children.
     Split,
 }
@@ -116,7 +116,8 @@ impl Combined {
             check_form((view.source().name(), view.form()), (views[0].source().name(), form))?;
         }
         if let Some(other) = views.iter().find(|view| view.depth() != depth) {
-            let expected = format!("{depth}, as the first tree has; deepen the view of the shallower one");
+            let expected =
+                format!("{depth}, the depth of the first tree; deepen the view of the shallower tree");
             return Err(Error::invalid("depth of a tree", other.depth().to_string(), expected));
         }
         let fill = if form.value.sample == SampleType::U8 { 255.0 } else { 1.0 };
@@ -125,7 +126,7 @@ impl Combined {
         // presence.
         let full = views.iter().map(|view| coverage::full(form, view.source().header().rule));
         let full = full.reduce(Option::and).flatten();
-        let (mergings, universe) = (operation.mergings(full), Bounds::picture(extent));
+        let (mergings, universe) = (operation.mergings(full), Bounds::of_extent(extent));
         Ok(Combined { views, form, operation, mergings, fill, extent, universe })
     }
 
@@ -144,7 +145,11 @@ impl Combined {
     pub fn filled_with(self, fill: Value) -> Result<Combined> {
         if self.coverage().is_some_and(|full| full != fill) {
             let found = self.form.value.show(fill);
-            return Err(Error::invalid("fill value", found, "255, full, as these trees tell coverage"));
+            return Err(Error::invalid(
+                "fill value",
+                found,
+                "255, the value of full cells: these trees store coverage",
+            ));
         }
         Ok(Combined { fill, ..self })
     }
@@ -188,13 +193,13 @@ impl Combined {
             // to be filled, so the subtree cannot be copied.
             CombineOperation::Set { operation, .. } if operation.is_unbounded() => None,
             CombineOperation::Set { operation, .. } if operation.contains(true, true) => {
-                Some(Resolution::Take(0))
+                Some(Resolution::Keep(0))
             }
             CombineOperation::Set { .. } => Some(Resolution::Void),
             CombineOperation::Over
             | CombineOperation::Min
             | CombineOperation::Max
-            | CombineOperation::Equal => Some(Resolution::Take(0)),
+            | CombineOperation::Equal => Some(Resolution::Keep(0)),
             CombineOperation::Changed => Some(Resolution::Void),
             _ => None,
         }
@@ -213,7 +218,7 @@ impl Combined {
             _ if self.is_union() && self.coverage().is_none() => match nodes {
                 [] => Resolution::Void,
                 [(_, Child::Leaf(value)), ..] => Resolution::Leaf(*value),
-                [_] => Resolution::Take(0),
+                [_] => Resolution::Keep(0),
                 _ => Resolution::Split,
             },
             (CombineOperation::Set { .. }, []) => Resolution::Void,
@@ -243,7 +248,7 @@ impl Combined {
         let merging = &self.mergings[part];
         match merging.action([first, second]) {
             MergeAction::Void => Resolution::Void,
-            MergeAction::Take(tree) => Resolution::Take(tree),
+            MergeAction::Keep(tree) => Resolution::Keep(tree),
             MergeAction::Fill => Resolution::Leaf(self.fill),
             MergeAction::Join => {
                 let [a, b] = [first, second].map(|node| node.value().unwrap_or(Value::ZERO));
@@ -272,7 +277,7 @@ impl Combined {
             }
         }
         match result {
-            _ if inner && nodes.len() == 1 => Resolution::Take(0),
+            _ if inner && nodes.len() == 1 => Resolution::Keep(0),
             _ if inner => Resolution::Split,
             // (Coverages that are all 0 join to VOID.)
             result => result.map_or(Resolution::Void, Resolution::Leaf),
@@ -381,7 +386,7 @@ impl Combined {
         match self.resolve(code, nodes) {
             Resolution::Void => Child::Void,
             Resolution::Leaf(value) => Child::Leaf(value),
-            Resolution::Take(index) => {
+            Resolution::Keep(index) => {
                 let (tree, child) = nodes[index];
                 child.clone().map_node(|node| CombinedNode::Same(tree, node))
             }

@@ -6,7 +6,7 @@ use super::layers::{file_depth, layer_paths};
 use super::tree_file::TreeFile;
 use super::view_source::ViewSource;
 use crate::store::builder::ReusableSource;
-use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, build_with, check_room};
+use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, build_with, check_space};
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
 
@@ -20,8 +20,8 @@ use spinney_base::{Progress, Result};
 /// use spinney::{Output, WriteOptions};
 /// use spinney::raw::ops;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("published.goblin");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("published.goblin");
 /// let history = "fixtures/v1/history.autumn@1";
 /// spinney::convert(history.as_ref(), false, Output::create(&path)?, WriteOptions::new(64 << 20), &())?;
 /// # Ok::<(), spinney::Error>(())
@@ -46,11 +46,11 @@ pub fn convert(
         needed.push((file.header().form, file.shared_records()?));
     }
     for (form, records) in needed {
-        check_room(&output, form, share, records)?;
+        check_space(&output, form, share, records)?;
     }
     let depth = file_depth(files.iter().map(TreeFile::header));
     let mut writer = TreeWriter::create(output, (first.form.dimension, depth), files.len() as u32)?;
-    ViewSource::from(files[0].clone()).tell_remark(progress);
+    ViewSource::from(files[0].clone()).report_remark(progress);
     for file in files {
         let (header, metadata) = (file.header(), file.metadata().clone());
         let options = BuildOptions { metadata, share, ..BuildOptions::written_like(header, how) };
@@ -71,11 +71,11 @@ pub(crate) fn build_again<S: ReusableSource>(
     target: TreeTarget,
     progress: &dyn Progress,
 ) -> Result<()> {
-    tree.tell_remark(progress);
+    tree.report_remark(progress);
     // (The number of nodes of a window or of coarser cells is unknown.)
     let records = if extent == tree.header().extent { tree.shared_records()? } else { 0 };
     if let Some(output) = target.whole() {
-        check_room(output, seen.form(), options.share, records)?;
+        check_space(output, seen.form(), options.share, records)?;
     }
     build_with(seen, extent, options, target, progress, &mut |_| {}).map(drop)
 }

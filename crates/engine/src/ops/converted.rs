@@ -251,7 +251,7 @@ impl View {
     pub(super) fn without_number(self, number: Number) -> Result<View> {
         let value_type = self.form().value;
         let value = value_type.splat(number).ok_or_else(|| {
-            let expected = format!("one that {value_type} can hold");
+            let expected = format!("a number that {value_type} can hold");
             Error::invalid("number of VOID cells", number.to_string(), expected)
         })?;
         let metadata = Metadata { nodata: Some(number), ..self.source().metadata().clone() };

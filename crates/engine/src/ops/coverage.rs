@@ -45,8 +45,8 @@ fn action(operation: SetOperation, states: [MergeState; 2]) -> MergeAction {
     };
     match states {
         _ if always(|result, _| result == 0) => MergeAction::Void,
-        _ if always(|result, [a, _]| result == a) => MergeAction::Take(0),
-        _ if always(|result, [_, b]| result == b) => MergeAction::Take(1),
+        _ if always(|result, [a, _]| result == a) => MergeAction::Keep(0),
+        _ if always(|result, [_, b]| result == b) => MergeAction::Keep(1),
         _ if always(|result, _| result == FULL_COVERAGE) => MergeAction::Fill,
         [MergeState::Inner, _] | [_, MergeState::Inner] => MergeAction::Split,
         _ => MergeAction::Join,

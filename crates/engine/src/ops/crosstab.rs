@@ -21,7 +21,7 @@ pub struct Pair {
 }
 
 /// Maximum number of pairs in a table: elevations have no sensible table.
-const MOST: usize = 1 << 16;
+const MAX_PAIRS: usize = 1 << 16;
 
 /// Counts all pairs of values except VOID with VOID, by ascending first, then second value; VOID
 /// comes first. Time is proportional to the nodes of both trees.
@@ -32,7 +32,7 @@ const MOST: usize = 1 << 16;
 pub fn crosstab(first: &View, second: &View, progress: &dyn Progress) -> Result<Vec<Pair>> {
     let form = first.form();
     if first.depth() != second.depth() {
-        let expected = format!("{}, as the first tree has", first.depth());
+        let expected = format!("{}, the depth of the first tree", first.depth());
         return Err(Error::invalid("depth of a tree", second.depth().to_string(), expected));
     }
     let mut pairs = Pairs::default();
@@ -91,9 +91,9 @@ impl Pairs {
             return Ok(());
         }
         *self.cells.entry(self.last).or_default() += run;
-        if self.cells.len() > MOST {
-            let found = format!("more than {MOST}");
-            return Err(Error::invalid("pairs of values", found, "classes, of which there are few"));
+        if self.cells.len() > MAX_PAIRS {
+            let found = format!("more than {MAX_PAIRS}");
+            return Err(Error::invalid("pairs of values", found, "trees with fewer classes"));
         }
         Ok(())
     }

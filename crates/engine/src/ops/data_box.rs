@@ -12,7 +12,7 @@ use spinney_base::space::{Bounds, Code};
 /// # Errors
 /// If the file is corrupt.
 pub fn data_box(view: &View) -> Result<Option<Bounds>> {
-    let mut bounds = Bounds::picture(view.extent());
+    let mut bounds = Bounds::of_extent(view.extent());
     for axis in 0..view.form().axes() {
         let Some(min) = furthest(view, axis, false)? else { return Ok(None) };
         let Some(max) = furthest(view, axis, true)? else { return Ok(None) };
@@ -27,23 +27,23 @@ const BLOCK_LEVELS: u8 = 6;
 
 /// Reach along an axis of the block's cells that are in the extent and not VOID; `None` if there
 /// are none.
-fn reach_in(block: &CellBlock, space: &Bounds, picture: &Bounds, axis: usize, is_max: bool) -> Option<u64> {
+fn reach_in(block: &CellBlock, space: &Bounds, extent: &Bounds, axis: usize, is_max: bool) -> Option<u64> {
     let [width, height, _] = space.size();
     let cells = block.present.iter().enumerate().filter(|(_, present)| **present).map(|(index, _)| {
         let index = index as u64;
         let steps = [index % width, index / width % height, index / width / height];
         std::array::from_fn::<u64, 3, _>(|axis| space.min[axis] + steps[axis])
     });
-    let inside = cells.filter(|cell| (0..3).all(|axis| cell[axis] < picture.max[axis]));
+    let inside = cells.filter(|cell| (0..3).all(|axis| cell[axis] < extent.max[axis]));
     inside.map(|cell| if is_max { cell[axis] + 1 } else { u64::MAX - cell[axis] }).max()
 }
 
 /// Minimum or maximum bound, along an axis, of all cells that are not VOID.
 fn furthest(view: &View, axis: usize, is_max: bool) -> Result<Option<u64>> {
-    let picture = Bounds::picture(view.extent());
+    let extent = Bounds::of_extent(view.extent());
     // Upper bound of the reach of a node's cells within the extent; `None` if there are none.
     let reach = |code: Code| {
-        let bounds = code.bounds(view.depth()).intersect(&picture);
+        let bounds = code.bounds(view.depth()).intersect(&extent);
         let reach = if is_max { bounds.max[axis] } else { u64::MAX - bounds.min[axis] };
         (!bounds.is_empty()).then_some(reach)
     };
@@ -61,7 +61,7 @@ fn furthest(view: &View, axis: usize, is_max: bool) -> Result<Option<u64>> {
                 if levels <= BLOCK_LEVELS
                     && let Some(block) = view.cells(&node, levels)?
                 {
-                    found = found.max(reach_in(&block, &code.bounds(view.depth()), &picture, axis, is_max));
+                    found = found.max(reach_in(&block, &code.bounds(view.depth()), &extent, axis, is_max));
                     continue;
                 }
                 view.children(&node, &mut children)?;

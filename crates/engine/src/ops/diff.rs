@@ -70,7 +70,7 @@ fn check_alike(first: (&Path, TreeType, u8), second: (&Path, TreeType, u8)) -> R
     if first.2 == second.2 {
         return Ok(());
     }
-    let expected = format!("{}, as the first tree has", first.2);
+    let expected = format!("{}, the depth of the first tree", first.2);
     Err(Error::invalid("depth of a tree", second.2.to_string(), expected))
 }
 
@@ -357,15 +357,15 @@ enum Side {
 
 /// Totals of a run of cells in FD order.
 #[derive(Clone, Copy, Default)]
-struct Part {
+struct RunDifferences {
     sum: Differences,
     /// Whether the trees differ in the first cell, and in the last.
     ends: [bool; 2],
 }
 
-impl Part {
+impl RunDifferences {
     /// Concatenates this run and the next one.
-    fn then(self, next: Part) -> Part {
+    fn then(self, next: RunDifferences) -> RunDifferences {
         let (a, b) = (self.sum, next.sum);
         let joined = u64::from(self.ends[1] && next.ends[0]);
         let sum = Differences {
@@ -375,7 +375,7 @@ impl Part {
             blocks: a.blocks + b.blocks,
             runs: a.runs + b.runs - joined,
         };
-        Part { sum, ends: [self.ends[0], next.ends[1]] }
+        RunDifferences { sum, ends: [self.ends[0], next.ends[1]] }
     }
 }
 
@@ -384,13 +384,18 @@ struct Totals<'a> {
     first: &'a TreeFile,
     second: &'a TreeFile,
     dimension: Dimension,
-    known: Remembered<Pair, Part>,
+    known: Remembered<Pair, RunDifferences>,
     progress: &'a dyn Progress,
 }
 
 impl Totals<'_> {
     /// Counts the differences at a node with `height` levels below it.
-    fn node(&mut self, height: u8, a: &Child<TreeFileNode>, b: &Child<TreeFileNode>) -> Result<Part> {
+    fn node(
+        &mut self,
+        height: u8,
+        a: &Child<TreeFileNode>,
+        b: &Child<TreeFileNode>,
+    ) -> Result<RunDifferences> {
         if !a.is_inner() && !b.is_inner() {
             let (a, b) = (a.value(), b.value());
             let mut sum = Differences::default();
@@ -398,7 +403,7 @@ impl Totals<'_> {
                 sum.add(a, b, self.dimension.cells(height));
                 sum.runs = 1;
             }
-            return Ok(Part { sum, ends: [a != b; 2] });
+            return Ok(RunDifferences { sum, ends: [a != b; 2] });
         }
         let pair = Side::new(a).zip(Side::new(b)).map(<[Side; 2]>::from);
         // (Records of the two files may belong to nodes of different heights.)
@@ -406,7 +411,7 @@ impl Totals<'_> {
         if let Some(known) = pair.and_then(|pair| self.known.get(height, &pair)) {
             return Ok(*known);
         }
-        let mut total: Option<Part> = None;
+        let mut total: Option<RunDifferences> = None;
         if !is_same_record(self.first, a, self.second, b) {
             self.progress.check()?;
             let (mut below_a, mut below_b) = (no_children(), no_children());

@@ -61,8 +61,8 @@ pub type CellValue = ([u64; 3], Option<Vec<Number>>);
 /// use spinney::edit::{Edit, Note};
 /// use spinney::raw::ops;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("history.autumn");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("history.autumn");
 /// # std::fs::copy("fixtures/v1/history.autumn", &path).unwrap();
 /// let edits = [Edit::Set(vec![([0, 0, 0], Some(vec![7.into()]))])];
 /// let commit = spinney::edit::edit(&path, edits.map(Ok), Note::default(), 64 << 20, &())?;
@@ -132,7 +132,7 @@ fn changed(
     let value_type = form.value;
     let (mut description, mut conversions) = (Description::default(), Vec::new());
     let (operation, views) = match edit {
-        Edit::Revert(_) => unreachable!("is no new tree"),
+        Edit::Revert(_) => unreachable!("a revert makes no new tree"),
         Edit::Fill(region, value) => {
             let value = value_or_void(value_type, &value)?.filter(|value| !value_type.is_nan(*value));
             (CombineOperation::Over, vec![patched(&tree, Arc::new(FillPatch::new(region, extent, value)?))?])
@@ -215,10 +215,10 @@ fn brought(
     let target = Target { is_fixed: true, position };
     let mut reconciled = reconcile(vec![own, (path.display().to_string(), view)], &needs, &options, target)?;
     reconciled.warn_resampled(progress);
-    let bounds = reconciled.grid.box_of(1).intersect(&Bounds::picture(extent));
+    let bounds = reconciled.grid.box_of(1).intersect(&Bounds::of_extent(extent));
     if bounds.is_empty() {
-        let found = "a place outside of the tree";
-        return Err(Error::invalid(path.display().to_string(), found, "one that is at least partly inside"));
+        let found = "a raster outside of the tree";
+        return Err(Error::invalid(path.display().to_string(), found, "a raster that overlaps the tree"));
     }
     let view = reconciled.views.swap_remove(1);
     let (description, conversions) = (reconciled.description, reconciled.conversions);
@@ -231,9 +231,12 @@ fn value_of(value_type: ValueType, samples: &[Number]) -> Result<Value> {
     let fits = samples.len() == 1 || samples.len() == usize::from(channels);
     let exact = samples.iter().all(|number| sample.can_hold(*number) || sample.is_float());
     if !fits || !exact {
-        let expected = format!("1 or {channels} numbers that {value_type} can hold");
-        let found = samples.iter().map(Number::to_string).collect::<Vec<_>>().join(", ");
-        return Err(Error::invalid("value", format!("[{found}]"), expected));
+        let expected = match channels {
+            1 => format!("a number that {value_type} can store"),
+            _ => format!("1 or {channels} numbers that {value_type} can store"),
+        };
+        let found = samples.iter().map(Number::to_string).collect::<Vec<_>>().join(",");
+        return Err(Error::invalid("value", found, expected));
     }
     Ok(value_type.nearest_numbers(|channel| *samples.get(channel).unwrap_or(&samples[0])))
 }

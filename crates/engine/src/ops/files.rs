@@ -8,13 +8,13 @@ use super::crosstab::{Pair, crosstab};
 use super::layers::layer_paths;
 use super::operation::CombineOperation;
 use super::reconcile::{Conversion, Description, Needs, ReconcileOptions, Target, reconcile};
-use super::regions::Passes;
-use super::step::ViewStep;
+use super::regions::ScanContext;
 use super::tree_file::TreeFile;
 use super::universe::{CombineOptions, Universe};
+use super::view_operation::ViewOperation;
 use super::view_source::ViewSource;
 use super::warp::{Resampling, WarpOptions};
-use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, check_room};
+use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, check_space};
 use crate::tree::Source;
 use spinney_base::io::{FileAccess, Output};
 use spinney_base::space::Bounds;
@@ -32,7 +32,7 @@ pub struct FileView {
     /// How the file, and files that operations name, are opened.
     pub access: FileAccess,
     /// Operations, first to last.
-    pub steps: Vec<ViewStep>,
+    pub steps: Vec<ViewOperation>,
     /// Whether the data move in the world together with their cells, instead of keeping their
     /// position in the world.
     pub moves: bool,
@@ -82,18 +82,16 @@ impl FileView {
         self.open_with(&mut |view, step| step.apply(view))
     }
 
-    fn open_with(&self, apply: &mut dyn FnMut(View, &ViewStep) -> Result<View>) -> Result<View> {
+    fn open_with(&self, apply: &mut dyn FnMut(View, &ViewOperation) -> Result<View>) -> Result<View> {
         let file = TreeFile::open(&self.path, &(&self.access).into())?;
-        let has_grid = self.steps.iter().any(ViewStep::leads_to_grid);
+        let has_grid = self.steps.iter().any(ViewOperation::leads_to_grid);
         if self.warp.allow_ballpark && !has_grid {
-            let expected =
-                "steps to other coordinate systems (like=, warp=, grid=), without which no datum counts";
-            return Err(Error::invalid("allow-ballpark", "steps that stay in one system", expected));
+            let expected = "an operation that changes the coordinate system (like=, warp= or grid=)";
+            return Err(Error::invalid("allow-ballpark", "operations in one coordinate system", expected));
         }
         let is_nearest = self.warp.resampling == Some(Resampling::Nearest);
         if let (Some(way), false, false) = (self.warp.resampling, is_nearest, has_grid) {
-            let expected =
-                "nearest, or steps with a grid (like=, warp=, grid=): others go by the file's rule";
+            let expected = "nearest, or an operation with a grid (like=, warp= or grid=): all others use the file's rule";
             return Err(Error::invalid("resampling", way.name(), expected));
         }
         let view = self.steps.iter().try_fold(View::whole(file.into())?.warping(self.warp), apply)?;
@@ -104,7 +102,7 @@ impl FileView {
 
     /// Line for the result's provenance.
     fn provenance(&self) -> String {
-        let steps: Vec<String> = self.steps.iter().map(ViewStep::to_string).collect();
+        let steps: Vec<String> = self.steps.iter().map(ViewOperation::to_string).collect();
         let colon = if steps.is_empty() { "" } else { ": " };
         format!("view of {}{colon}{}", self.path.display(), steps.join(", "))
     }
@@ -116,8 +114,8 @@ impl FileView {
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::{CombineOperation, CombineOptions, Output, WriteOptions, combine};
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("turned.goblin");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("turned.goblin");
 /// let mut chain = spinney::FileView::of("fixtures/v1/classes.goblin".as_ref());
 /// chain.steps = vec!["rotate=90".parse()?, "crop".parse()?];
 /// let outcome = spinney::transform(&chain, Output::create(&path)?, WriteOptions::new(64 << 20), &())?;
@@ -151,20 +149,20 @@ pub fn transform_to(
     if target.whole().is_none()
         && let Some(step) = chain.steps.iter().find(|step| step.passes() > 0)
     {
-        let advice = "make a file of it in one go, and do what follows in parts";
+        let advice = "write its result to a file first, then build the shards from that file";
         return Err(Error::unsupported(
             &chain.path,
-            format!("a part of {step}, which goes through all cells first,"),
+            format!("{step}, which scans all cells first, in a sharded build"),
             advice,
         ));
     }
     let mut derivations = Vec::new();
     let mut expected = Some(0.0);
     // (A calculation with the layers of a file is one tree.)
-    let is_calculated = chain.steps.iter().any(|step| matches!(step, ViewStep::Calculation(_)));
+    let is_calculated = chain.steps.iter().any(|step| matches!(step, ViewOperation::Calculation(_)));
     let paths =
         if is_calculated { vec![chain.path.clone()] } else { layer_paths(&chain.path, &chain.access)? };
-    let passes = 1 + chain.steps.iter().map(ViewStep::passes).sum::<u64>();
+    let passes = 1 + chain.steps.iter().map(ViewOperation::passes).sum::<u64>();
     let total = WHOLE * passes * paths.len() as u64;
     let layers = paths.len() as u64;
     let temporary = target.temporary();
@@ -175,11 +173,12 @@ pub fn transform_to(
             // (What it computes stays in memory until everything is written.)
             let memory = how.memory / layers;
             // (Labels differ wherever values do, so the result does not have fewer nodes.)
-            if let (ViewStep::Components(_), Some(output), false) = (step, target.whole(), view.has_windows())
+            if let (ViewOperation::Components(_), Some(output), false) =
+                (step, target.whole(), view.has_windows())
             {
-                check_room(output, view.form(), false, expected_records(&view)?)?;
+                check_space(output, view.form(), false, expected_records(&view)?)?;
             }
-            step.apply_whole(view, &Passes { memory, folder: &temporary, progress: &part })
+            step.apply_whole(view, &ScanContext { memory, directory: &temporary, progress: &part })
         })?;
         // Expected number of cells, unless some were cut off. (On a grid of another coordinate
         // system cells vary in size, and calculated cells may be VOID anywhere.)
@@ -213,8 +212,8 @@ pub fn transform_to(
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::{CombineOperation, CombineOptions, Output, WriteOptions, combine};
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("nothing.goblin");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("nothing.goblin");
 /// let map = "fixtures/v1/classes.goblin".into();
 /// let trees = [map, "fixtures/v1/classes.goblin".into()];
 /// let output = Output::create(&path)?;
@@ -319,8 +318,8 @@ fn layers_in_pairs(paths: &[PathBuf], access: &FileAccess) -> Result<Vec<Vec<Pat
         if let [only] = &layers[..] {
             *layers = vec![only.clone(); names.len()];
         } else if layers.iter().map(name).ne(names.iter().cloned()) {
-            let advice = "name a layer of each, as in FILE:LAYER";
-            return Err(Error::unsupported(path, "other layers than those of the first file", advice));
+            let advice = "name one layer of each file, as in FILE:LAYER";
+            return Err(Error::unsupported(path, "a file with other layers than the first file", advice));
         }
     }
     Ok((0..names.len()).map(|number| layers.iter().map(|layers| layers[number].clone()).collect()).collect())
@@ -335,7 +334,7 @@ fn store_all(
 ) -> Result<Outcome> {
     if let Some(output) = target.whole() {
         let least = derivations.iter().map(|derivation| (derivation.form(), derivation.least));
-        least.into_iter().try_for_each(|(form, least)| check_room(output, form, false, least))?;
+        least.into_iter().try_for_each(|(form, least)| check_space(output, form, false, least))?;
     }
     let depth = derivations.iter().map(Derivation::depth).max().unwrap_or(0);
     let dimension = derivations[0].form().dimension;
@@ -426,7 +425,7 @@ pub(crate) fn void_advice(name: &str, source: &ViewSource) -> Result<Option<Stri
     Ok((is_full && has_zero).then(|| {
         let stem = FileReference::of(Path::new(name)).file.with_extension("");
         format!(
-            "has no VOID, so that all of its cells are present; if 0 means nothing: `spinney transform {name} void=0 -o {}_0.goblin`",
+            "has no VOID cells: all of its cells have a value; if 0 means no data: `spinney transform {name} void=0 -o {}_0.goblin`",
             stem.display()
         )
     }))
@@ -492,7 +491,7 @@ impl Derivation {
             true => self.universe.around(self.views).map(|(views, universe)| (views, Some(universe)))?,
             false => (self.views, None),
         };
-        views.iter().for_each(|view| view.source().tell_remark(progress));
+        views.iter().for_each(|view| view.source().report_remark(progress));
         let (first, described) = (&views[0], &views[self.description.operand]);
         let (header, extent) = (self.description.header(described.source().header()), first.extent());
         let depth = views.iter().map(View::depth).max().unwrap_or(0);
@@ -516,7 +515,7 @@ impl Derivation {
         if let Some(fill) = self.fill {
             let value_type = header.form.value;
             source = source.filled_with(value_type.splat(fill).ok_or_else(|| {
-                let expected = format!("a number that {value_type} can hold");
+                let expected = format!("a number that {value_type} can store");
                 Error::invalid("fill value", fill.to_string(), expected)
             })?)?;
         }

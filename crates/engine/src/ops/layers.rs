@@ -70,7 +70,7 @@ pub fn add_layer(
     let (file, _lock) = open_to_change(path, access)?;
     let layers = file.layers()?;
     if name.is_empty() || layers.iter().any(|layer| layer.name == name) {
-        return Err(Error::invalid("layer's name", format!("`{name}`"), "one that no other layer has"));
+        return Err(Error::invalid("layer name", format!("`{name}`"), "a name that no other layer has"));
     }
     let view = chain.open()?;
     let depth = file_depth(layers.iter().map(|layer| &layer.header));
@@ -103,7 +103,7 @@ pub fn add_layer(
             let header = options.header(header.form, extent)?;
             editor.name_layer(&stem(path))?;
             let mut metadata = options.metadata;
-            how.packing.tell(&mut metadata);
+            how.packing.record_in(&mut metadata);
             editor.add_layer(&header, metadata)?;
             editor.replace(&source, how.packing, progress)?;
             editor.commit(note)
@@ -130,7 +130,7 @@ fn on_cells_of(
 ) -> Result<View> {
     let (dimension, expected) = (view.form().dimension, layer.form().dimension);
     if dimension != expected {
-        let expected = format!("{}, as {} is", expected.tree_name(), path.display());
+        let expected = format!("{}, like {}", expected.tree_name(), path.display());
         return Err(Error::invalid(other.display().to_string(), dimension.tree_name(), expected));
     }
     let target = View::whole(layer.into())?;
@@ -138,12 +138,9 @@ fn on_cells_of(
     let operands = [Located::of(&name, &target), Located::of(&own, &view)];
     let grid = CommonGrid::of(&operands, dimension, OutputExtent::Union, Position::World)?;
     if grid.shift(0) != Some([0; 3]) {
-        let expected = format!("one that begins within {name}; {}", cut(path, other));
-        return Err(Error::invalid(
-            format!("extent of {own}"),
-            "one that reaches before its first cell",
-            expected,
-        ));
+        let expected =
+            format!("an extent that starts at or after the first cell of {name}; {}", cut(path, other));
+        return Err(Error::invalid(format!("extent of {own}"), "cells before its first cell", expected));
     }
     if let Some(text) = grid.resampled(1, &view) {
         progress.warn(other, &text);
@@ -154,7 +151,7 @@ fn on_cells_of(
 /// Advice for a tree that reaches beyond a file.
 fn cut(path: &Path, other: &Path) -> String {
     format!(
-        "`spinney transform {} like={},extent=a -o cut.goblin` cuts it off",
+        "to crop it: `spinney transform {} like={},extent=a -o cut.goblin`",
         other.display(),
         path.display()
     )
@@ -203,7 +200,7 @@ pub fn drop_layer(
 /// Error for a change to the layers of a manifest.
 #[cold]
 fn only_listed(path: &Path) -> Error {
-    let advice = "change its files, or make one of them (`spinney convert`)";
+    let advice = "edit its files, or convert it to one file: `spinney convert`";
     Error::unsupported(path, "changing the layers of a manifest", advice)
 }
 

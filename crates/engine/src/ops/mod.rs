@@ -28,10 +28,10 @@ mod patch;
 mod patched;
 mod reconcile;
 mod regions;
-mod step;
-mod step_text;
 mod tree_file;
 mod universe;
+mod view_operation;
+mod view_operation_text;
 mod view_source;
 mod warp;
 
@@ -63,8 +63,8 @@ pub(crate) use regions::find_labels;
 pub use regions::{
     Connectivity, Label, LabelNeighbour, LabelRequest, LabelSummary, LabelVisitor, Regions, Sieve,
 };
-pub use step::{Turn, ViewStep};
 pub use tree_file::{LayerInfo, TreeFile, TreeFileNode};
 pub use universe::{CombineOptions, Universe};
+pub use view_operation::{RotationAxis, ViewOperation};
 pub use view_source::{MemoryTree, ViewSource, ViewSourceNode};
 pub use warp::{MAX_ZOOM, Resampling, WarpGrid, WarpOptions, WarpTarget, Warped, warp};

@@ -201,8 +201,8 @@ impl fmt::Display for CombineOperation {
 fn join_action(or_one: bool, states: [MergeState; 2]) -> MergeAction {
     match states {
         [MergeState::Void, MergeState::Void] => MergeAction::Void,
-        [MergeState::Void, _] if or_one => MergeAction::Take(1),
-        [_, MergeState::Void] if or_one => MergeAction::Take(0),
+        [MergeState::Void, _] if or_one => MergeAction::Keep(1),
+        [_, MergeState::Void] if or_one => MergeAction::Keep(0),
         [MergeState::Void, _] | [_, MergeState::Void] => MergeAction::Void,
         [MergeState::Inner, _] | [_, MergeState::Inner] => MergeAction::Split,
         _ => MergeAction::Join,
@@ -281,11 +281,11 @@ fn merge_action(
     }
     match (void, of) {
         (true, [false, false, false]) => MergeAction::Void,
-        (false, [true, false, false]) if states[0] == MergeState::Leaf => MergeAction::Take(0),
-        (false, [false, true, false]) if states[1] == MergeState::Leaf => MergeAction::Take(1),
+        (false, [true, false, false]) if states[0] == MergeState::Leaf => MergeAction::Keep(0),
+        (false, [false, true, false]) if states[1] == MergeState::Leaf => MergeAction::Keep(1),
         (false, [false, false, true]) => MergeAction::Fill,
-        _ if is[0] => MergeAction::Take(0),
-        _ if is[1] => MergeAction::Take(1),
+        _ if is[0] => MergeAction::Keep(0),
+        _ if is[1] => MergeAction::Keep(1),
         _ => MergeAction::Split,
     }
 }

@@ -48,7 +48,7 @@ impl CellPatch {
                 .flatten();
             code.ok_or_else(|| {
                 let (cell, extent) = (&cell[..form.axes()], &extent[..form.axes()]);
-                let expected = format!("one of {extent:?} cells, counted from 0");
+                let expected = format!("a cell of an extent of {extent:?} cells, counted from 0");
                 Error::invalid("cell", format!("{cell:?}"), expected)
             })
         };
@@ -110,7 +110,7 @@ impl FillRegion {
     /// Whether the region intersects a tree's extent.
     fn reaches(&self, extent: [u64; 3]) -> bool {
         match self {
-            FillRegion::Box(region) => !region.intersect(&Bounds::picture(extent)).is_empty(),
+            FillRegion::Box(region) => !region.intersect(&Bounds::of_extent(extent)).is_empty(),
             FillRegion::Polygon(polygon) => {
                 let [low, high] = polygon.corners();
                 (0..2).all(|axis| low[axis] < extent[axis] as f64 && high[axis] > 0.0)
@@ -127,10 +127,11 @@ impl FillPatch {
     pub fn new(region: FillRegion, extent: [u64; 3], value: Option<Value>) -> Result<FillPatch> {
         if !region.reaches(extent) {
             let [x, y, z] = extent;
-            let expected = format!("one that is at least partly in its {x} x {y} x {z} cells");
-            return Err(Error::invalid("region to fill", "one that is outside of the tree", expected));
+            let z = if z > 1 { format!(" x {z}") } else { String::new() };
+            let expected = format!("a region that overlaps its {x} x {y}{z} cells");
+            return Err(Error::invalid("region to fill", "a region outside of the tree", expected));
         }
-        Ok(FillPatch { region, within: Bounds::picture(extent), value })
+        Ok(FillPatch { region, within: Bounds::of_extent(extent), value })
     }
 }
 
@@ -146,7 +147,7 @@ impl Patch for FillPatch {
             FillRegion::Polygon(polygon) => match polygon.cover_centres(bounds) {
                 Cover::Whole => Some(true),
                 Cover::Nothing => Some(false),
-                Cover::Part => None,
+                Cover::Partial => None,
             },
         };
         match inside {

@@ -63,11 +63,18 @@ impl TreeFile {
         let place = FileReference::of(path);
         match place.commit {
             // Goblin files have no commits: the `@` belongs to the file name.
-            Some(_)
+            Some(commit)
                 if FileHeader::read(&place.file, &*options.open(&place.file)?)?.format
                     == TreeFormat::Goblin =>
             {
-                Ok(Goblin::open(path, options)?.into())
+                match Goblin::open(path, options) {
+                    Err(Error::Io { cause, .. }) if cause.kind() == std::io::ErrorKind::NotFound => {
+                        let what = format!("{}: commit", place.file.display());
+                        let expected = "none: a Goblin file has no commits";
+                        Err(Error::invalid(what, commit.to_string(), expected))
+                    }
+                    found => Ok(found?.into()),
+                }
             }
             _ => TreeFile::at(&place, options),
         }
@@ -111,12 +118,8 @@ impl TreeFile {
         let names: Vec<&str> = layers.iter().take(20).map(|layer| &*layer.name).collect();
         let more = if layers.len() > names.len() { ", ..." } else { "" };
         let place = FileReference::of(path).of_layer(names[0]);
-        let advice = format!("name one, as in {} (it has {}{more})", place.display(), names.join(", "));
-        Err(Error::unsupported(
-            path,
-            format!("a file of {} layers, where one is needed,", layers.len()),
-            advice,
-        ))
+        let advice = format!("name a layer, as in {} (layers: {}{more})", place.display(), names.join(", "));
+        Err(Error::unsupported(path, format!("a file of {} layers instead of one", layers.len()), advice))
     }
 
     /// Names and headers of the layers of the file, or of the commit that is read.
@@ -248,11 +251,12 @@ impl TreeFile {
 
     /// Number of stored records. In Goblin files these are record slots in all segments: dense
     /// blocks need fewer, records that are stored repeatedly count repeatedly. In Autumnal files
-    /// these are the records of the commit's tree; shared records count as often as they occur.
+    /// these are the INNER nodes of the commit's tree; nodes of shared subtrees count as often as
+    /// they occur.
     pub fn stored_records(&self) -> u64 {
         match self {
             TreeFile::Goblin(file) => file.stored_records(),
-            TreeFile::Autumnal(file) => file.stored_records(),
+            TreeFile::Autumnal(file) => file.inner_nodes(),
             TreeFile::Mosaic(_) => 0,
         }
     }
@@ -260,7 +264,7 @@ impl TreeFile {
     /// Number of INNER nodes in trees whose records may be shared, so that few are stored: in
     /// Autumnal files all, else 0.
     pub(super) fn shared_records(&self) -> Result<u64> {
-        self.autumnal().map_or(Ok(0), Autumnal::claimed_records)
+        self.autumnal().map_or(Ok(0), Autumnal::claimed_inner_nodes)
     }
 
     /// Name and size in bytes of each section of the file.
@@ -292,7 +296,7 @@ impl TreeFile {
             TreeFile::Autumnal(file) => file.verify(memory, progress),
             TreeFile::Mosaic(tree) => return tree.verify(memory, progress),
         };
-        self.verify_pictures(findings?, progress)
+        self.verify_extents(findings?, progress)
     }
 
     /// Verifies everything but the trees of older commits.
@@ -305,12 +309,12 @@ impl TreeFile {
             TreeFile::Autumnal(file) => file.verify_quickly(memory, progress),
             TreeFile::Mosaic(tree) => return tree.verify(memory, progress),
         };
-        self.verify_pictures(findings?, progress)
+        self.verify_extents(findings?, progress)
     }
 
     /// Checks that all cells outside of the layers' extents are VOID, if there are no other
     /// findings.
-    fn verify_pictures(&self, mut findings: Vec<Finding>, progress: &dyn Progress) -> Result<Vec<Finding>> {
+    fn verify_extents(&self, mut findings: Vec<Finding>, progress: &dyn Progress) -> Result<Vec<Finding>> {
         if !findings.is_empty() {
             return Ok(findings);
         }
@@ -320,7 +324,10 @@ impl TreeFile {
             if cells > 0 {
                 let place =
                     if layer.name.is_empty() { "tree".into() } else { format!("layer `{}`", layer.name) };
-                let problem = format!("{cells} cells outside of the picture of {:?}", layer.header.extent);
+                let problem = format!(
+                    "{cells} cells that are not VOID outside of the extent {:?}",
+                    layer.header.extent
+                );
                 findings.push(Finding { place, problem });
             }
         }
@@ -420,7 +427,7 @@ impl TreeFile {
 /// Error for a node of another source.
 #[cold]
 pub(super) fn other_node(name: &Path) -> Error {
-    Error::invalid(name.display().to_string(), "a node of another tree", "one of this tree")
+    Error::invalid(name.display().to_string(), "a node of another tree", "a node of this tree")
 }
 
 impl From<Goblin> for TreeFile {

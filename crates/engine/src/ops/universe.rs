@@ -47,7 +47,7 @@ pub enum Universe {
 }
 
 /// Limit of cell coordinates: no tree is deep enough to hold more.
-const MOST: f64 = (1u64 << 40) as f64;
+const MAX_COORDINATE: f64 = (1u64 << 40) as f64;
 
 impl Universe {
     /// Aligns the views with a grid that contains the whole universe; also returns the universe's
@@ -71,12 +71,12 @@ impl Universe {
         let mut universe = Bounds { min: [0; 3], max: [1; 3] };
         let (mut total, mut shift) = ([1; 3], [0.0; 3]);
         for axis in 0..form.axes() {
-            if low[axis] >= high[axis] || !(low[axis] > -MOST && high[axis] < MOST) {
+            if low[axis] >= high[axis] || !(low[axis] > -MAX_COORDINATE && high[axis] < MAX_COORDINATE) {
                 let found = format!("cells {} to {} along an axis", low[axis], high[axis]);
                 return Err(Error::invalid(
                     "universe",
                     found,
-                    "at least one cell, and no more than a tree can have",
+                    "at least one cell, and at most the number that a tree can have",
                 ));
             }
             shift[axis] = (-low[axis]).max(0.0);

@@ -217,15 +217,15 @@ impl ViewSource {
     }
 
     /// Reports the warnings about the source to `progress`, if there are any.
-    pub(super) fn tell_remark(&self, progress: &dyn Progress) {
+    pub(super) fn report_remark(&self, progress: &dyn Progress) {
         if let ViewSource::Regions(tree) = self {
-            return tree.source().tell_remark(progress);
+            return tree.source().report_remark(progress);
         }
         if let ViewSource::Converted(tree) = self {
-            return tree.source().tell_remark(progress);
+            return tree.source().report_remark(progress);
         }
         if let ViewSource::Calculated(tree) = self {
-            tree.tell_remarks(progress);
+            tree.warn_of_remarks(progress);
             return tree.remarks().iter().for_each(|remark| progress.warn(self.name(), remark));
         }
         if let Some(remark) = self.remark() {
@@ -286,7 +286,7 @@ impl ViewSource {
     pub(super) fn shared_records(&self) -> Result<u64> {
         match self {
             ViewSource::File(file) => file.shared_records(),
-            ViewSource::Patched(tree) => tree.file().claimed_records(),
+            ViewSource::Patched(tree) => tree.file().claimed_inner_nodes(),
             ViewSource::Converted(tree) => tree.source().shared_records(),
             ViewSource::Memory(_)
             | ViewSource::Warped(_)
@@ -318,7 +318,7 @@ impl ViewSource {
     /// # Errors
     /// If the file is corrupt there.
     pub fn totals(&self, bounds: Option<Bounds>) -> Result<Statistics> {
-        let within = self.header().within_picture(bounds);
+        let within = self.header().within_extent(bounds);
         match self {
             ViewSource::File(file) => file.statistics_with(&within, false, &()),
             // (All of its own cells would have to be computed.)
@@ -400,7 +400,7 @@ pub(super) fn check_form(
     if form.without_mask() == expected.without_mask() {
         return Ok(());
     }
-    let expected = format!("{expected}, as {} is", other.display());
+    let expected = format!("{expected}, like {}", other.display());
     Err(Error::invalid(name.display().to_string(), form.to_string(), expected))
 }
 

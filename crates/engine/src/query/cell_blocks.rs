@@ -174,8 +174,8 @@ impl<P: Deref<Target: Source>> SourceBlocks<P> {
         check_octree(form)?;
         check_level(level, source.depth())?;
         if carry == BlockAttribute::Value && !can_be_block_attribute(form.value) {
-            let expected = "u8, u16, or three or four channels of u8";
-            return Err(Error::invalid("values to carry", form.value.to_string(), expected));
+            let expected = "1 channel of u8 or u16, or 3 or 4 channels of u8";
+            return Err(Error::invalid("values of blocks", form.value.to_string(), expected));
         }
         Ok(SourceBlocks {
             source,

@@ -83,7 +83,7 @@ impl Goblin {
         found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Result<()> {
         let header = self.header();
-        let bounds = header.within_picture(bounds);
+        let bounds = header.within_extent(bounds);
         let mut search = Search::new(header.form, header.depth(), condition, progress, found);
         let walked = walk(self, &bounds, &mut search);
         search.finish(walked)

@@ -2,7 +2,7 @@
 //! several nodes is read once and counted once per occurrence.
 
 use super::walk::{Halt, Visitor, Walked, Zone};
-use crate::store::autumnal::{Autumnal, AutumnalNode, Occurring};
+use crate::store::autumnal::{Autumnal, AutumnalNode, OccurrenceVisitor};
 use crate::tree::Source;
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
@@ -13,20 +13,20 @@ use spinney_base::value::{Value, ZoneStats};
 /// records, not to the nodes.
 pub(super) fn walk_folded(tree: &Autumnal, bounds: &Bounds, visitor: &mut impl Visitor) -> Result<()> {
     let root = Code::root(tree.form().dimension);
-    tree.each_distinct(bounds, &mut Counted { tree, root, visitor })
+    tree.each_distinct(bounds, &mut CountedZones { tree, root, visitor })
 }
 
 /// Adapter that passes the nodes in the box to a visitor.
-struct Counted<'a, V> {
+struct CountedZones<'a, V> {
     tree: &'a Autumnal,
     root: Code,
     visitor: &'a mut V,
 }
 
-impl<V: Visitor> Occurring for Counted<'_, V> {
+impl<V: Visitor> OccurrenceVisitor for CountedZones<'_, V> {
     fn inner(&mut self, node: AutumnalNode, times: u64) -> Result<bool> {
         let Some(tally) = self.tree.tally(&node)? else { return Ok(true) };
-        unhalted(self.visitor.zone(self.root, &Repeated { tally, times })).map(|will_do| !will_do)
+        unhalted(self.visitor.zone(self.root, &RepeatedZone { tally, times })).map(|will_do| !will_do)
     }
 
     fn uniform(&mut self, value: Option<Value>, _: u8, _: u64, cells: u64) -> Result<()> {
@@ -37,19 +37,19 @@ impl<V: Visitor> Occurring for Counted<'_, V> {
 /// Unwraps a visitor's result. A visitor that stopped needs no descendants.
 fn unhalted(walked: Walked<bool>) -> Result<bool> {
     match walked {
-        Ok(answer) => Ok(answer),
+        Ok(result) => Ok(result),
         Err(Halt::Stopped) => Ok(true),
         Err(Halt::Failed(error)) => Err(error),
     }
 }
 
 /// Zone of a node that occurs several times: the cells of all occurrences.
-struct Repeated {
+struct RepeatedZone {
     tally: ZoneStats,
     times: u64,
 }
 
-impl Zone for Repeated {
+impl Zone for RepeatedZone {
     fn tally(&self) -> Result<ZoneStats> {
         Ok(repeated(&ZoneStats { classes: Vec::new(), ..self.tally }, self.times))
     }

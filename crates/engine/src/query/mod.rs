@@ -40,7 +40,7 @@ pub use pixels::PixelGrid;
 pub(crate) use pixels::PixelSums;
 pub use points::PointSamples;
 pub(crate) use points::values_one_by_one;
-pub(crate) use polygonize::{ClassCells, ClassGround, find_regions};
+pub(crate) use polygonize::{ClassCells, ClassGrid, find_regions};
 pub use polygonize::{ClassRegion, PolygonRequest, PolygonSummary, RegionVisitor};
 pub use ray::{CellHit, Ray, Rays, SurfaceHit};
 pub use solid::SolidStatistics;

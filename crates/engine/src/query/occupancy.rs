@@ -212,7 +212,7 @@ pub(super) fn check_octree(form: TreeType) -> Result<()> {
     if form.dimension == Dimension::Oct {
         return Ok(());
     }
-    Err(Error::invalid("tree", "a quadtree", "an octree: this is a question about solids"))
+    Err(Error::invalid("tree", "a quadtree", "an octree, since this query is for solids"))
 }
 
 /// A brick to write occupancy to.

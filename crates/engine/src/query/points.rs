@@ -96,8 +96,8 @@ impl Goblin {
     /// file is corrupt there.
     pub fn values_at(&self, level: u8, cells: &[Cell], values: &mut [Option<Value>]) -> Result<()> {
         if cells.len() != values.len() {
-            let found = format!("{} places for values", values.len());
-            return Err(Error::invalid("points", found, format!("{}, one per cell", cells.len())));
+            let found = format!("a buffer of {} values", values.len());
+            return Err(Error::invalid("points", found, format!("{} values, one per cell", cells.len())));
         }
         if !self.is_mapped() {
             // Segments that are not mapped stay in memory while they are referenced, so a table of

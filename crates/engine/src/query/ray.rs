@@ -111,8 +111,13 @@ impl Rays for Field<'_> {
     fn surface(&mut self, ray: &Ray) -> Result<Option<SurfaceHit>> {
         let length = ray.direction.iter().map(|number| number * number).sum::<f64>().sqrt();
         let surface = if self.is_finest() { SURFACE } else { COARSE_SURFACE };
-        let mut search =
-            Search { ray: *ray, stride: STRIDE / length, back: 1.0 / length, surface, asked: (-1.0, 0.0) };
+        let mut search = Search {
+            ray: *ray,
+            stride: STRIDE / length,
+            back: 1.0 / length,
+            surface,
+            evaluated: (-1.0, 0.0),
+        };
         // Divided bricks are traversed cell by cell without reading the tree: they are cached for
         // densities anyway.
         let found = self.along(ray, BRICK, |field, step| match step.block {
@@ -122,7 +127,7 @@ impl Rays for Field<'_> {
             }
             _ => search.in_brick(field, step),
         })?;
-        let Some((Found { mut outside, known, mut inside }, cell)) = found else { return Ok(None) };
+        let Some((Bracket { mut outside, known, mut inside }, cell)) = found else { return Ok(None) };
         let mut without = known.map_or_else(|| self.density(ray.at(outside)), Ok)?;
         // The surface can be before the first nonempty cell, farther away on a grazing ray.
         for _ in 0..4 {
@@ -158,11 +163,11 @@ struct Search {
     /// Density at the surface.
     surface: f64,
     /// Distance of the last evaluated density, and the density, which is below the surface's.
-    asked: (f64, f64),
+    evaluated: (f64, f64),
 }
 
 /// Points before and after the surface.
-struct Found {
+struct Bracket {
     outside: f64,
     /// The density there, if it was evaluated.
     known: Option<f64>,
@@ -172,18 +177,18 @@ struct Found {
 
 impl Search {
     /// Searches for the surface between two distances.
-    fn between(&mut self, field: &mut Field<'_>, from: f64, to: f64) -> Result<Option<Found>> {
+    fn between(&mut self, field: &mut Field<'_>, from: f64, to: f64) -> Result<Option<Bracket>> {
         let (mut outside, mut known, mut t) = ((from - self.back).max(0.0), None, from);
-        if self.asked.0 >= from {
-            (outside, known) = (self.asked.0, Some(self.asked.1));
+        if self.evaluated.0 >= from {
+            (outside, known) = (self.evaluated.0, Some(self.evaluated.1));
             t = (outside + self.stride).min(to);
         }
-        while t > self.asked.0 {
+        while t > self.evaluated.0 {
             let density = field.density(self.ray.at(t))?;
             if density >= self.surface {
-                return Ok(Some(Found { outside, known, inside: (t, density) }));
+                return Ok(Some(Bracket { outside, known, inside: (t, density) }));
             }
-            self.asked = (t, density);
+            self.evaluated = (t, density);
             (outside, known) = (t, Some(density));
             t = (t + self.stride).min(to);
         }
@@ -195,7 +200,11 @@ impl Search {
     /// Advances from cell to cell across the nearest plane and stores the distance of the next
     /// plane along each axis (Amanatides and Woo, A fast voxel traversal algorithm for ray tracing,
     /// Eurographics 1987).
-    fn in_brick(&mut self, field: &mut Field<'_>, step: &Step) -> Result<Option<(Found, [u32; 3])>> {
+    fn in_brick(
+        &mut self,
+        field: &mut Field<'_>,
+        step: &BlockCrossing,
+    ) -> Result<Option<(Bracket, [u32; 3])>> {
         let Ray { origin, direction } = self.ray;
         let OccupancyBlock { min, side, .. } = step.block;
         let mut cell = step.cell;
@@ -204,7 +213,7 @@ impl Search {
             let t = (f64::from(plane) - origin[axis]) / direction[axis];
             if direction[axis] == 0.0 { f64::INFINITY } else { t }
         });
-        let apart = direction.map(|speed| (1.0 / speed).abs());
+        let spacing = direction.map(|speed| (1.0 / speed).abs());
         // Invariant: densities are only evaluated in this brick and its neighbours, which do not
         // evict it.
         let start = field.brick(cell.map(|cell| cell >> BRICK))?;
@@ -224,14 +233,14 @@ impl Search {
                 return Ok(None);
             }
             cell[out] = onwards;
-            next[out] += apart[out];
+            next[out] += spacing[out];
             from = to;
         }
     }
 }
 
 /// A block on a ray's path.
-struct Step {
+struct BlockCrossing {
     block: OccupancyBlock,
     /// The cell where the ray enters it.
     cell: [u32; 3],
@@ -271,7 +280,7 @@ impl Field<'_> {
         &mut self,
         ray: &Ray,
         smallest: u8,
-        mut visit: impl FnMut(&mut Self, &Step) -> Result<Option<T>>,
+        mut visit: impl FnMut(&mut Self, &BlockCrossing) -> Result<Option<T>>,
     ) -> Result<Option<T>> {
         let side = self.side();
         let Some((mut from, mut axis)) = entry(ray, f64::from(side)) else { return Ok(None) };
@@ -295,7 +304,7 @@ impl Field<'_> {
                 }
             }
             let to = to.max(from);
-            if let Some(found) = visit(self, &Step { block, cell, from, to, axis })? {
+            if let Some(found) = visit(self, &BlockCrossing { block, cell, from, to, axis })? {
                 return Ok(Some(found));
             }
             // Rounding may put the exit outside of the block. It is clamped to the block along the

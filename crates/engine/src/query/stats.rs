@@ -116,12 +116,12 @@ impl Goblin {
         progress: &dyn Progress,
     ) -> Result<Statistics> {
         let header = self.header();
-        let picture = header.picture();
-        let bounds = header.within_picture(bounds);
+        let extent = header.extent_bounds();
+        let bounds = header.within_extent(bounds);
         // A box with the whole raster has the whole tree: the rest is VOID.
         let space = Bounds::space(header.form.dimension, header.depth());
         let mut gather = Gather::new(header.form, count_classes, progress);
-        ended(walk(self, if bounds == picture { &space } else { &bounds }, &mut gather))?;
+        ended(walk(self, if bounds == extent { &space } else { &bounds }, &mut gather))?;
         Ok(gather.finish(bounds.volume()))
     }
 }
@@ -147,7 +147,7 @@ pub(crate) fn autumnal_statistics(
 ) -> Result<Statistics> {
     let (header, volume) = (file.header(), bounds.volume());
     // The whole raster is the whole tree, whatever its node count.
-    if *bounds == header.picture()
+    if *bounds == header.extent_bounds()
         && let Child::Inner { node, .. } = file.root_child()
         && let Some(tally) = file.tally(&node)?
         && !(counts_classes && tally.lacks_classes())

@@ -79,18 +79,29 @@ pub(crate) fn measure_surface<S: Source>(
     let areas = frame.face_areas();
     let root = source.root()?;
     let block = level.min(BLOCK);
-    let walk = Walk { source, level, lowest: block.max(level.saturating_sub(SHARED)), tasks: Vec::new() };
-    let tasks = walk.tasks(&root)?;
-    let (rooms, balls) = (Pool::default(), [0, 1, 2].map(Ball::of));
+    let collector =
+        TaskCollector { source, level, lowest: block.max(level.saturating_sub(SHARED)), tasks: Vec::new() };
+    let tasks = collector.tasks(&root)?;
+    let (neighbourhoods, balls) = (Pool::default(), [0, 1, 2].map(Ball::of));
     let total = 1u64 << (3 * level);
     let parts = parallel::map(&tasks, |task| {
-        rooms.with(
+        neighbourhoods.with(
             || Ok(Neighbourhood::new()),
-            |room| {
+            |neighbourhood| {
                 let sums = Sums::default();
                 let balls = &balls;
-                let mut gather =
-                    Gather { source, root: &root, level, block, filling, areas, balls, room, progress, sums };
+                let mut gather = Gather {
+                    source,
+                    root: &root,
+                    level,
+                    block,
+                    filling,
+                    areas,
+                    balls,
+                    neighbourhood,
+                    progress,
+                    sums,
+                };
                 match task {
                     Task::Node(node) => {
                         gather.node(node.as_ref())?;
@@ -183,7 +194,7 @@ impl Sums {
 }
 
 /// Collects the tasks.
-struct Walk<'a, S: Source> {
+struct TaskCollector<'a, S: Source> {
     source: &'a S,
     level: u8,
     /// Height of the nodes that threads process.
@@ -191,7 +202,7 @@ struct Walk<'a, S: Source> {
     tasks: Vec<Task<S::Node>>,
 }
 
-impl<S: Source> Walk<'_, S> {
+impl<S: Source> TaskCollector<'_, S> {
     fn tasks(mut self, root: &Child<S::Node>) -> Result<Vec<Task<S::Node>>> {
         let side = 1i64 << self.level;
         let root = At { min: [0; 3], height: self.level, node: root };
@@ -257,7 +268,7 @@ struct Gather<'a, 'r, S: Source> {
     /// Area vectors of a cell's faces: see [`Frame::face_areas`].
     areas: [DVec3; 3],
     balls: &'a [Ball; 3],
-    room: &'r mut Neighbourhood,
+    neighbourhood: &'r mut Neighbourhood,
     /// Checked at each node, since one task may be nearly all of a tree.
     progress: &'a dyn Progress,
     sums: Sums,
@@ -351,7 +362,7 @@ impl<S: Source> Gather<'_, '_, S> {
     /// 0 is its low side.
     fn planes(&mut self, axis: usize, planes: std::ops::Range<usize>) -> Result<()> {
         self.progress.check()?;
-        let (room, sums) = (&*self.room, &mut self.sums);
+        let (neighbourhood, sums) = (&*self.neighbourhood, &mut self.sums);
         let [a, b, c] = self.areas;
         // Normals transform by the inverse transpose. The area vectors are its columns up to a
         // factor.
@@ -359,9 +370,9 @@ impl<S: Source> Gather<'_, '_, S> {
         let area = self.areas[axis];
         let whole = area.length();
         let ball = &self.balls[axis];
-        room.each_face(axis, 1 << self.block, planes, |cell| {
+        neighbourhood.each_face(axis, 1 << self.block, planes, |cell| {
             sums.faces[axis] += 1;
-            let normal = turn * DVec3::from(room.gradient(ball, cell));
+            let normal = turn * DVec3::from(neighbourhood.gradient(ball, cell));
             sums.area += normal.try_normalize().map_or(whole, |normal| area.dot(normal).abs());
         });
         Ok(())
@@ -387,14 +398,14 @@ impl<S: Source> Gather<'_, '_, S> {
     /// Reads the block that starts at a cell, and the cells around it.
     fn read(&mut self, min: [i64; 3]) -> Result<()> {
         self.sums.blocks += 1;
-        self.room.clear(min);
+        self.neighbourhood.clear(min);
         let is_finest = self.level == self.source.depth();
         self.paint(self.root, [0; 3], self.level, is_finest)
     }
 
     /// Paints the cells of a node that are in the neighbourhood.
     fn paint(&mut self, node: &Child<S::Node>, min: [i64; 3], height: u8, is_finest: bool) -> Result<()> {
-        if matches!(node, Child::Void) || !self.room.meets(min, height) {
+        if matches!(node, Child::Void) || !self.neighbourhood.meets(min, height) {
             return Ok(());
         }
         let fill = self.filling.fill(node.value());
@@ -403,7 +414,7 @@ impl<S: Source> Gather<'_, '_, S> {
                 node
             }
             _ => {
-                self.room.paint(min, height, fill >= HALF, fill);
+                self.neighbourhood.paint(min, height, fill >= HALF, fill);
                 return Ok(());
             }
         };
@@ -412,7 +423,7 @@ impl<S: Source> Gather<'_, '_, S> {
         if height == 0 {
             // Values do not store how full the node is; its children give an estimate.
             let parts = children.iter().filter(|child| !matches!(child, Child::Void)).count();
-            self.room.paint(min, 0, fill >= HALF, (parts * 32).min(255) as u8);
+            self.neighbourhood.paint(min, 0, fill >= HALF, (parts * 32).min(255) as u8);
             return Ok(());
         }
         for (step, child) in children.iter().enumerate() {

@@ -91,7 +91,7 @@ impl Selection for Bounds {
         } else if self.intersect(space).is_empty() {
             Cover::Nothing
         } else {
-            Cover::Part
+            Cover::Partial
         }
     }
 
@@ -164,7 +164,7 @@ enum Selected {
     Whole,
     Nothing,
     /// Some of these cells.
-    Part(Bounds),
+    Within(Bounds),
 }
 
 impl Selected {
@@ -175,7 +175,7 @@ impl Selected {
         match selection.cover(&space) {
             Cover::Whole => Selected::Whole,
             Cover::Nothing => Selected::Nothing,
-            Cover::Part => Selected::Part(space),
+            Cover::Partial => Selected::Within(space),
         }
     }
 
@@ -183,7 +183,7 @@ impl Selected {
     #[inline]
     fn space(self) -> Option<Bounds> {
         match self {
-            Selected::Part(space) => Some(space),
+            Selected::Within(space) => Some(space),
             Selected::Whole | Selected::Nothing => None,
         }
     }
@@ -195,10 +195,10 @@ pub(super) fn walk(tree: &Goblin, selection: &impl Selection, visitor: &mut impl
     let whole = root.bounds(shape.depth);
     // Below an entirely selected node nothing is tested.
     let selected = Selected::of(Some(whole), selection);
-    let walk = Walk { tree, shape, selection };
+    let traversal = SegmentTraversal { tree, shape, selection };
     match tree.root_child() {
         Child::Inner { .. } if matches!(selected, Selected::Nothing) => visitor.outside(),
-        Child::Inner { .. } => walk.segment(root, tree.find_segment(root)?, selected.space(), visitor),
+        Child::Inner { .. } => traversal.segment(root, tree.find_segment(root)?, selected.space(), visitor),
         uniform => uniform_block(root, shape.depth, uniform.value(), (selected, selection), visitor),
     }
 }
@@ -218,7 +218,7 @@ fn uniform_block(
             visitor.block(code, value, cells, None)
         }
         Selected::Nothing => visitor.outside(),
-        Selected::Part(space) => {
+        Selected::Within(space) => {
             let part = selection.part(&space);
             visitor.block(code, value, part.volume(), Some(&part))
         }
@@ -351,7 +351,7 @@ impl Cells<'_> {
     }
 }
 
-struct Walk<'a, S> {
+struct SegmentTraversal<'a, S> {
     tree: &'a Goblin,
     shape: Shape,
     selection: &'a S,
@@ -368,7 +368,7 @@ struct Node {
     inline: bool,
 }
 
-impl<S: Selection> Walk<'_, S> {
+impl<S: Selection> SegmentTraversal<'_, S> {
     /// Visits a node that owns a segment.
     fn segment(
         &self,
@@ -401,7 +401,7 @@ impl<S: Selection> Walk<'_, S> {
         for step in 0..dimension.children() {
             let (child, space) = (code.child(step), space.child(dimension, step));
             let cover = self.selection.cover(&space);
-            let is_wanted = cover == Cover::Part || cover == Cover::Whole && visitor.reads_zones();
+            let is_wanted = cover == Cover::Partial || cover == Cover::Whole && visitor.reads_zones();
             if !is_wanted || child.level() > self.shape.block_level() {
                 continue;
             }
@@ -414,7 +414,7 @@ impl<S: Selection> Walk<'_, S> {
                 let _ = self.tree.segment(own);
             }
             // (For an entirely selected node, the uppermost zone suffices.)
-            if cover == Cover::Part || !self.shape.is_candidate(child.level()) {
+            if cover == Cover::Partial || !self.shape.is_candidate(child.level()) {
                 self.miss_below(child, &space, visitor);
             }
         }

@@ -13,4 +13,4 @@ mod write;
 pub use builder::{BuildOptions, Packing, Slab, SlabBoxes, Slabs, WantedCells, WriteOptions, depth_for};
 pub use tree_target::{ShardCheck, TreeTarget};
 pub use tree_writer::TreeWriter;
-pub use write::{build, build_slabs, build_source, build_tree, build_with, check_room};
+pub use write::{build, build_slabs, build_source, build_tree, build_with, check_space};

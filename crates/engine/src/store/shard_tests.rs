@@ -6,11 +6,11 @@ use std::io;
 use std::path::Path;
 
 use super::builder::Packing;
-use super::goblin::{Shard, ShardPiece, merge_shards};
+use super::goblin::{Shard, ShardRange, merge_shards};
 use super::{BuildOptions, Slab, Slabs, TreeWriter};
 use crate::tree::{Child, Children, Source};
 use spinney_base::io::Output;
-use spinney_base::space::{Code, CodeRun, Dimension};
+use spinney_base::space::{Code, CodeRange, Dimension};
 use spinney_base::value::{DataKind, Mask, Number, Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Result, TreeType};
 use spinney_container::{Codec, LevelCounts, Metadata, ShardSummary, SummaryWriter};
@@ -181,8 +181,8 @@ impl Source for Sparse<'_> {
 
 impl ReusableSource for Sparse<'_> {}
 
-/// Divides layers into shards, which are cut at random nodes of `crown_level`.
-fn cut(folder: &Path, layers: &[Layer], count: u64, seed: u64) -> Vec<Shard> {
+/// Divides layers into shards, which are cut at random nodes of `shard_level`.
+fn cut(directory: &Path, layers: &[Layer], count: u64, seed: u64) -> Vec<Shard> {
     // Node counts of all layers; nodes are numbered consecutively across layers.
     let nodes: Vec<u64> = layers
         .iter()
@@ -190,7 +190,7 @@ fn cut(folder: &Path, layers: &[Layer], count: u64, seed: u64) -> Vec<Shard> {
             layer
                 .form
                 .dimension
-                .cells(layer.options("").header(layer.form, layer.extent).unwrap().shape.crown_level())
+                .cells(layer.options("").header(layer.form, layer.extent).unwrap().shape.shard_level())
         })
         .collect();
     let all: u64 = nodes.iter().sum();
@@ -198,23 +198,23 @@ fn cut(folder: &Path, layers: &[Layer], count: u64, seed: u64) -> Vec<Shard> {
     cuts.extend([0, all]);
     cuts.sort_unstable();
     let shard = |(number, ends): (usize, &[u64])| {
-        let (mut pieces, mut before) = (Vec::new(), 0);
+        let (mut ranges, mut before) = (Vec::new(), 0);
         for ((number, layer), count) in (0..).zip(layers).zip(&nodes) {
             let first = ends[0].max(before) - before.min(ends[0].max(before));
             let end = ends[1].min(before + count).saturating_sub(before);
             if first < end {
                 let header = layer.options("").header(layer.form, layer.extent).unwrap();
                 let node =
-                    |path| Code::from_path(layer.form.dimension, header.shape.crown_level(), path).unwrap();
-                pieces.push(ShardPiece {
+                    |path| Code::from_path(layer.form.dimension, header.shape.shard_level(), path).unwrap();
+                ranges.push(ShardRange {
                     layer: number,
-                    run: CodeRun::of(node(first), node(end - 1)).unwrap(),
+                    run: CodeRange::of(node(first), node(end - 1)).unwrap(),
                 });
             }
             before += count;
         }
         let (job, access) = (u128::from(seed) << 64 | 5, Default::default());
-        Shard { folder: folder.into(), job, number: number as u32, pieces, access }
+        Shard { directory: directory.into(), job, number: number as u32, ranges, access }
     };
     cuts.windows(2).enumerate().map(shard).collect()
 }
@@ -229,17 +229,17 @@ fn write(mut file: TreeWriter, layers: &[Layer]) -> Result<()> {
 
 /// Builds layers in a single process and with each number of shards: the bytes must be the same.
 fn compare(layers: &[Layer], counts: &[u64]) {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
     let space = (layers[0].form.dimension, layers.iter().map(|layer| layer.depth).max().unwrap());
-    let output = |name: &str| Output::create(&folder.join(name)).unwrap();
+    let output = |name: &str| Output::create(&directory.join(name)).unwrap();
     let many = layers.len() as u32;
     write(TreeWriter::create(output("whole.goblin"), space, many).unwrap(), layers).unwrap();
-    let whole = fs::read(folder.join("whole.goblin")).unwrap();
-    let head = folder.join("head.goblin");
+    let whole = fs::read(directory.join("whole.goblin")).unwrap();
+    let head = directory.join("head.goblin");
     write(TreeWriter::head(output("head.goblin"), space, many).unwrap(), layers).unwrap();
     for count in counts {
-        let shards = folder.join(format!("{count}"));
+        let shards = directory.join(format!("{count}"));
         fs::create_dir(&shards).unwrap();
         let shards = cut(&shards, layers, *count, count + 17);
         assert!(shards.iter().all(|shard| ShardSummary::<LevelCounts>::find(shard).unwrap().is_none()));
@@ -247,7 +247,7 @@ fn compare(layers: &[Layer], counts: &[u64]) {
             write(TreeWriter::shard(&head, shard.clone()).unwrap(), layers).unwrap();
         }
         merge_shards(&head, &shards, output("merged.goblin").into(), 1 << 20, &()).unwrap();
-        assert!(fs::read(folder.join("merged.goblin")).unwrap() == whole, "{count} shards");
+        assert!(fs::read(directory.join("merged.goblin")).unwrap() == whole, "{count} shards");
     }
 }
 
@@ -339,18 +339,18 @@ fn shards_of_sources_and_of_layers_of_several_depths() {
 }
 
 /// A job of two small shards.
-fn small_job(folder: &Path) -> (std::path::PathBuf, Vec<Shard>) {
+fn small_job(directory: &Path) -> (std::path::PathBuf, Vec<Shard>) {
     let mut layer = layer(Dimension::Quad, 10, [1024, 1024, 1]);
     (layer.from_source, layer.kind, layer.rule) = (true, DataKind::Categorical, Rule::Majority);
     let layers = [layer];
-    let head = folder.join("head.goblin");
+    let head = directory.join("head.goblin");
     write(TreeWriter::head(Output::create(&head).unwrap(), (Dimension::Quad, 10), 1).unwrap(), &layers)
         .unwrap();
     let node = |path| Code::from_path(Dimension::Quad, 2, path).unwrap();
     let shard = |(number, first, last)| {
-        let run = CodeRun::of(node(first), node(last)).unwrap();
-        let (pieces, access) = (vec![ShardPiece { layer: 0, run }], Default::default());
-        Shard { folder: folder.into(), job: 77, number, pieces, access }
+        let run = CodeRange::of(node(first), node(last)).unwrap();
+        let (ranges, access) = (vec![ShardRange { layer: 0, run }], Default::default());
+        Shard { directory: directory.into(), job: 77, number, ranges, access }
     };
     let shards: Vec<Shard> = [(0, 0, 5), (1, 6, 15)].map(shard).into();
     for shard in &shards {
@@ -365,9 +365,9 @@ fn merge(head: &Path, shards: &[Shard]) -> Result<()> {
 }
 
 #[test]
-fn damage_to_what_shards_leave_is_found() {
-    let folder = tempfile::tempdir().unwrap();
-    let (head, shards) = small_job(folder.path());
+fn corrupt_shard_files_are_detected() {
+    let directory = tempfile::tempdir().unwrap();
+    let (head, shards) = small_job(directory.path());
     merge(&head, &shards).unwrap();
     let files =
         [shards[0].summary_path(), shards[1].summary_path(), shards[0].run_path(0), shards[1].run_path(0)];
@@ -377,7 +377,7 @@ fn damage_to_what_shards_leave_is_found() {
             let mut bad = good.clone();
             bad[at] ^= 1 << (at % 8);
             fs::write(path, &bad).unwrap();
-            let error = merge(&head, &shards).expect_err("a byte is wrong").to_string();
+            let error = merge(&head, &shards).expect_err("a bit was flipped").to_string();
             assert!(!error.is_empty(), "byte {at}");
         }
         for length in (0..good.len()).step_by(1 + good.len() / 200) {
@@ -391,12 +391,12 @@ fn damage_to_what_shards_leave_is_found() {
 }
 
 /// Returns the bytes of a summary's only layer.
-fn piece_bytes(shard: &Shard) -> Vec<u8> {
+fn layer_bytes(shard: &Shard) -> Vec<u8> {
     let summary = ShardSummary::<LevelCounts>::find(shard).unwrap().unwrap();
-    let mut piece = summary.bytes_of(&summary.pieces[0]).unwrap();
+    let mut stream = summary.bytes_of(&summary.ranges[0]).unwrap();
     let mut bytes = Vec::new();
-    while !piece.is_over() {
-        bytes.extend(piece.take(1).unwrap());
+    while !stream.is_over() {
+        bytes.extend(stream.take(1).unwrap());
     }
     bytes
 }
@@ -404,24 +404,24 @@ fn piece_bytes(shard: &Shard) -> Vec<u8> {
 /// Writes a summary with other bytes and correct checksums.
 fn forge(shard: &Shard, bytes: &[u8], run_bytes: u64, totals: LevelCounts) {
     let mut writer = SummaryWriter::new(shard).unwrap();
-    writer.begin(shard.pieces[0]);
+    writer.begin(shard.ranges[0]);
     writer.write(bytes).unwrap();
     writer.end(run_bytes, totals).unwrap();
     writer.finish().unwrap();
 }
 
 #[test]
-fn harm_under_right_checksums_does_no_harm() {
-    let folder = tempfile::tempdir().unwrap();
-    let (head, shards) = small_job(folder.path());
+fn corrupt_summaries_with_valid_checksums_are_handled() {
+    let directory = tempfile::tempdir().unwrap();
+    let (head, shards) = small_job(directory.path());
     let mut errors = 0;
     for shard in &shards {
         let path = shard.summary_path();
-        let (file, good) = (fs::read(&path).unwrap(), piece_bytes(shard));
+        let (file, good) = (fs::read(&path).unwrap(), layer_bytes(shard));
         let summary = ShardSummary::<LevelCounts>::find(shard).unwrap().unwrap();
-        let (run_bytes, totals) = (summary.pieces[0].run_bytes, summary.pieces[0].totals.clone());
+        let (run_bytes, totals) = (summary.ranges[0].run_bytes, summary.ranges[0].totals.clone());
         forge(shard, &good, run_bytes, totals.clone());
-        assert!(fs::read(&path).unwrap() == file, "a summary is written as it was");
+        assert!(fs::read(&path).unwrap() == file, "a summary is rewritten unchanged");
         for at in (0..good.len()).step_by(1 + good.len() / 1200) {
             for byte in [0, 1, 0x7f, 0xff, good[at] ^ 1, good[at].wrapping_add(1)] {
                 let mut bad = good.clone();
@@ -447,13 +447,13 @@ fn harm_under_right_checksums_does_no_harm() {
 
 #[test]
 fn shards_that_do_not_fit_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let (head, shards) = small_job(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let (head, shards) = small_job(directory.path());
     let refused = |shards: &[Shard], word: &str| {
         let error = merge(&head, shards).unwrap_err().to_string();
         assert!(error.contains(word), "{error}");
     };
-    refused(&shards[..1], "the whole space");
+    refused(&shards[..1], "up to the last code");
     refused(&shards[1..], "begins at");
     let other = Shard { job: 9, ..shards[0].clone() };
     refused(&[other, shards[1].clone()], "another job");

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::goblin::Shard;
 use super::tree_writer::TreeWriter;
 use spinney_base::Result;
-use spinney_base::io::{FileAccess, Output, folder};
+use spinney_base::io::{FileAccess, Output, directory_of};
 use spinney_base::space::Dimension;
 
 /// The file that trees are written to, or a shard of one.
@@ -13,24 +13,24 @@ use spinney_base::space::Dimension;
 /// ```
 /// use spinney::{FileView, Output, WriteOptions};
 /// use spinney::raw::ops::transform_to;
-/// use spinney::raw::store::goblin::{Shard, ShardPiece};
+/// use spinney::raw::store::goblin::{Shard, ShardRange};
 /// use spinney::raw::store::TreeTarget;
-/// use spinney::raw::space::CodeRun;
+/// use spinney::raw::space::CodeRange;
 ///
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// # let folder = tempfile::tempdir().unwrap();
+/// # let directory = tempfile::tempdir().unwrap();
 /// let (map, how) = (FileView::of("fixtures/v1/classes.goblin".as_ref()), WriteOptions::new(64 << 20));
-/// let head = folder.path().join("head.goblin");
+/// let head = directory.path().join("head.goblin");
 /// transform_to(&map, TreeTarget::Head(Output::create(&head)?), how, &())?;
 /// let shard = Shard {
-///     folder: folder.path().into(),
+///     directory: directory.path().into(),
 ///     job: 1,
 ///     number: 0,
-///     pieces: vec![ShardPiece { layer: 0, run: CodeRun::ALL }],
+///     ranges: vec![ShardRange { layer: 0, run: CodeRange::ALL }],
 ///     access: Default::default(),
 /// };
 /// transform_to(&map, TreeTarget::Shard { head, shard, check: Box::new(|| Ok(())) }, how, &())?;
-/// assert!(folder.path().join("0000.summary").exists());
+/// assert!(directory.path().join("0000.summary").exists());
 /// # Ok::<(), spinney::Error>(())
 /// ```
 pub enum TreeTarget {
@@ -94,7 +94,7 @@ impl TreeTarget {
     pub fn temporary(&self) -> PathBuf {
         match self {
             TreeTarget::File(output) | TreeTarget::Head(output) if output.is_file() => {
-                folder(output.path()).to_path_buf()
+                directory_of(output.path()).to_path_buf()
             }
             TreeTarget::File(_) | TreeTarget::Head(_) => std::env::temp_dir(),
             TreeTarget::Shard { shard, .. } => shard.temporary().to_path_buf(),

@@ -5,14 +5,16 @@ use std::mem;
 use std::path::Path;
 
 use super::autumnal::NewFile;
-use super::builder::{BuildOptions, Builder, Fill, Part, ReusableSource, Slab, Slabs, TreeSink, walk};
+use super::builder::{
+    BuildOptions, Builder, EncodedSubtree, Fill, ReusableSource, Slab, Slabs, TreeSink, walk,
+};
 use super::goblin::{FileWriter, Goblin, Shard, ShardWriter};
 use super::tree_target::ShardCheck;
 use crate::tree::MemTree;
 use spinney_base::TreeType;
 use spinney_base::io::Output;
 use spinney_base::parallel;
-use spinney_base::space::{Bounds, Code, CodeRun, Dimension};
+use spinney_base::space::{Bounds, Code, CodeRange, Dimension};
 use spinney_base::value::{Value, ZoneStats};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Content, FileHeader, LevelCounts, Metadata, Shape, TreeFormat, check_tree_name};
@@ -43,8 +45,8 @@ use spinney_container::{Content, FileHeader, LevelCounts, Metadata, Shape, TreeF
 /// }
 ///
 /// # fn main() -> spinney::Result<()> {
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("bands.goblin");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("bands.goblin");
 /// let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
 /// let mut file = TreeWriter::create(Output::create(&path)?, (Dimension::Quad, 2), 2)?;
 /// for (name, grey) in [("dark", 10), ("light", 200)] {
@@ -108,7 +110,7 @@ impl TreeWriter {
     pub fn head(output: Output, (dimension, depth): (Dimension, u8), layers: u32) -> Result<TreeWriter> {
         if TreeFormat::of(output.path()) == TreeFormat::Autumnal {
             let advice = "give it a name that ends with .goblin";
-            return Err(Error::unsupported(output.path(), "an Autumnal file in parts", advice));
+            return Err(Error::unsupported(output.path(), "a sharded build of an Autumnal file", advice));
         }
         let mut head = TreeWriter::create(output, (dimension, depth), layers)?;
         head.file = match head.file {
@@ -124,31 +126,31 @@ impl TreeWriter {
     ///
     /// ```
     /// use spinney::{BuildOptions, DataKind, Dimension, Output, Rule, SampleType, TreeType, ValueType};
-    /// use spinney::raw::space::CodeRun;
-    /// use spinney::raw::store::goblin::{Shard, ShardPiece, merge_shards};
+    /// use spinney::raw::space::CodeRange;
+    /// use spinney::raw::store::goblin::{Shard, ShardRange, merge_shards};
     /// use spinney::raw::store::TreeWriter;
     /// use spinney::tree::MemTree;
     ///
     /// # fn main() -> spinney::Result<()> {
-    /// # let folder = tempfile::tempdir().unwrap();
-    /// # let folder = folder.path();
+    /// # let directory = tempfile::tempdir().unwrap();
+    /// # let directory = directory.path();
     /// let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
     /// let tree = MemTree::from_cells(form, 1, Rule::Mean, &|cell| Some([cell[0] as u8].into()));
     /// let write = |mut file: TreeWriter| {
     ///     file.tree(&tree, [2, 2, 1], &BuildOptions::new(DataKind::Continuous, 1), &())?;
     ///     file.finish()
     /// };
-    /// write(TreeWriter::create(Output::create(&folder.join("whole.goblin"))?, (Dimension::Quad, 1), 1)?)?;
+    /// write(TreeWriter::create(Output::create(&directory.join("whole.goblin"))?, (Dimension::Quad, 1), 1)?)?;
     ///
-    /// let head = folder.join("head.goblin");
+    /// let head = directory.join("head.goblin");
     /// write(TreeWriter::head(Output::create(&head)?, (Dimension::Quad, 1), 1)?)?;
     /// // A tree as small as this can only be cut at its root.
-    /// let pieces = vec![ShardPiece { layer: 0, run: CodeRun::ALL }];
-    /// let shard = Shard { folder: folder.into(), job: 1, number: 0, pieces, access: Default::default() };
+    /// let ranges = vec![ShardRange { layer: 0, run: CodeRange::ALL }];
+    /// let shard = Shard { directory: directory.into(), job: 1, number: 0, ranges, access: Default::default() };
     /// write(TreeWriter::shard(&head, shard.clone())?)?;
-    /// let merged = folder.join("merged.goblin");
+    /// let merged = directory.join("merged.goblin");
     /// merge_shards(&head, &[shard], Output::create(&merged)?.into(), 1 << 20, &())?;
-    /// assert_eq!(std::fs::read(merged).unwrap(), std::fs::read(folder.join("whole.goblin")).unwrap());
+    /// assert_eq!(std::fs::read(merged).unwrap(), std::fs::read(directory.join("whole.goblin")).unwrap());
     /// # Ok(())
     /// # }
     /// ```
@@ -171,9 +173,9 @@ impl TreeWriter {
     /// Returns the run of nodes whose cells the next layer requests: all of the space, unless this
     /// is a shard; `None` if only header and metadata are written. A slab may have other cells,
     /// too, which are ignored.
-    pub fn run(&self) -> Option<CodeRun> {
+    pub fn run(&self) -> Option<CodeRange> {
         match &self.file {
-            File::Goblin(_) | File::Autumnal(_) => Some(CodeRun::ALL),
+            File::Goblin(_) | File::Autumnal(_) => Some(CodeRange::ALL),
             File::Head(_) => None,
             File::Shard(shard) => shard.run(),
         }
@@ -190,9 +192,14 @@ impl TreeWriter {
     ///
     /// # Errors
     /// Those of [`TreeWriter::slabs`]; also if cells of the layer are requested.
-    pub fn tell(&mut self, form: TreeType, extent: [u64; 3], options: &BuildOptions) -> Result<()> {
+    pub fn write_layer_header(
+        &mut self,
+        form: TreeType,
+        extent: [u64; 3],
+        options: &BuildOptions,
+    ) -> Result<()> {
         if self.run().is_some() {
-            return Err(Error::invalid("layer", "no cells", "all that are asked for"));
+            return Err(Error::invalid("layer", "no cells", "all cells that are requested"));
         }
         self.layer(form, options, (&extent, extent, true), &mut |_, _| Ok(()), &mut |_| {}).map(|_| ())
     }
@@ -202,13 +209,16 @@ impl TreeWriter {
         let wrong = |found: String, expected: String| Err(Error::invalid("layer", found, expected));
         if form.dimension != self.dimension || depth > self.depth {
             let found = format!("a {} of depth {depth}", form.dimension.tree_name());
-            return wrong(found, format!("a {} of depth {} at most", self.dimension.tree_name(), self.depth));
+            return wrong(found, format!("a {} of at most depth {}", self.dimension.tree_name(), self.depth));
         }
         if self.layers > 1 && (name.is_empty() || self.names.contains(name)) {
-            return wrong(format!("the name `{name}`"), "one that no other layer has".into());
+            return wrong(format!("the name `{name}`"), "a name that no other layer has".into());
         }
         if self.names.len() >= self.layers as usize {
-            return wrong(format!("layer {}", self.names.len() + 1), format!("{}", self.layers));
+            return wrong(
+                format!("layer {}", self.names.len() + 1),
+                format!("at most {} layers", self.layers),
+            );
         }
         self.names.insert(name.into());
         Ok(())
@@ -229,7 +239,7 @@ impl TreeWriter {
         self.check(form, header.depth(), &options.metadata.name)?;
         let mut complete = |metadata: &mut Metadata| {
             complete(metadata);
-            options.packing.tell(metadata);
+            options.packing.record_in(metadata);
         };
         match &mut self.file {
             File::Goblin(file) | File::Head(file) if options.share => Err(Error::unsupported(
@@ -241,8 +251,13 @@ impl TreeWriter {
             File::Autumnal(file) => file.layer(options, &header, covered, fill, &mut complete),
             File::Head(file) => {
                 let mut nothing = |sink: &mut dyn TreeSink, shape: Shape| {
-                    let root =
-                        Part::uniform(Code::root(form.dimension), shape.depth, form.value, None, false);
+                    let root = EncodedSubtree::uniform(
+                        Code::root(form.dimension),
+                        shape.depth,
+                        form.value,
+                        None,
+                        false,
+                    );
                     sink.push((root, None, LevelCounts::default()))
                 };
                 file.layer(options, &header, ([u64::MAX; 3], true), &mut nothing, &mut complete)
@@ -271,7 +286,7 @@ impl TreeWriter {
     ) -> Result<()> {
         let extent = slabs.extent();
         let (run, in_order) = (self.run(), slabs.are_in_order());
-        let all = Bounds::picture(extent);
+        let all = Bounds::of_extent(extent);
         let total = run.map_or(0, |run| run.cells(form.dimension, options.depth, &all));
         let mut fill = |sink: &mut dyn TreeSink, shape| {
             let Some(run) = run else { return Ok(()) };
@@ -371,7 +386,7 @@ impl TreeWriter {
             self.names.is_empty() && matches!(&self.file, File::Shard(shard) if shard.is_empty());
         if self.names.len() != self.layers as usize && !is_nothing {
             let found = format!("{} layers", self.names.len());
-            return Err(Error::invalid("file", found, format!("{}, as was said", self.layers)));
+            return Err(Error::invalid("file", found, format!("{} layers, as announced", self.layers)));
         }
         self.check.map_or(Ok(()), |check| check())?;
         match self.file {

@@ -95,8 +95,8 @@ pub fn build<S: ReusableSource>(
 /// }
 ///
 /// # fn main() -> spinney::Result<()> {
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("triangle.goblin");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("triangle.goblin");
 /// let options = BuildOptions::new(DataKind::Continuous, 10);
 /// let tally = build_source(&Triangle, [1024, 1024, 1], &options, Output::create(&path)?, &())?;
 /// assert_eq!(tally.cells, 1024 * 1023 / 2);
@@ -119,11 +119,11 @@ pub fn build_source(
 /// Checks that there is enough disk space for a tree of `records` INNER nodes, by an estimate.
 ///
 /// # Errors
-/// If there is not enough: see [`Output::check_room`].
-pub fn check_room(output: &Output, form: TreeType, share: bool, records: u64) -> Result<()> {
+/// If there is not enough: see [`Output::check_space`].
+pub fn check_space(output: &Output, form: TreeType, share: bool, records: u64) -> Result<()> {
     // If equal subtrees are stored once, the size cannot be estimated.
     let least = if share { 0 } else { RecordLayout::new(form).least_node() };
-    output.check_room(records.saturating_mul(least))
+    output.check_space(records.saturating_mul(least))
 }
 
 /// A source of a library user, as a trait object, so that users do not compile the builder.

@@ -163,7 +163,7 @@ pub fn from_packed(form: TreeType, packed: &Packed, depth: u8, rule: Rule) -> Re
     let bad = |found: String, expected: &str| Error::invalid("packed DF-expression", found, expected);
     if packed.bits.len() != packed.symbols.div_ceil(4) {
         let found = format!("{} bytes for {} symbols", packed.bits.len(), packed.symbols);
-        return Err(bad(found, "one byte per four symbols"));
+        return Err(bad(found, "one byte per 4 symbols"));
     }
     let mut values = packed.values.iter();
     let symbols: Result<Vec<_>> = (0..packed.symbols)
@@ -172,14 +172,14 @@ pub fn from_packed(form: TreeType, packed: &Packed, depth: u8, rule: Rule) -> Re
             LEAF => values
                 .next()
                 .map(|value| Symbol::Leaf(*value))
-                .ok_or_else(|| bad(format!("{} values", packed.values.len()), "a value for every leaf")),
+                .ok_or_else(|| bad(format!("{} values", packed.values.len()), "one value per leaf")),
             INNER => Ok(Symbol::Inner),
-            _ => Err(bad(format!("symbol 3 at {i}"), "0, 1 or 2")),
+            _ => Err(bad(format!("symbol 3 at index {i}"), "0, 1 or 2")),
         })
         .collect();
     let symbols = symbols?;
     if values.next().is_some() {
-        return Err(bad(format!("{} values", packed.values.len()), "no more values than leaves"));
+        return Err(bad(format!("{} values", packed.values.len()), "one value per leaf"));
     }
     assemble(form, &symbols, depth, rule)
 }
@@ -212,7 +212,7 @@ fn assemble(form: TreeType, symbols: &[Symbol], depth: u8, rule: Rule) -> Result
     let mut next = 0;
     expression.root = read(&mut expression, symbols, &mut next, 0)?;
     if next < symbols.len() {
-        let found = format!("{} more symbols after the tree's end", symbols.len() - next);
+        let found = format!("{} symbols after the end of the tree", symbols.len() - next);
         return Err(Error::invalid("DF-expression", found, "one tree"));
     }
     MemTree::from_source(&expression, rule)
@@ -221,7 +221,7 @@ fn assemble(form: TreeType, symbols: &[Symbol], depth: u8, rule: Rule) -> Result
 /// Parses the expression of one node, which starts at symbol `next`.
 fn read(tree: &mut MemTree, symbols: &[Symbol], next: &mut usize, level: u8) -> Result<Child<usize>> {
     let symbol = symbols.get(*next).ok_or_else(|| {
-        let found = format!("its end after {} symbols", symbols.len());
+        let found = format!("its end after symbol {}", symbols.len());
         Error::invalid("DF-expression", found, "children for every inner node")
     })?;
     *next += 1;

@@ -49,7 +49,7 @@ pub(crate) fn encode_features(features: &[LineFeature], attributes: usize) -> Ve
     // A line often begins near the end of the previous one. The first vertex of each line has a
     // context of its own.
     let contexts: Vec<u8> =
-        all().flat_map(|line| (0..line.len()).map(|place| u8::from(place == 0))).collect();
+        all().flat_map(|line| (0..line.len()).map(|vertex| u8::from(vertex == 0))).collect();
     for axis in 0..2 {
         let mut before = 0;
         let steps = all().flatten().map(|vertex| {
@@ -70,9 +70,10 @@ pub(crate) fn encode_features(features: &[LineFeature], attributes: usize) -> Ve
 }
 
 fn write_values(values: &[&LineValue], bytes: &mut Vec<u8>) {
-    let (mut marks, mut integers, mut numbers, mut texts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut marks, mut integers, mut numbers, mut string_indices) =
+        (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let mut known: HashMap<&str, i64> = HashMap::new();
-    let mut words: Vec<&str> = Vec::new();
+    let mut strings: Vec<&str> = Vec::new();
     for value in values {
         marks.push(match value {
             LineValue::None => NONE,
@@ -93,10 +94,10 @@ fn write_values(values: &[&LineValue], bytes: &mut Vec<u8>) {
             }
             LineValue::Text(text) | LineValue::Json(text) => {
                 let number = *known.entry(text).or_insert_with(|| {
-                    words.push(text);
-                    words.len() as i64 - 1
+                    strings.push(text);
+                    strings.len() as i64 - 1
                 });
-                texts.push(number);
+                string_indices.push(number);
                 if matches!(value, LineValue::Text(_)) { TEXT } else { JSON }
             }
         });
@@ -104,14 +105,14 @@ fn write_values(values: &[&LineValue], bytes: &mut Vec<u8>) {
     write(&marks, &[], bytes);
     write_near(&integers, bytes);
     write_near(&numbers, bytes);
-    if texts.is_empty() {
+    if string_indices.is_empty() {
         return;
     }
-    write(&[words.len() as i64], &[], bytes);
-    write(&texts, &[], bytes);
-    let lengths: Vec<i64> = words.iter().map(|word| word.len() as i64).collect();
+    write(&[strings.len() as i64], &[], bytes);
+    write(&string_indices, &[], bytes);
+    let lengths: Vec<i64> = strings.iter().map(|word| word.len() as i64).collect();
     write(&lengths, &[], bytes);
-    let letters: Vec<i64> = words.iter().flat_map(|word| word.bytes()).map(i64::from).collect();
+    let letters: Vec<i64> = strings.iter().flat_map(|word| word.bytes()).map(i64::from).collect();
     write(&letters, &[], bytes);
 }
 
@@ -144,12 +145,12 @@ pub(crate) fn decode_features(bytes: &[u8], count: usize, attributes: usize) -> 
         for vertices in &vertices[line..line + *lines as usize] {
             let mut own = Vec::with_capacity(*vertices as usize);
             for _ in 0..*vertices {
-                let mut place = [0; 2];
+                let mut position = [0; 2];
                 for axis in 0..2 {
                     here[axis] = here[axis].checked_add(steps[axis][vertex])?;
-                    place[axis] = i32::try_from(here[axis]).ok()?;
+                    position[axis] = i32::try_from(here[axis]).ok()?;
                 }
-                own.push(place);
+                own.push(position);
                 vertex += 1;
             }
             feature.lines.push(own);
@@ -169,12 +170,13 @@ fn read_values(reader: &mut Reader<'_>, count: usize) -> Option<Vec<LineValue>> 
     let with = |wanted: &[i64]| marks.iter().filter(|mark| wanted.contains(*mark)).count();
     let mut integers = reader.numbers(with(&[INTEGER]), &[])?.into_iter();
     let mut numbers = reader.numbers(with(&[NUMBER]), &[])?.into_iter();
-    let mut words: Vec<String> = Vec::new();
-    let mut texts = Vec::new().into_iter();
-    let with_texts = with(&[TEXT, JSON]);
-    if with_texts > 0 {
-        let known = usize::try_from(reader.numbers(1, &[])?[0]).ok().filter(|known| *known <= with_texts)?;
-        texts = reader.numbers(with_texts, &[])?.into_iter();
+    let mut strings: Vec<String> = Vec::new();
+    let mut string_indices = Vec::new().into_iter();
+    let string_count = with(&[TEXT, JSON]);
+    if string_count > 0 {
+        let known =
+            usize::try_from(reader.numbers(1, &[])?[0]).ok().filter(|known| *known <= string_count)?;
+        string_indices = reader.numbers(string_count, &[])?.into_iter();
         let lengths = reader.numbers(known, &[])?;
         let mut all = 0usize;
         for length in &lengths {
@@ -184,12 +186,12 @@ fn read_values(reader: &mut Reader<'_>, count: usize) -> Option<Vec<LineValue>> 
         let letters = letters.into_iter().map(u8::try_from).collect::<Result<Vec<u8>, _>>().ok()?;
         let mut rest = &letters[..];
         for length in lengths {
-            let (word, behind) = rest.split_at_checked(length as usize)?;
-            words.push(String::from_utf8(word.to_vec()).ok()?);
-            rest = behind;
+            let (word, remaining) = rest.split_at_checked(length as usize)?;
+            strings.push(String::from_utf8(word.to_vec()).ok()?);
+            rest = remaining;
         }
     }
-    let mut word = || words.get(usize::try_from(texts.next()?).ok()?).cloned();
+    let mut word = || strings.get(usize::try_from(string_indices.next()?).ok()?).cloned();
     let value = |mark: i64| {
         Some(match mark {
             NONE => LineValue::None,

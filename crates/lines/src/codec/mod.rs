@@ -7,4 +7,4 @@ mod segments;
 pub(crate) use features::{
     MAX_FEATURES, MAX_TEXT, MAX_VERTICES, decode_features, encode_features, text_bytes, weight,
 };
-pub(crate) use segments::{MAX_SEGMENTS, Piece, decode_segments, encode_segments};
+pub(crate) use segments::{LineSegment, MAX_SEGMENTS, decode_segments, encode_segments};

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeSet, HashMap};
 
-use crate::codec::Piece;
+use crate::codec::LineSegment;
 
 /// Maximum number of features that are stored in a sorted list.
 const FEW: usize = 16;
@@ -17,9 +17,9 @@ pub(super) struct Best {
 
 enum Found {
     /// Sorted.
-    Few(Vec<(f64, Piece)>),
+    Few(Vec<(f64, LineSegment)>),
     Many {
-        pieces: HashMap<u64, (f64, Piece)>,
+        segments: HashMap<u64, (f64, LineSegment)>,
         /// Bits of the squared distances, which sort like the numbers, and features.
         order: BTreeSet<(u64, u64)>,
     },
@@ -30,7 +30,7 @@ impl Best {
     pub(super) fn new(most: usize, limit: f64) -> Best {
         let found = match most <= FEW {
             true => Found::Few(Vec::with_capacity(most)),
-            false => Found::Many { pieces: HashMap::new(), order: BTreeSet::new() },
+            false => Found::Many { segments: HashMap::new(), order: BTreeSet::new() },
         };
         Best { most, limit, found }
     }
@@ -43,61 +43,61 @@ impl Best {
 
     /// Adds a segment if it is among the nearest.
     #[inline]
-    pub(super) fn look(&mut self, square: f64, piece: &Piece) {
+    pub(super) fn offer(&mut self, square: f64, segment: &LineSegment) {
         if square <= self.limit {
-            self.add(square, piece);
+            self.add(square, segment);
         }
     }
 
     /// Adds those of equal segments, sorted by feature and vertex, that are among the nearest.
     #[inline]
-    pub(super) fn look_at_equal(&mut self, square: f64, equal: &[Piece]) {
+    pub(super) fn offer_equal(&mut self, square: f64, equal: &[LineSegment]) {
         let mut features = 0;
         let mut before = None;
-        for piece in equal {
+        for segment in equal {
             // Only the first segment of each of the first `most` features can enter the set.
-            features += usize::from(before != Some(piece.feature));
+            features += usize::from(before != Some(segment.feature));
             if features > self.most {
                 break;
             }
-            if before != Some(piece.feature) {
-                self.look(square, piece);
+            if before != Some(segment.feature) {
+                self.offer(square, segment);
             }
-            before = Some(piece.feature);
+            before = Some(segment.feature);
         }
     }
 
-    fn add(&mut self, square: f64, piece: &Piece) {
-        let is_better = |(before, old): (f64, Piece)| (square, piece.place) < (before, old.place);
+    fn add(&mut self, square: f64, segment: &LineSegment) {
+        let is_better = |(before, old): (f64, LineSegment)| (square, segment.vertex) < (before, old.vertex);
         let farthest = match &mut self.found {
             Found::Few(found) => {
-                if let Some(known) = found.iter().position(|(_, known)| known.feature == piece.feature) {
+                if let Some(known) = found.iter().position(|(_, known)| known.feature == segment.feature) {
                     if !is_better(found[known]) {
                         return;
                     }
                     found.remove(known);
                 }
-                let place =
-                    found.partition_point(|(other, known)| (*other, known.feature) < (square, piece.feature));
-                if place < self.most {
+                let index = found
+                    .partition_point(|(other, known)| (*other, known.feature) < (square, segment.feature));
+                if index < self.most {
                     found.truncate(self.most - 1);
-                    found.insert(place, (square, *piece));
+                    found.insert(index, (square, *segment));
                 }
                 found.get(self.most - 1).map(|(square, _)| *square)
             }
-            Found::Many { pieces, order } => {
-                if let Some(known) = pieces.get(&piece.feature).copied() {
+            Found::Many { segments, order } => {
+                if let Some(known) = segments.get(&segment.feature).copied() {
                     if !is_better(known) {
                         return;
                     }
-                    order.remove(&(known.0.to_bits(), piece.feature));
+                    order.remove(&(known.0.to_bits(), segment.feature));
                 }
-                pieces.insert(piece.feature, (square, *piece));
-                order.insert((square.to_bits(), piece.feature));
+                segments.insert(segment.feature, (square, *segment));
+                order.insert((square.to_bits(), segment.feature));
                 if order.len() > self.most
                     && let Some((_, feature)) = order.pop_last()
                 {
-                    pieces.remove(&feature);
+                    segments.remove(&feature);
                 }
                 order.last().filter(|_| order.len() == self.most).map(|(bits, _)| f64::from_bits(*bits))
             }
@@ -106,11 +106,11 @@ impl Best {
     }
 
     /// Segments in the set, nearest first.
-    pub(super) fn finish(self) -> Vec<(f64, Piece)> {
+    pub(super) fn finish(self) -> Vec<(f64, LineSegment)> {
         match self.found {
             Found::Few(found) => found,
-            Found::Many { pieces, order } => {
-                order.into_iter().filter_map(|(_, feature)| pieces.get(&feature).copied()).collect()
+            Found::Many { segments, order } => {
+                order.into_iter().filter_map(|(_, feature)| segments.get(&feature).copied()).collect()
             }
         }
     }

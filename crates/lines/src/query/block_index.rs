@@ -3,8 +3,10 @@
 use std::ops::Range;
 
 use super::best::Best;
-use crate::codec::Piece;
-use crate::geometry::{Place, bounds_of, boxes_meet, ends, fixed_box, square_distance, square_to_box};
+use crate::codec::LineSegment;
+use crate::geometry::{
+    FixedPosition, bounds_of, boxes_meet, ends, fixed_box, square_distance, square_to_box,
+};
 use crate::grid::LineGrid;
 use spinney_base::sort;
 
@@ -17,7 +19,7 @@ type Bounds = [[i32; 2]; 2];
 /// midpoints; each box bounds a few consecutive segments, or a few boxes of the level below. Equal
 /// segments are indexed once, so duplicates do not slow down queries.
 pub(super) struct BlockIndex {
-    pieces: Vec<Piece>,
+    segments: Vec<LineSegment>,
     /// Start of each run of equal segments, which are sorted by feature and vertex. The last
     /// element is the number of segments.
     runs: Vec<u32>,
@@ -28,8 +30,8 @@ pub(super) struct BlockIndex {
 }
 
 /// Hash of a segment's ends, so that sorting groups equal segments.
-fn mixed(piece: &Piece) -> u64 {
-    piece.ends.iter().flatten().fold(0, |mixed: u64, step| {
+fn mixed(segment: &LineSegment) -> u64 {
+    segment.ends.iter().flatten().fold(0, |mixed: u64, step| {
         (mixed.rotate_left(5) ^ u64::from(*step as u32)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
     })
 }
@@ -43,43 +45,45 @@ fn around(boxes: impl Iterator<Item = Bounds>) -> Bounds {
 
 impl BlockIndex {
     /// Builds the index of segments that are sorted by feature and vertex.
-    pub(super) fn new(grid: &LineGrid, mut pieces: Vec<Piece>) -> BlockIndex {
-        let middle = |piece: &Piece| {
-            let [a, b] = piece.ends;
+    pub(super) fn new(grid: &LineGrid, mut segments: Vec<LineSegment>) -> BlockIndex {
+        let middle = |segment: &LineSegment| {
+            let [a, b] = segment.ends;
             let middle = std::array::from_fn(|axis| ((i64::from(a[axis]) + i64::from(b[axis])) >> 1) as i32);
             grid.code([middle; 2]).map_or(0, |code| code.bits())
         };
-        sort::by_wide_key(&mut pieces, |piece| u128::from(middle(piece)) << 64 | u128::from(mixed(piece)));
+        sort::by_wide_key(&mut segments, |segment| {
+            u128::from(middle(segment)) << 64 | u128::from(mixed(segment))
+        });
         let mut runs = vec![0];
         runs.extend(
-            (1..pieces.len()).filter(|at| pieces[*at].ends != pieces[*at - 1].ends).map(|at| at as u32),
+            (1..segments.len()).filter(|at| segments[*at].ends != segments[*at - 1].ends).map(|at| at as u32),
         );
         let first = runs.chunks(TOGETHER).map(|own| {
-            let boxes = own.iter().filter_map(|first| pieces.get(*first as usize));
-            around(boxes.map(|piece| bounds_of(piece.ends)))
+            let boxes = own.iter().filter_map(|first| segments.get(*first as usize));
+            around(boxes.map(|segment| bounds_of(segment.ends)))
         });
         let mut levels: Vec<Vec<Bounds>> = vec![first.collect()];
         while let Some(last) = levels.last().filter(|last| last.len() > TOGETHER) {
             let next = last.chunks(TOGETHER).map(|own| around(own.iter().copied())).collect();
             levels.push(next);
         }
-        runs.push(pieces.len() as u32);
-        BlockIndex { pieces, runs, levels }
+        runs.push(segments.len() as u32);
+        BlockIndex { segments, runs, levels }
     }
 
     /// Approximate bytes of memory.
     pub(super) fn bytes(&self) -> u64 {
         let boxes: usize = self.levels.iter().map(Vec::len).sum();
-        (size_of_val(&self.pieces[..]) + size_of_val(&self.runs[..]) + boxes * size_of::<Bounds>()) as u64
+        (size_of_val(&self.segments[..]) + size_of_val(&self.runs[..]) + boxes * size_of::<Bounds>()) as u64
     }
 
     /// Offers segments to `best`, skipping boxes that are too distant.
-    pub(super) fn search(&self, from: Place, best: &mut Best) {
+    pub(super) fn search(&self, from: FixedPosition, best: &mut Best) {
         let top = self.levels.len() - 1;
         self.search_level(top, 0..self.levels[top].len(), from, best);
     }
 
-    fn search_level(&self, level: usize, range: Range<usize>, from: Place, best: &mut Best) {
+    fn search_level(&self, level: usize, range: Range<usize>, from: FixedPosition, best: &mut Best) {
         for index in range {
             if square_to_box(fixed_box(self.levels[level][index]), from) > best.limit() {
                 continue;
@@ -92,19 +96,19 @@ impl BlockIndex {
                 let run = self.run(run);
                 let Some(first) = run.first() else { continue };
                 if square_to_box(fixed_box(bounds_of(first.ends)), from) <= best.limit() {
-                    best.look_at_equal(square_distance(ends(first.ends), from), run);
+                    best.offer_equal(square_distance(ends(first.ends), from), run);
                 }
             }
         }
     }
 
     /// Segments of a run, which are equal.
-    fn run(&self, run: usize) -> &[Piece] {
-        &self.pieces[self.runs[run] as usize..self.runs[run + 1] as usize]
+    fn run(&self, run: usize) -> &[LineSegment] {
+        &self.segments[self.runs[run] as usize..self.runs[run + 1] as usize]
     }
 
     /// Calls `each` for the segments whose bounding boxes intersect a box.
-    pub(super) fn each_in(&self, wanted: [Place; 2], each: &mut dyn FnMut(&Piece)) {
+    pub(super) fn each_in(&self, wanted: [FixedPosition; 2], each: &mut dyn FnMut(&LineSegment)) {
         let top = self.levels.len() - 1;
         self.each_level(top, 0..self.levels[top].len(), wanted, each);
     }
@@ -113,8 +117,8 @@ impl BlockIndex {
         &self,
         level: usize,
         range: Range<usize>,
-        wanted: [Place; 2],
-        each: &mut dyn FnMut(&Piece),
+        wanted: [FixedPosition; 2],
+        each: &mut dyn FnMut(&LineSegment),
     ) {
         for index in range {
             if !boxes_meet(fixed_box(self.levels[level][index]), wanted) {

@@ -2,7 +2,7 @@
 
 use super::block_index::BlockIndex;
 use super::select::check_numbers;
-use crate::geometry::{FRACTION, Place, box_of, ends, fixed_box, meet, meeting, meets_box};
+use crate::geometry::{FRACTION, FixedPosition, box_of, ends, fixed_box, meet, meeting, meets_box};
 use crate::store::LineTree;
 use spinney_base::{Error, Progress, Result, parallel, sort};
 
@@ -16,17 +16,17 @@ pub struct LineCrossing {
     /// Index of the other line.
     pub line: usize,
     /// Index of the segment in the other line.
-    pub piece: usize,
+    pub segment: usize,
     /// Intersection point in the world; for collinear segments, one point of the overlap.
-    pub place: [f64; 2],
+    pub position: [f64; 2],
 }
 
 /// Segment of the tree, segment of other lines, and their intersection point.
-struct Meeting {
+struct SegmentCrossing {
     feature: u64,
     vertex: u32,
-    piece: u32,
-    place: [f64; 2],
+    segment: u32,
+    position: [f64; 2],
 }
 
 impl LineTree {
@@ -40,48 +40,56 @@ impl LineTree {
     /// cannot be read.
     pub fn crossings(&self, lines: &[Vec<[f64; 2]>], progress: &dyn Progress) -> Result<Vec<LineCrossing>> {
         let grid = self.grid();
-        let mut pieces: Vec<[Place; 2]> = Vec::new();
+        let mut segments: Vec<[FixedPosition; 2]> = Vec::new();
         // Index of each line's first segment.
         let mut firsts: Vec<u32> = Vec::with_capacity(lines.len());
         for line in lines {
             check_numbers("line", line)?;
-            firsts.push(pieces.len() as u32);
-            pieces.extend(line.windows(2).map(|pair| [grid.fixed(pair[0]), grid.fixed(pair[1])]));
+            firsts.push(segments.len() as u32);
+            segments.extend(line.windows(2).map(|pair| [grid.fixed(pair[0]), grid.fixed(pair[1])]));
         }
-        if pieces.len() > u32::MAX as usize {
-            let expected = "fewer than 2^32: ask for some at a time";
-            return Err(Error::invalid("lines", format!("{} pieces", pieces.len()), expected));
+        if segments.len() > u32::MAX as usize {
+            let expected = "fewer than 2^32: query some of the lines at a time";
+            return Err(Error::invalid("lines", format!("{} segments", segments.len()), expected));
         }
-        let chosen = self.blocks_near(&pieces, progress)?;
+        let chosen = self.blocks_near(&segments, progress)?;
         let mut found = Vec::new();
         for batch in chosen.chunks(4 * parallel::threads()) {
             progress.check()?;
-            for met in parallel::map(batch, |(block, wanted)| self.meetings(*block, wanted, &pieces)) {
+            for met in parallel::map(batch, |(block, wanted)| self.meetings(*block, wanted, &segments)) {
                 found.extend(met?);
             }
             progress.advance(batch.len() as u64, chosen.len() as u64);
         }
         sort::by_wide_key(&mut found, |met| {
-            u128::from(met.piece) << 96 | u128::from(met.feature) << 32 | u128::from(met.vertex)
+            u128::from(met.segment) << 96 | u128::from(met.feature) << 32 | u128::from(met.vertex)
         });
-        let crossing = |met: Meeting| {
-            let line = firsts.partition_point(|first| *first <= met.piece) - 1;
-            let Meeting { feature, vertex, place, .. } = met;
-            LineCrossing { feature, vertex, line, piece: (met.piece - firsts[line]) as usize, place }
+        let crossing = |met: SegmentCrossing| {
+            let line = firsts.partition_point(|first| *first <= met.segment) - 1;
+            let SegmentCrossing { feature, vertex, position, .. } = met;
+            LineCrossing { feature, vertex, line, segment: (met.segment - firsts[line]) as usize, position }
         };
         Ok(found.into_iter().map(crossing).collect())
     }
 
     /// Blocks whose bounds intersect segments, each with the indices of these segments.
-    fn blocks_near(&self, pieces: &[[Place; 2]], progress: &dyn Progress) -> Result<Vec<(usize, Vec<u32>)>> {
+    fn blocks_near(
+        &self,
+        segments: &[[FixedPosition; 2]],
+        progress: &dyn Progress,
+    ) -> Result<Vec<(usize, Vec<u32>)>> {
         let mut chosen = Vec::new();
-        let all: Vec<u32> = (0..pieces.len() as u32).collect();
+        let all: Vec<u32> = (0..segments.len() as u32).collect();
         let mut open: Vec<_> = self.root()?.map(|root| (root, all)).into_iter().collect();
         while let Some((node, wanted)) = open.pop() {
             progress.check()?;
             let within = |bounds| -> Vec<u32> {
                 let bounds = fixed_box(bounds);
-                wanted.iter().copied().filter(|piece| meets_box(pieces[*piece as usize], bounds)).collect()
+                wanted
+                    .iter()
+                    .copied()
+                    .filter(|segment| meets_box(segments[*segment as usize], bounds))
+                    .collect()
             };
             for block in self.blocks_of(node.code) {
                 let own = within(self.block_entry(block).bounds);
@@ -100,21 +108,26 @@ impl LineTree {
     }
 
     /// Intersections of a block's segments with the segments in `wanted`.
-    fn meetings(&self, block: usize, wanted: &[u32], pieces: &[[Place; 2]]) -> Result<Vec<Meeting>> {
+    fn meetings(
+        &self,
+        block: usize,
+        wanted: &[u32],
+        segments: &[[FixedPosition; 2]],
+    ) -> Result<Vec<SegmentCrossing>> {
         let index = BlockIndex::new(self.grid(), self.block(block)?);
         let mut found = Vec::new();
         for number in wanted {
-            let line = pieces[*number as usize];
-            index.each_in(box_of(line), &mut |piece| {
-                let own = ends(piece.ends);
+            let line = segments[*number as usize];
+            index.each_in(box_of(line), &mut |segment| {
+                let own = ends(segment.ends);
                 if meet(own, line) {
                     let at = meeting(line, own);
-                    let place = self.grid().world(at.map(|number| number / FRACTION as f64));
-                    found.push(Meeting {
-                        feature: piece.feature,
-                        vertex: piece.place,
-                        piece: *number,
-                        place,
+                    let position = self.grid().world(at.map(|number| number / FRACTION as f64));
+                    found.push(SegmentCrossing {
+                        feature: segment.feature,
+                        vertex: segment.vertex,
+                        segment: *number,
+                        position,
                     });
                 }
             });

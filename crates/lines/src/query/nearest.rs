@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::best::Best;
 use super::block_index::BlockIndex;
-use crate::codec::Piece;
-use crate::geometry::{FRACTION, Place, ends, fixed_box, square_distance, square_to_box};
+use crate::codec::LineSegment;
+use crate::geometry::{FRACTION, FixedPosition, ends, fixed_box, square_distance, square_to_box};
 use crate::store::LineTree;
 use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result, parallel, sort};
@@ -21,7 +21,7 @@ pub struct NearLine {
     /// Distance in the world.
     pub distance: f64,
     /// Nearest point on the line.
-    pub place: [f64; 2],
+    pub position: [f64; 2],
 }
 
 /// Node in memory, for searches.
@@ -36,7 +36,7 @@ struct NearNode {
 
 /// Cache of block indexes for further queries.
 #[derive(Default)]
-struct Kept {
+struct BlockIndexCache {
     blocks: HashMap<u32, Arc<BlockIndex>>,
     bytes: u64,
 }
@@ -46,8 +46,8 @@ pub struct NearestLines<'t> {
     tree: &'t LineTree,
     nodes: Vec<NearNode>,
     block_corners: Vec<[[i32; 2]; 2]>,
-    most_bytes: u64,
-    kept: Mutex<Kept>,
+    max_bytes: u64,
+    cache: Mutex<BlockIndexCache>,
 }
 
 /// Query points per task; a task processes its points sequentially.
@@ -64,12 +64,12 @@ impl LineTree {
     /// Those of [`NearestLines::new`] and [`NearestLines::find`].
     pub fn nearest(
         &self,
-        places: &[[f64; 2]],
+        positions: &[[f64; 2]],
         most: usize,
         within: f64,
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearLine>>> {
-        NearestLines::new(self, MEMORY)?.find(places, most, within, progress)
+        NearestLines::new(self, MEMORY)?.find(positions, most, within, progress)
     }
 }
 
@@ -93,8 +93,8 @@ impl<'t> NearestLines<'t> {
             open.push((node.code, index));
         }
         let block_corners = (0..blocks).map(|block| tree.block_entry(block).bounds).collect();
-        let kept = Mutex::default();
-        Ok(NearestLines { tree, nodes: near, block_corners, most_bytes: memory, kept })
+        let cache = Mutex::default();
+        Ok(NearestLines { tree, nodes: near, block_corners, max_bytes: memory, cache })
     }
 
     /// Finds the lines nearest to each of several points: at most `most` features, none farther
@@ -111,45 +111,46 @@ impl<'t> NearestLines<'t> {
     /// be read.
     pub fn find(
         &self,
-        places: &[[f64; 2]],
+        positions: &[[f64; 2]],
         most: usize,
         within: f64,
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearLine>>> {
         let grid = self.tree.grid();
-        let is_wrong =
-            |place: &&[f64; 2]| !place.iter().all(|number| number.is_finite()) || grid.is_far(**place);
-        if let Some(place) = places.iter().find(is_wrong) {
-            let expected = "coordinates of the system that the lines are in";
-            return Err(Error::invalid("place", format!("{place:?}"), expected));
+        let is_wrong = |position: &&[f64; 2]| {
+            !position.iter().all(|number| number.is_finite()) || grid.is_far(**position)
+        };
+        if let Some(position) = positions.iter().find(is_wrong) {
+            let expected = "finite coordinates in the coordinate system of the lines, and near them";
+            return Err(Error::invalid("position", format!("{position:?}"), expected));
         }
-        let mut found = vec![Vec::new(); places.len()];
+        let mut found = vec![Vec::new(); positions.len()];
         if most == 0 || within.is_nan() || within < 0.0 {
             return Ok(found);
         }
         let steps = within / grid.scale * FRACTION as f64;
-        let order = self.order(places);
-        let parts: Vec<&[u32]> = order.chunks(TOGETHER).collect();
-        for batch in parts.chunks(8 * parallel::threads()) {
+        let order = self.order(positions);
+        let batches: Vec<&[u32]> = order.chunks(TOGETHER).collect();
+        for batch in batches.chunks(8 * parallel::threads()) {
             progress.check()?;
             let terms = (most, steps * steps);
-            let answers = parallel::map(batch, |part| self.answer(part, places, terms, progress));
-            for (part, answers) in batch.iter().zip(answers) {
-                for (place, answer) in part.iter().zip(answers?) {
-                    found[*place as usize] = answer;
+            let results = parallel::map(batch, |queries| self.run(queries, positions, terms, progress));
+            for (queries, results) in batch.iter().zip(results) {
+                for (query, nearest) in queries.iter().zip(results?) {
+                    found[*query as usize] = nearest;
                 }
-                progress.advance(part.len() as u64, places.len() as u64);
+                progress.advance(queries.len() as u64, positions.len() as u64);
             }
         }
         Ok(found)
     }
 
     /// Indices of points, sorted by the codes of their cells, clamped to the root.
-    fn order(&self, places: &[[f64; 2]]) -> Vec<u32> {
+    fn order(&self, positions: &[[f64; 2]]) -> Vec<u32> {
         let grid = self.tree.grid();
         let far = (1i64 << grid.bits) - 1;
-        let key = |place: &[f64; 2]| {
-            let fixed = grid.fixed(*place);
+        let key = |position: &[f64; 2]| {
+            let fixed = grid.fixed(*position);
             let step = std::array::from_fn(|axis| {
                 let corner = i64::from(grid.corner[axis]);
                 let step = (fixed[axis] / FRACTION - corner).clamp(0, far) + corner;
@@ -157,56 +158,56 @@ impl<'t> NearestLines<'t> {
             });
             grid.code([step; 2]).map_or(0, |code| code.bits())
         };
-        let number = |(number, place)| u128::from(key(place)) << 32 | number as u128;
-        let mut order: Vec<u128> = places.iter().enumerate().map(number).collect();
+        let number = |(number, position)| u128::from(key(position)) << 32 | number as u128;
+        let mut order: Vec<u128> = positions.iter().enumerate().map(number).collect();
         sort::numbers128(&mut order);
         order.into_iter().map(|key| key as u32).collect()
     }
 
-    /// Processes query points that are near each other. The result for one point is the initial set
-    /// for the next.
-    fn answer(
+    /// Processes query points that are near each other, given by their indices. The result for one
+    /// point is the initial set for the next.
+    fn run(
         &self,
-        part: &[u32],
-        places: &[[f64; 2]],
+        queries: &[u32],
+        positions: &[[f64; 2]],
         (most, limit): (usize, f64),
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearLine>>> {
         // Block indexes that this thread already has need no lock.
         let mut at_hand = HashMap::new();
-        let mut before: Vec<(f64, Piece)> = Vec::new();
+        let mut before: Vec<(f64, LineSegment)> = Vec::new();
         let grid = self.tree.grid();
-        let mut answers = Vec::with_capacity(part.len());
-        for (number, place) in part.iter().enumerate() {
+        let mut results = Vec::with_capacity(queries.len());
+        for (number, query) in queries.iter().enumerate() {
             if number % CHECKED == 0 {
                 progress.check()?;
             }
-            let from = grid.fixed(places[*place as usize]);
+            let from = grid.fixed(positions[*query as usize]);
             let mut best = Best::new(most, limit);
-            for (_, piece) in &before {
-                best.look(square_distance(ends(piece.ends), from), piece);
+            for (_, segment) in &before {
+                best.offer(square_distance(ends(segment.ends), from), segment);
             }
             if !self.nodes.is_empty() {
-                self.look(0, from, &mut best, &mut at_hand)?;
+                self.search_node(0, from, &mut best, &mut at_hand)?;
             }
             before = best.finish();
-            let near = |(square, piece): &(f64, Piece)| NearLine {
-                feature: piece.feature,
-                vertex: piece.place,
+            let near = |(square, segment): &(f64, LineSegment)| NearLine {
+                feature: segment.feature,
+                vertex: segment.vertex,
                 distance: grid.units(square.sqrt() / FRACTION as f64),
-                place: grid.world(nearest_place(ends(piece.ends), from).map(|at| at / FRACTION as f64)),
+                position: grid.world(nearest_point(ends(segment.ends), from).map(|at| at / FRACTION as f64)),
             };
-            answers.push(before.iter().map(near).collect());
+            results.push(before.iter().map(near).collect());
         }
-        Ok(answers)
+        Ok(results)
     }
 
     /// Searches a node: its children first, nearest first, since the deepest levels have the most
     /// segments.
-    fn look(
+    fn search_node(
         &self,
         index: usize,
-        from: Place,
+        from: FixedPosition,
         best: &mut Best,
         at_hand: &mut HashMap<u32, Arc<BlockIndex>>,
     ) -> Result<()> {
@@ -218,8 +219,8 @@ impl<'t> NearestLines<'t> {
         while child < node.end as usize {
             // In an untrusted file, nodes may lack parents, so that a node seems to have more than
             // four children. The excess is ignored.
-            let Some(place) = children.get_mut(count) else { break };
-            *place = (square(self.nodes[child].corners), child);
+            let Some(slot) = children.get_mut(count) else { break };
+            *slot = (square(self.nodes[child].corners), child);
             count += 1;
             child = (self.nodes[child].end as usize).max(child + 1);
         }
@@ -227,7 +228,7 @@ impl<'t> NearestLines<'t> {
         children.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         for (square, child) in children {
             if *square <= best.limit() {
-                self.look(*child, from, best, at_hand)?;
+                self.search_node(*child, from, best, at_hand)?;
             }
         }
         for block in node.blocks.0..node.blocks.1 {
@@ -247,26 +248,26 @@ impl<'t> NearestLines<'t> {
 
     /// Index of a block, cached.
     fn block(&self, block: u32) -> Result<Arc<BlockIndex>> {
-        let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(index) = kept().blocks.get(&block) {
+        let cache = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(index) = cache().blocks.get(&block) {
             return Ok(index.clone());
         }
         let index = Arc::new(BlockIndex::new(self.tree.grid(), self.tree.block(block as usize)?));
-        let mut kept = kept();
-        if kept.bytes + index.bytes() > self.most_bytes {
+        let mut cache = cache();
+        if cache.bytes + index.bytes() > self.max_bytes {
             // Points come in the order of codes, so blocks cached for earlier ones are seldom
             // needed again.
-            kept.blocks.clear();
-            kept.bytes = 0;
+            cache.blocks.clear();
+            cache.bytes = 0;
         }
-        kept.bytes += index.bytes();
-        kept.blocks.insert(block, index.clone());
+        cache.bytes += index.bytes();
+        cache.blocks.insert(block, index.clone());
         Ok(index)
     }
 }
 
 /// Point of a line segment that is nearest to another point.
-fn nearest_place([a, b]: [Place; 2], from: Place) -> [f64; 2] {
+fn nearest_point([a, b]: [FixedPosition; 2], from: FixedPosition) -> [f64; 2] {
     let along = [0, 1].map(|axis| (b[axis] - a[axis]) as f64);
     let to = [0, 1].map(|axis| (from[axis] - a[axis]) as f64);
     let square = along[0] * along[0] + along[1] * along[1];

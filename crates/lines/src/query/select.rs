@@ -2,8 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use crate::codec::Piece;
-use crate::geometry::{Place, box_of, boxes_meet, ends, fixed_box, meets_box};
+use crate::codec::LineSegment;
+use crate::geometry::{FixedPosition, box_of, boxes_meet, ends, fixed_box, meets_box};
 use crate::store::{LineNode, LineTree};
 use spinney_base::{Error, Progress, Result, parallel};
 
@@ -22,9 +22,9 @@ pub struct LevelTotals {
     pub most_features: u64,
 }
 
-pub(super) fn check_numbers(what: &str, places: &[[f64; 2]]) -> Result<()> {
-    match places.iter().flatten().any(|number| number.is_nan()) {
-        true => Err(Error::invalid(what, format!("{places:?}"), "coordinates that are numbers")),
+pub(super) fn check_numbers(what: &str, positions: &[[f64; 2]]) -> Result<()> {
+    match positions.iter().flatten().any(|number| number.is_nan()) {
+        true => Err(Error::invalid(what, format!("{positions:?}"), "coordinates without NaN")),
         false => Ok(()),
     }
 }
@@ -43,17 +43,18 @@ impl LineTree {
         if (0..2).any(|axis| least[axis] > most[axis]) {
             return Ok(Vec::new());
         }
-        let is_inside = |[low, high]: [Place; 2]| {
+        let is_inside = |[low, high]: [FixedPosition; 2]| {
             (0..2).all(|axis| window[0][axis] <= low[axis] && high[axis] <= window[1][axis])
         };
         self.each_block(
             &|bounds| boxes_meet(bounds, window),
-            &mut |pieces| {
-                for piece in pieces {
-                    let line = ends(piece.ends);
-                    if !found.contains(&piece.feature) && (is_inside(box_of(line)) || meets_box(line, window))
+            &mut |segments| {
+                for segment in segments {
+                    let line = ends(segment.ends);
+                    if !found.contains(&segment.feature)
+                        && (is_inside(box_of(line)) || meets_box(line, window))
                     {
-                        found.insert(piece.feature);
+                        found.insert(segment.feature);
                     }
                 }
             },
@@ -65,8 +66,8 @@ impl LineTree {
     /// Calls `each` with the segments of all blocks whose bounds satisfy `is_wanted`.
     fn each_block(
         &self,
-        is_wanted: &dyn Fn([Place; 2]) -> bool,
-        each: &mut dyn FnMut(&[Piece]),
+        is_wanted: &dyn Fn([FixedPosition; 2]) -> bool,
+        each: &mut dyn FnMut(&[LineSegment]),
         progress: &dyn Progress,
     ) -> Result<()> {
         let mut chosen = Vec::new();
@@ -80,8 +81,8 @@ impl LineTree {
         }
         for batch in chosen.chunks(4 * parallel::threads()) {
             progress.check()?;
-            for pieces in parallel::map(batch, |block| self.block(*block)) {
-                each(&pieces?);
+            for segments in parallel::map(batch, |block| self.block(*block)) {
+                each(&segments?);
             }
             progress.advance(batch.len() as u64, chosen.len() as u64);
         }

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::summary::Summary;
 use super::writer::{BLOCKS, Entry, FEATURES, NODE_ENTRY, NODES, SUMMARY};
 use crate::attribute::LineAttribute;
-use crate::codec::{MAX_FEATURES, MAX_SEGMENTS, Piece, decode_features, decode_segments};
+use crate::codec::{LineSegment, MAX_FEATURES, MAX_SEGMENTS, decode_features, decode_segments};
 use crate::grid::LineGrid;
 use crate::source::LineFeature;
 use spinney_base::Result;
@@ -96,7 +96,7 @@ impl LineTree {
             let BlockLocation { key, count, .. } = self.feature_entry(index).block;
             if key != next {
                 let (place, found) = (format!("block of features {index}"), format!("feature {key}"));
-                return Err(self.file.corrupt(place, found, "numbers that follow each other"));
+                return Err(self.file.corrupt(place, found, "consecutive feature numbers"));
             }
             next += u64::from(count);
         }
@@ -190,7 +190,7 @@ impl LineTree {
             (code, eight(8), eight(16), eight(24))
         else {
             let place = format!("node {index}");
-            return Err(self.file.corrupt(place, "no node", "a file that nobody cuts short"));
+            return Err(self.file.corrupt(place, "the end of the file", "a node"));
         };
         let bounds = [[four(32), four(36)], [four(40), four(44)]];
         Ok(LineNode { index, code, segments, features, length: f64::from_bits(length), bounds })
@@ -228,12 +228,12 @@ impl LineTree {
     }
 
     /// Segments of a block.
-    pub(crate) fn block(&self, index: usize) -> Result<Vec<Piece>> {
+    pub(crate) fn block(&self, index: usize) -> Result<Vec<LineSegment>> {
         let entry = self.block_entry(index);
         let place = format!("block {index}");
         let bytes = self.file.block(&place, &entry.block)?;
         decode_segments(&bytes, entry.block.count as usize)
-            .ok_or_else(|| self.file.corrupt(place, "bytes that no pieces have", "pieces of lines"))
+            .ok_or_else(|| self.file.corrupt(place, "bytes that do not decode", "compressed segments"))
     }
 
     /// Features of a block.
@@ -242,7 +242,7 @@ impl LineTree {
         let place = format!("block of features {index}");
         let bytes = self.file.block(&place, &entry.block)?;
         decode_features(&bytes, entry.block.count as usize, self.attributes.len())
-            .ok_or_else(|| self.file.corrupt(place, "bytes that no features have", "features"))
+            .ok_or_else(|| self.file.corrupt(place, "bytes that do not decode", "compressed features"))
     }
 
     /// Calls `each` for features by their numbers, from 0, which must ascend. Stops at the first

@@ -51,10 +51,10 @@ impl Summary {
         let bytes = SECTION.encode(self).filter(|_| self.attributes.len() <= MAX_ATTRIBUTES);
         bytes.ok_or_else(|| Error::TooLarge {
             path: path.to_path_buf(),
-            what: "the description of the attributes".into(),
+            what: "the list of attributes".into(),
             needed: LIMIT as u64 + 1,
             limit: LIMIT as u64,
-            advice: "choose some of them with --attribute".into(),
+            advice: "select fewer attributes with --attribute".into(),
         })
     }
 
@@ -69,16 +69,16 @@ impl Summary {
         }
         if bits > 32 || summary.attributes.len() > MAX_ATTRIBUTES {
             let found = format!("{bits} bits, {} attributes", summary.attributes.len());
-            return Err(corrupt(found, &format!("at most 32, and {MAX_ATTRIBUTES}")));
+            return Err(corrupt(found, &format!("at most 32 bits and {MAX_ATTRIBUTES} attributes")));
         }
         if !(1..=MAX_SEGMENTS).contains(&(leaf_size as usize)) {
-            let found = format!("{leaf_size} pieces in a leaf");
+            let found = format!("a leaf size of {leaf_size} segments");
             return Err(corrupt(found, &format!("1 to {MAX_SEGMENTS}")));
         }
         let attribute = |(name, kind): &(String, u8)| {
             let kind = ValueKind::ALL.get(usize::from(*kind)).copied();
-            let kind = kind
-                .ok_or_else(|| corrupt(format!("an attribute {name} of an unknown kind"), "kinds 0 to 5"))?;
+            let kind =
+                kind.ok_or_else(|| corrupt(format!("attribute {name} of an unknown type"), "types 0 to 5"))?;
             Ok(LineAttribute { name: name.clone(), kind })
         };
         let attributes = summary.attributes.iter().map(attribute).collect::<Result<Vec<_>>>()?;

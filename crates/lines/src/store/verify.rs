@@ -1,8 +1,8 @@
 //! Verification of a file against the rules of its format.
 
 use super::reader::LineTree;
-use crate::build::{pieces_of, statistics_of};
-use crate::codec::Piece;
+use crate::build::{segments_of, statistics_of};
+use crate::codec::LineSegment;
 use crate::statistics::Statistics;
 use spinney_base::io::Sorter;
 use spinney_base::space::{Code, Dimension};
@@ -12,11 +12,11 @@ use spinney_container::{Finding, MAX_FINDINGS};
 /// Bytes of a segment in the sorter: feature, vertex, ends, level.
 const ROW: usize = 29;
 
-fn row_of(piece: &Piece) -> Vec<u8> {
-    let mut row = piece.feature.to_be_bytes().to_vec();
-    row.extend_from_slice(&piece.place.to_be_bytes());
-    piece.ends.iter().flatten().for_each(|number| row.extend_from_slice(&number.to_le_bytes()));
-    row.push(piece.first);
+fn row_of(segment: &LineSegment) -> Vec<u8> {
+    let mut row = segment.feature.to_be_bytes().to_vec();
+    row.extend_from_slice(&segment.vertex.to_be_bytes());
+    segment.ends.iter().flatten().for_each(|number| row.extend_from_slice(&number.to_le_bytes()));
+    row.push(segment.first);
     row
 }
 
@@ -25,18 +25,18 @@ fn row_of(piece: &Piece) -> Vec<u8> {
 struct Findings(Vec<Finding>);
 
 impl Findings {
-    fn tell(&mut self, place: String, problem: impl Into<String>) {
+    fn report(&mut self, location: String, problem: impl Into<String>) {
         if self.0.len() < MAX_FINDINGS {
-            self.0.push(Finding { place, problem: problem.into() });
+            self.0.push(Finding { place: location, problem: problem.into() });
         }
     }
 
     /// Converts a corruption error to a finding; returns other errors.
-    fn damage<T>(&mut self, found: Result<T>) -> Result<Option<T>> {
+    fn report_corruption<T>(&mut self, found: Result<T>) -> Result<Option<T>> {
         match found {
             Ok(found) => Ok(Some(found)),
-            Err(Error::Corrupt { place, found, expected, .. }) => {
-                self.tell(place, format!("found {found}, expected {expected}"));
+            Err(Error::Corrupt { location, found, expected, .. }) => {
+                self.report(location, format!("found {found}, expected {expected}"));
                 Ok(None)
             }
             Err(error) => Err(error),
@@ -63,28 +63,29 @@ impl LineTree {
             let batch: Vec<usize> = (next..(next + 4 * parallel::threads()).min(blocks)).collect();
             next += batch.len();
             let read = parallel::map(&batch, |block| self.block(*block));
-            for (block, pieces) in batch.iter().zip(read) {
+            for (block, segments) in batch.iter().zip(read) {
                 let entry = self.block_entry(*block);
                 while node + 1 < nodes && self.node(node)?.code.bits() < entry.block.key {
                     node += 1;
                 }
-                let Some(pieces) = findings.damage(pieces)? else { continue };
-                let statistics = statistics_of(self.grid(), &pieces);
-                let place = || format!("block {block}");
+                let Some(segments) = findings.report_corruption(segments)? else { continue };
+                let statistics = statistics_of(self.grid(), &segments);
+                let location = || format!("block {block}");
                 if statistics.bounds != entry.bounds {
-                    let problem = format!("bounds {:?}, expected {:?}", entry.bounds, statistics.bounds);
-                    findings.tell(place(), problem);
+                    let problem =
+                        format!("found bounds {:?}, expected {:?}", entry.bounds, statistics.bounds);
+                    findings.report(location(), problem);
                 }
                 let code = Code::from_bits(Dimension::Quad, entry.block.key);
-                let is_here = |piece: &Piece| {
-                    self.grid().code(piece.ends).zip(code).is_some_and(|(own, code)| code.contains(own))
+                let is_here = |segment: &LineSegment| {
+                    self.grid().code(segment.ends).zip(code).is_some_and(|(own, code)| code.contains(own))
                 };
-                if let Some(piece) = pieces.iter().position(|piece| !is_here(piece)) {
-                    findings.tell(place(), format!("piece {piece} belongs into another node"));
+                if let Some(segment) = segments.iter().position(|segment| !is_here(segment)) {
+                    findings.report(location(), format!("segment {segment} belongs to another node"));
                 }
                 own[node].add(&statistics);
-                for piece in &pieces {
-                    rows.push(piece.feature, row_of(piece))?;
+                for segment in &segments {
+                    rows.push(segment.feature, row_of(segment))?;
                 }
             }
             progress.advance(batch.len() as u64, total);
@@ -108,21 +109,21 @@ impl LineTree {
                 sum.add(&child);
             }
             all.add(&sum);
-            let told = (found.segments, found.features, found.length.to_bits(), found.bounds);
+            let stored = (found.segments, found.features, found.length.to_bits(), found.bounds);
             let features = all.features(found.code.level());
-            if told != (all.segments, features, all.length.to_bits(), all.bounds) {
-                let problem = "counts, length or bounds are not those of its lines";
-                findings.tell(format!("node {}", found.code), problem);
+            if stored != (all.segments, features, all.length.to_bits(), all.bounds) {
+                let problem = "counts, length or bounds differ from those of its lines";
+                findings.report(format!("node {}", found.code), problem);
             }
             below.push((found.code, all));
         }
         if below.len() > 1 {
-            let problem = format!("{} nodes that have none above them, expected one root", below.len());
-            findings.tell("list of nodes".into(), problem);
+            let problem = format!("found {} nodes without a parent, expected one root", below.len());
+            findings.report("list of nodes".into(), problem);
         }
         if segments != self.segments() {
-            let problem = format!("found {segments} pieces, expected {}", self.segments());
-            findings.tell("lines".into(), problem);
+            let problem = format!("found {segments} segments, expected {}", self.segments());
+            findings.report("lines".into(), problem);
         }
         Ok(())
     }
@@ -143,18 +144,19 @@ impl LineTree {
             while wanted.is_empty() && block < blocks {
                 progress.check()?;
                 let first = self.feature_entry(block).block.key;
-                if let Some(features) = findings.damage(self.feature_block(block))? {
+                if let Some(features) = findings.report_corruption(self.feature_block(block))? {
                     for (number, feature) in (first..).zip(&features) {
                         let mut values = self.attributes().iter().zip(&feature.values);
                         if let Some((wrong, _)) = values.find(|(own, value)| !own.kind.has(value)) {
-                            let problem = format!("a value of `{}` that is not of its kind", wrong.name);
-                            findings.tell(format!("feature {number}"), problem);
+                            let problem =
+                                format!("the value of `{}` does not have the attribute's type", wrong.name);
+                            findings.report(format!("feature {number}"), problem);
                         }
-                        let Some(pieces) = pieces_of(self.grid(), number, feature) else {
-                            findings.tell(format!("feature {number}"), "reaches beyond the grid");
+                        let Some(segments) = segments_of(self.grid(), number, feature) else {
+                            findings.report(format!("feature {number}"), "extends beyond the grid");
                             continue;
                         };
-                        wanted.extend(pieces.iter().map(|(_, piece)| row_of(piece)));
+                        wanted.extend(segments.iter().map(|(_, segment)| row_of(segment)));
                     }
                     wanted.sort_unstable_by(|a, b| b.cmp(a));
                 }
@@ -171,9 +173,9 @@ impl LineTree {
                 if next(findings)?.as_ref() != Some(&row) && !is_wrong {
                     is_wrong = true;
                     let feature = u64::from_be_bytes(std::array::from_fn(|byte| row[byte]));
-                    findings.tell(
+                    findings.report(
                         format!("feature {feature}"),
-                        "its pieces in blocks are not those of its lines",
+                        "its segments in blocks differ from those of its lines",
                     );
                 }
             }
@@ -192,7 +194,7 @@ impl LineTree {
             missing += 1;
         }
         if missing > 0 && !is_wrong {
-            findings.tell("features".into(), format!("{missing} pieces of lines that are in no block"));
+            findings.report("features".into(), format!("{missing} segments of lines are in no block"));
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ use super::summary::Summary;
 use crate::grid::LineGrid;
 use crate::statistics::Statistics;
 use spinney_base::Result;
-use spinney_base::io::{Output, Sorter, folder};
+use spinney_base::io::{Output, Sorter, directory_of};
 use spinney_base::space::{Code, Dimension};
 use spinney_container::{BlockEntry, BlockWriter, Content, FileHeader, Metadata, TreeFormat};
 
@@ -40,7 +40,7 @@ impl LineWriter {
         let (format, content, dimension) = (TreeFormat::Goblin, Content::Lines, Dimension::Quad);
         let header = FileHeader { format, content, dimension, depth: grid.deepest(), layers: 0 };
         let file = BlockWriter::new(out, header, "lines")?;
-        let list = |entry| Sorter::new(folder(file.path()), entry, memory);
+        let list = |entry| Sorter::new(directory_of(file.path()), entry, memory);
         let (blocks, nodes, features) = (list(Entry::BYTES), list(NODE_ENTRY), list(Entry::BYTES));
         Ok(LineWriter { file, blocks, nodes, features })
     }

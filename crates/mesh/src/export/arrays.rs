@@ -40,7 +40,7 @@ impl Sink for Arrays {
     fn face(&mut self, corners: &[Vertex], _: u32) -> Result<()> {
         let number = |corner: &Vertex| {
             let too_many =
-                |_| Error::invalid("mesh", "more than 2^32 vertices", "fewer; choose a coarser level");
+                |_| Error::invalid("mesh", "more than 2^32 vertices", "at most 2^32; choose a coarser level");
             u32::try_from(corner.index).map_err(too_many)
         };
         let numbers = corners.iter().map(number).collect::<Result<Vec<u32>>>()?;

@@ -145,11 +145,11 @@ fn merge(blocks: &mut dyn CellBlocks, at: [i64; 3]) -> Result<Option<Merged>> {
     if state == BlockState::Uniform(false) {
         return Ok(None);
     }
-    let beside = FACES.map(|by| [0, 1, 2].map(|axis: usize| at[axis] + by[axis]));
+    let neighbours = FACES.map(|by| [0, 1, 2].map(|axis: usize| at[axis] + by[axis]));
     if state == BlockState::Uniform(true) {
         let mut buried = true;
-        for beside in beside {
-            buried &= blocks.state(level, beside)? == state;
+        for neighbour in neighbours {
+            buried &= blocks.state(level, neighbour)? == state;
         }
         if buried {
             return Ok(None);
@@ -157,8 +157,8 @@ fn merge(blocks: &mut dyn CellBlocks, at: [i64; 3]) -> Result<Option<Merged>> {
     }
     let block = blocks.block(at)?;
     let mut around = Vec::with_capacity(6);
-    for beside in beside {
-        around.push(blocks.block(beside)?);
+    for neighbour in neighbours {
+        around.push(blocks.block(neighbour)?);
     }
     let mut merged = Merged { rectangles: Vec::new(), corners: Points::none() };
     for normal in 0..3 {
@@ -188,7 +188,7 @@ fn axes(normal: usize) -> (usize, usize) {
 }
 
 /// Bit rows of the cells with an exposed face in one direction, slice by slice along `normal`.
-fn exposed(block: &Block, beside: &Block, normal: usize, up: bool) -> Vec<u32> {
+fn exposed(block: &Block, neighbours: &Block, normal: usize, up: bool) -> Vec<u32> {
     let mut exposed = vec![0; CELLS * CELLS];
     let row = |block: &Block, y: usize, z: usize| block.solid[z * CELLS + y];
     let last = CELLS - 1;
@@ -199,14 +199,14 @@ fn exposed(block: &Block, beside: &Block, normal: usize, up: bool) -> Vec<u32> {
                 continue;
             }
             let neighbour = match (normal, up) {
-                (0, false) => own << 1 | row(beside, y, z) >> last,
-                (0, true) => own >> 1 | row(beside, y, z) << last,
-                (1, false) if y == 0 => row(beside, last, z),
-                (1, true) if y == last => row(beside, 0, z),
+                (0, false) => own << 1 | row(neighbours, y, z) >> last,
+                (0, true) => own >> 1 | row(neighbours, y, z) << last,
+                (1, false) if y == 0 => row(neighbours, last, z),
+                (1, true) if y == last => row(neighbours, 0, z),
                 (1, false) => row(block, y - 1, z),
                 (1, true) => row(block, y + 1, z),
-                (_, false) if z == 0 => row(beside, y, last),
-                (_, true) if z == last => row(beside, y, 0),
+                (_, false) if z == 0 => row(neighbours, y, last),
+                (_, true) if z == last => row(neighbours, y, 0),
                 (_, false) => row(block, y, z - 1),
                 (_, true) => row(block, y, z + 1),
             };

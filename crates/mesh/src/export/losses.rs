@@ -57,11 +57,11 @@ impl Losses {
     }
 
     /// Reports the losses, if any. To be called after the file is written.
-    pub(super) fn tell(self, progress: &dyn Progress) {
+    pub(super) fn report(self, progress: &dyn Progress) {
         if let Some((last, others)) = self.lost.split_last() {
             let others =
                 if others.is_empty() { String::new() } else { format!("{} and ", others.join(", ")) };
-            progress.warn(&self.path, &format!("the format has no room for {others}{last}"));
+            progress.warn(&self.path, &format!("the format cannot store {others}{last}"));
         }
     }
 }

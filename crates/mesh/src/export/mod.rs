@@ -142,8 +142,8 @@ pub struct MeshSummary {
 /// use spinney::export::{MeshFormat, MeshRequest, export_mesh};
 /// use spinney::Output;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("ball.ply");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("ball.ply");
 /// let ball = spinney::open("fixtures/v1/ball.goblin")?;
 /// export_mesh(&ball, &MeshRequest::default(), Output::create(&path)?, MeshFormat::Ply, &())?;
 /// # Ok::<(), spinney::Error>(())
@@ -197,7 +197,7 @@ pub fn export_mesh(
     }
     losses.add_place(metadata);
     let summary = export_blocks(&mut *blocks, attribute, &frame, request, output, format, progress)?;
-    losses.tell(progress);
+    losses.report(progress);
     Ok(summary)
 }
 
@@ -265,13 +265,12 @@ fn sink_of(
     precision: Precision,
     on_grid: bool,
 ) -> Result<Box<dyn Sink>> {
-    let has_room = if on_grid { precision.has_grid() } else { precision.is_single() };
+    let is_precise_enough = if on_grid { precision.has_grid() } else { precision.is_single() };
     Ok(match format {
         MeshFormat::Ply => Box::new(ply::Ply::new(output, attribute, !precision.is_single())?),
         MeshFormat::Obj => Box::new(obj::Obj::new(output)?),
-        MeshFormat::Stl if !has_room => {
-            let found =
-                "coordinates so large that neighbours are the same in single precision, as STL has it";
+        MeshFormat::Stl if !is_precise_enough => {
+            let found = "coordinates that the single precision of STL cannot distinguish";
             return Err(Error::unsupported(output.path(), found, "write PLY or OBJ"));
         }
         MeshFormat::Stl => Box::new(stl::Stl::new(output)?),
@@ -334,14 +333,14 @@ impl Precision {
             |axis: usize| lengths[axis] * volume / unit[(axis + 1) % 3].cross(unit[(axis + 2) % 3]).length();
         let across = (0..3).map(height).fold(f64::INFINITY, f64::min);
         if !(across.is_finite() && across > 0.0) {
-            return Err(Error::invalid("frame", format!("{m:?}"), "one that is not flat"));
+            return Err(Error::invalid("frame", format!("{m:?}"), "an invertible matrix"));
         }
         let is_beyond = most > f64::from(f32::MAX);
         let spacing = most.max(f32::MIN_POSITIVE.into()) * f64::from(f32::EPSILON);
         let single = if is_beyond { 0.0 } else { across / spacing };
         let double = across / (most * f64::EPSILON);
         if double < 64.0 {
-            let expected = "coordinates of which double precision keeps parts of a cell";
+            let expected = "coordinates for which double precision resolves 1/64 of a cell";
             return Err(Error::invalid("frame", format!("{m:?}"), expected));
         }
         Ok(Precision { single, double })

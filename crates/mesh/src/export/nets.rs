@@ -382,7 +382,7 @@ impl Nets<'_, '_> {
             (known & !SPLIT).checked_sub(1).map(|known| self.found[known as usize + step])
         };
         // Only a source whose cells change between reads gets here.
-        known.ok_or_else(|| Error::invalid("tree", "cells that change while they are read", "others"))
+        known.ok_or_else(|| Error::invalid("tree", "cells that changed while they were read", "others"))
     }
 
     /// Vertex of a cube that several blocks share.

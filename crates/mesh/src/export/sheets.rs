@@ -21,14 +21,14 @@ pub(super) struct Sheets {
 }
 
 impl Sheets {
-    /// Sheets of a cube, where `solid` has a bit per solid corner. `apart` is a face whose solid
-    /// cells are not connected.
-    pub(super) fn of(solid: u8, apart: Option<usize>) -> Sheets {
+    /// Sheets of a cube, where `solid` has a bit per solid corner. `separated_face` is a face whose
+    /// solid cells are not connected.
+    pub(super) fn of(solid: u8, separated_face: Option<usize>) -> Sheets {
         let mut sheets = Sheets { count: 0, of_edge: [0; EDGES], pinched: None };
         let is_solid = std::array::from_fn(|corner| solid >> corner & 1 > 0);
         rings_between(
             is_solid,
-            |face| Some(face) != apart,
+            |face| Some(face) != separated_face,
             |ring| {
                 for (axis, corner) in ring.edges() {
                     sheets.of_edge[axis * 8 + corner] = sheets.count;
@@ -76,9 +76,9 @@ mod tests {
                     cells >> (4 * layer + (corner >> b & 1) + 2 * (corner >> c & 1)) & 1
                 };
                 // Layers 0 to 2 along the axis; the face between the two cubes is in layer 1.
-                let cube = |is_behind: usize| {
+                let cube = |offset: usize| {
                     (0..8)
-                        .map(|corner| bit(is_behind + (corner >> (face / 2) & 1), corner) << corner)
+                        .map(|corner| bit(offset + (corner >> (face / 2) & 1), corner) << corner)
                         .sum::<usize>()
                 };
                 let (own, other) = if face & 1 > 0 { (cube(0), cube(1)) } else { (cube(1), cube(0)) };
@@ -93,10 +93,10 @@ mod tests {
                 // Every crossed edge of the face has a quadrangle, which joins two sheets across
                 // the face.
                 let mut passed: HashMap<(u8, u8), usize> = HashMap::new();
-                for (edge, behind) in edges(face) {
+                for (edge, opposite) in edges(face) {
                     let (axis, first) = (edge / 8, edge % 8);
                     if (own >> first ^ own >> (first | 1 << axis)) & 1 > 0 {
-                        *passed.entry((mine.of_edge[edge], its.of_edge[behind])).or_default() += 1;
+                        *passed.entry((mine.of_edge[edge], its.of_edge[opposite])).or_default() += 1;
                     }
                 }
                 assert!(

@@ -28,7 +28,7 @@ pub fn export_triangles(
         MeshFormat::Obj => Box::new(obj::Obj::new(output)?),
         MeshFormat::Off => Box::new(off::Off::new(output, FaceAttribute::None, false)?),
         MeshFormat::Stl | MeshFormat::CityJson => {
-            let found = "a surface over the plane in a format of single precision, or of bodies";
+            let found = "a TIN in a format of single precision or of bodies";
             return Err(Error::unsupported(output.path(), found, "write PLY, OBJ or OFF"));
         }
     };
@@ -41,7 +41,7 @@ pub fn export_triangles(
         for corner in corners {
             let Some(at) = mesh.vertices.get(*corner as usize) else {
                 let expected = format!("less than {}", mesh.vertices.len());
-                return Err(Error::invalid("number of a vertex", corner.to_string(), expected));
+                return Err(Error::invalid("vertex index", corner.to_string(), expected));
             };
             ring.push(Vertex { index: (*corner).into(), at: *at });
         }
@@ -49,6 +49,6 @@ pub fn export_triangles(
     }
     progress.check()?;
     sink.finish()?;
-    losses.tell(progress);
+    losses.report(progress);
     Ok(MeshSummary { vertices: mesh.vertices.len() as u64, faces: mesh.triangles.len() as u64 })
 }

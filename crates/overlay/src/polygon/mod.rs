@@ -6,7 +6,7 @@
 //! union replaces them: `simple.rs` detects them and [`PolygonOverlay`] unites them. All other
 //! polygons keep their vertices. Predicates are exact on these.
 
-mod parts;
+mod original_parts;
 mod rows;
 mod shares;
 mod simple;
@@ -20,7 +20,7 @@ pub use shares::FULL_SHARE;
 use crate::exact::side;
 use crate::grid::OverlayGrid;
 use crate::overlay::PolygonOverlay;
-use parts::Parts;
+use original_parts::OriginalParts;
 use rows::rounding;
 use spinney_base::space::{Bounds, Cover};
 use spinney_base::{Error, Result};
@@ -39,7 +39,7 @@ pub struct Polygon {
     /// Minimum and maximum column of the vertices.
     sides: [f64; 2],
     /// The original parts if they were united; point queries use them.
-    parts: Option<Box<Parts>>,
+    parts: Option<Box<OriginalParts>>,
     /// Maximum distance of the edges from those of the parts, along each axis; 0 if they are the
     /// same.
     displacement: f64,
@@ -88,7 +88,7 @@ impl Polygon {
         let OrientedRings { rings, displacement } = oriented_rings(parts)?;
         let polygon = Polygon::of_rings(&rings)?;
         let Some(displacement) = displacement else { return Ok(polygon) };
-        Ok(Polygon { parts: Some(Box::new(Parts::new(parts)?)), displacement, ..polygon })
+        Ok(Polygon { parts: Some(Box::new(OriginalParts::new(parts)?)), displacement, ..polygon })
     }
 
     /// Whether rings crossed or touched each other, or parts overlapped, so that their union
@@ -105,14 +105,14 @@ impl Polygon {
         let mut count = 0;
         for ring in parts.iter().flatten() {
             if ring.len() < 3 {
-                return Err(Error::invalid("polygon", "a ring of less than three vertices", "three or more"));
+                return Err(Error::invalid("polygon", "a ring with fewer than 3 vertices", "at least 3"));
             }
             if ring.iter().flatten().any(|number| !number.is_finite()) {
-                return Err(Error::invalid("polygon", "a vertex that is not finite", "numbers"));
+                return Err(Error::invalid("polygon", "a vertex that is not finite", "finite coordinates"));
             }
             count += 1;
         }
-        if count == 0 { Err(Error::invalid("polygon", "no ring", "one or more")) } else { Ok(()) }
+        if count == 0 { Err(Error::invalid("polygon", "no rings", "at least 1")) } else { Ok(()) }
     }
 
     /// Creates a polygon from rings that do not repeat their first vertices at the end.
@@ -136,7 +136,7 @@ impl Polygon {
         }
         let ([left, low], [right, high]) = (min, max);
         if u32::try_from(edges.len()).is_err() {
-            return Err(Error::invalid("polygon", format!("{} vertices", edges.len()), "less than 2^32"));
+            return Err(Error::invalid("polygon", format!("{} vertices", edges.len()), "fewer than 2^32"));
         }
         let (in_bands, ends, sides) = (Vec::new(), Vec::new(), [left, right]);
         let mut polygon = Polygon {
@@ -229,7 +229,7 @@ impl Polygon {
     }
 
     /// Whether the cells' centres are inside. The result for a single cell is never
-    /// [`Cover::Part`].
+    /// [`Cover::Partial`].
     pub fn cover_centres(&self, bounds: &Bounds) -> Cover {
         let low = [centre(bounds.min[0]), centre(bounds.min[1])];
         let high = [centre(bounds.max[0] - 1), centre(bounds.max[1] - 1)];
@@ -239,13 +239,13 @@ impl Polygon {
         let is_cell = low == high;
         let near = |edge: &Edge| !is_cell && self.may_pass(edge, low, high);
         if self.edges_in(self.bands(low[1], high[1])).any(near) {
-            return Cover::Part;
+            return Cover::Partial;
         }
         // No edge passes between the centres, so the parity of the first one holds for all.
         if self.contains(low) { Cover::Whole } else { Cover::Nothing }
     }
 
-    /// Whether the whole area of the cells is inside. May return [`Cover::Part`] if an edge is
+    /// Whether the whole area of the cells is inside. May return [`Cover::Partial`] if an edge is
     /// close to the box.
     pub fn cover_area(&self, bounds: &Bounds) -> Cover {
         let low = [bounds.min[0] as f64, bounds.min[1] as f64];
@@ -255,7 +255,7 @@ impl Polygon {
         }
         let near = |edge: &Edge| self.may_pass(edge, low, high);
         if self.edges_in(self.bands(low[1], high[1])).any(near) {
-            return Cover::Part;
+            return Cover::Partial;
         }
         if self.contains([centre(bounds.min[0]), centre(bounds.min[1])]) {
             Cover::Whole
@@ -393,8 +393,8 @@ fn united(parts: &[Vec<Ring>]) -> Result<OrientedRings> {
         overlay.add(Path::new("polygon"), 0, rings)?;
     }
     let mut rings = Vec::new();
-    overlay.parts(&mut |_| Some(Vec::new()), &(), &mut |part| {
-        rings.extend(part.polygons.into_iter().flatten().map(|ring| without_repeats(&ring)));
+    overlay.regions(&mut |_| Some(Vec::new()), &(), &mut |region| {
+        rings.extend(region.polygons.into_iter().flatten().map(|ring| without_repeats(&ring)));
         Ok(())
     })?;
     // (Snap rounding moves no point by more than half a cell.)

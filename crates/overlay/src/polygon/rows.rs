@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::parts::Parity;
+use super::original_parts::Parity;
 use super::shares::Change;
 use super::{Edge, Polygon, centre, crosses, is_right_of};
 use crate::exact::side;

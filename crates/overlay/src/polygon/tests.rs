@@ -49,7 +49,7 @@ fn is_inside(rings: &[Vec<[f64; 2]>], [x, y]: [f64; 2]) -> bool {
 }
 
 #[test]
-fn memory_goes_with_the_edges_however_long_they_are() {
+fn memory_is_proportional_to_the_number_of_edges() {
     // Every edge passes through all rows, or through half of them, or hardly any.
     for height in [4096.0, 2048.0, 1.0] {
         let zigzag: Vec<[f64; 2]> = (0..20_000)
@@ -63,7 +63,7 @@ fn memory_goes_with_the_edges_however_long_they_are() {
 }
 
 #[test]
-fn centres_are_counted_as_one_by_one() {
+fn spans_of_centres_match_point_queries() {
     let mut state = 1;
     let mut crossings = Crossings::default();
     for _ in 0..60 {
@@ -88,14 +88,14 @@ fn centres_are_counted_as_one_by_one() {
             match polygon.cover_centres(&bounds) {
                 Cover::Whole => assert_eq!(expected, size[0] * size[1]),
                 Cover::Nothing => assert_eq!(expected, 0),
-                Cover::Part => assert!(size[0] * size[1] > 1),
+                Cover::Partial => assert!(size[0] * size[1] > 1),
             }
         }
     }
 }
 
 #[test]
-fn areas_are_those_of_many_points() {
+fn areas_match_sampled_points() {
     let mut state = 2;
     for _ in 0..40 {
         let middle = [random(&mut state, 20.0), random(&mut state, 20.0)];
@@ -117,7 +117,7 @@ fn areas_are_those_of_many_points() {
                 match polygon.cover_area(&cell) {
                     Cover::Whole => assert!((area - 1.0).abs() < 1e-9, "{area}"),
                     Cover::Nothing => assert!(area < 1e-9, "{area}"),
-                    Cover::Part => {}
+                    Cover::Partial => {}
                 }
             }
         }
@@ -239,7 +239,7 @@ fn counts(polygon: &Polygon, side: u64) -> (u64, u64, f64) {
 }
 
 #[test]
-fn parts_are_united_and_the_rings_of_a_part_combined_even_odd() {
+fn parts_are_united_and_the_rings_of_a_part_are_combined_by_even_odd() {
     let of = |parts: &[Vec<Vec<[f64; 2]>>]| Polygon::of_parts(parts).unwrap();
     let one = |ring: Vec<[f64; 2]>| vec![ring];
     // Two squares of 10 x 10 that overlap by 5 x 5; the same square twice; a square within another.
@@ -288,7 +288,7 @@ fn parts_are_united_and_the_rings_of_a_part_combined_even_odd() {
 }
 
 #[test]
-fn rings_that_cross_or_touch_are_found_and_no_others() {
+fn exactly_the_crossing_or_touching_rings_are_detected() {
     let mut state = 9;
     let mut found = [0; 2];
     for _ in 0..2000 {
@@ -351,7 +351,7 @@ fn cross_is_zero([a, b]: Edge, p: [f64; 2]) -> bool {
 }
 
 #[test]
-fn any_parts_cover_what_points_say() {
+fn covers_of_arbitrary_parts_match_point_queries() {
     let mut state = 11;
     for round in 0..300 {
         let size = if round % 2 == 0 { 12.0 } else { 30.0 };
@@ -392,7 +392,7 @@ fn any_parts_cover_what_points_say() {
 }
 
 #[test]
-fn what_lies_outside_of_a_box_is_measured_by_itself() {
+fn areas_outside_of_a_box_are_measured_separately() {
     let all = Bounds { min: [0; 3], max: [10, 10, 1] };
     let polygon = Polygon::new(&[square(-5.0, -5.0, 10.0)]).unwrap();
     assert_eq!(polygon.area_outside(&all), 75.0);
@@ -405,7 +405,7 @@ fn what_lies_outside_of_a_box_is_measured_by_itself() {
 }
 
 #[test]
-fn centres_of_rings_that_cross_are_counted_as_one_by_one() {
+fn spans_of_crossing_rings_match_point_queries() {
     let mut state = 13;
     let all = Bounds { min: [0; 3], max: [44, 37, 1] };
     for _ in 0..300 {
@@ -441,14 +441,14 @@ fn centres_of_rings_that_cross_are_counted_as_one_by_one() {
             match polygon.cover_centres(&block) {
                 Cover::Whole => assert_eq!(expected, side * side, "{block:?} of {ring:?}"),
                 Cover::Nothing => assert_eq!(expected, 0, "{block:?} of {ring:?}"),
-                Cover::Part => {}
+                Cover::Partial => {}
             }
         }
     }
 }
 
 #[test]
-fn far_coordinates_have_the_cells_and_shares_of_any_box() {
+fn large_coordinates_have_exact_cells_and_shares() {
     // Where doubles have few bits for fractions of cells, rounding must not change the result for a
     // box.
     let mut state = 17;
@@ -488,12 +488,12 @@ fn far_coordinates_have_the_cells_and_shares_of_any_box() {
                     match polygon.cover_area(&bounds) {
                         Cover::Whole => assert_eq!(shares, u128::from(all) * u128::from(FULL_SHARE)),
                         Cover::Nothing => assert_eq!(shares, 0),
-                        Cover::Part => {}
+                        Cover::Partial => {}
                     }
                     match polygon.cover_centres(&bounds) {
                         Cover::Whole => assert_eq!(centres, all),
                         Cover::Nothing => assert_eq!(centres, 0),
-                        Cover::Part => {}
+                        Cover::Partial => {}
                     }
                 }
             }
@@ -506,7 +506,7 @@ fn in_shares((cells, shares): (u64, u128)) -> u128 {
 }
 
 #[test]
-fn many_parts_that_touch_are_counted() {
+fn many_touching_parts_are_covered() {
     // As when regions of cells become polygons: a multipolygon of squares that touch at their
     // corners.
     let side = 256;

@@ -12,7 +12,7 @@ use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 use spinney_engine::tree::{Child, Source, no_children};
 
-use super::{Bintree, Halving, growing};
+use super::{Bintree, Halving, preorder_builder};
 
 /// Maximum number of cells for [`Bintree::adaptive`]: a raster of 1024 x 1024, or a volume of 64 x
 /// 64 x 64.
@@ -105,7 +105,7 @@ impl Bintree {
                 }
             }
         }
-        let mut made = growing();
+        let mut made = preorder_builder();
         let mut pending = vec![[1, 1, usize::from(axes == 3)]];
         while let Some(block) = pending.pop() {
             let found = blocks.nodes[blocks.index(block)];

@@ -15,7 +15,7 @@ use spinney_base::value::Value;
 use spinney_base::{Error, Result, TreeType};
 use spinney_engine::tree::{CellBlock, Child, Children, Source, no_children};
 
-use crate::preorder::{BinaryNode, Growing};
+use crate::preorder::{BinaryNode, PreorderBuilder};
 
 /// Order of the axes along which a bintree halves its blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,34 +63,34 @@ impl Bintree {
     /// # Errors
     /// If the source fails, or there are more than `most` nodes.
     pub fn alternating<S: Source>(source: &S, extent: [u64; 3], most: usize) -> Result<Bintree> {
-        enum Step<N> {
+        enum PendingItem<N> {
             Halve(u8),
             Node(Child<N>),
         }
         let (form, depth) = (source.form(), source.depth());
         let axes = form.axes();
-        let mut made = growing();
-        let mut pending = vec![Step::Node(source.root()?)];
+        let mut made = preorder_builder();
+        let mut pending = vec![PendingItem::Node(source.root()?)];
         let mut children = no_children();
-        while let Some(step) = pending.pop() {
+        while let Some(item) = pending.pop() {
             if made.len() >= most {
                 return Err(too_many(most));
             }
-            match step {
-                Step::Halve(axis) => made.divide(axis),
-                Step::Node(Child::Inner { node, .. }) => {
+            match item {
+                PendingItem::Halve(axis) => made.divide(axis),
+                PendingItem::Node(Child::Inner { node, .. }) => {
                     source.children(&node, &mut children)?;
                     // The stack is LIFO, hence the reverse order. Siblings are ordered so that x
                     // changes last.
-                    for place in (0..form.children()).rev() {
-                        let bits = place.reverse_bits() >> (usize::BITS as usize - axes);
-                        pending.push(Step::Node(std::mem::take(&mut children[bits])));
+                    for index in (0..form.children()).rev() {
+                        let bits = index.reverse_bits() >> (usize::BITS as usize - axes);
+                        pending.push(PendingItem::Node(std::mem::take(&mut children[bits])));
                         // A child is preceded by the halving of every block that begins with it.
-                        let begun = (place.trailing_zeros() as usize).min(axes);
-                        pending.extend((axes - begun..axes).rev().map(|axis| Step::Halve(axis as u8)));
+                        let begun = (index.trailing_zeros() as usize).min(axes);
+                        pending.extend((axes - begun..axes).rev().map(|axis| PendingItem::Halve(axis as u8)));
                     }
                 }
-                Step::Node(uniform) => made.leaf(uniform.value()),
+                PendingItem::Node(uniform) => made.leaf(uniform.value()),
             }
         }
         source.check_unchanged()?;
@@ -206,8 +206,8 @@ impl Source for Bintree {
     }
 }
 
-fn growing() -> Growing<u8, Option<Value>> {
-    Growing::new(|_| false)
+fn preorder_builder() -> PreorderBuilder<u8, Option<Value>> {
+    PreorderBuilder::new(|_| false)
 }
 
 /// Both halves of a block, the one with lower coordinates first.

@@ -66,7 +66,7 @@ proptest! {
     /// Both kinds keep the cells of their source, also through a text round trip, and are
     /// reproduced from it.
     #[test]
-    fn cells_stay_the_same((axes, depth, cells) in prop_oneof![cells(2, 3), cells(3, 2), cells(2, 1), cells(2, 0)]) {
+    fn bintrees_keep_all_cells((axes, depth, cells) in prop_oneof![cells(2, 3), cells(3, 2), cells(2, 1), cells(2, 0)]) {
         let tree = byte_tree(axes, depth, &cells);
         let extent = Bounds::space(tree.form().dimension, depth).max;
         let alternating = Bintree::alternating(&tree, extent, usize::MAX).unwrap();
@@ -88,7 +88,7 @@ proptest! {
 
     /// No input causes a panic, and accepted input is written in the same words.
     #[test]
-    fn any_text_is_read_or_refused(head in "bintree:(alternating|adaptive):xyz?:[0-3]:(u8|[uif][0-9]{1,2}(x[0-9]{1,3})?([+](alpha|missing=-?[0-9]{1,3}))?):[1-8]x[1-8](x[1-8])?", symbols in "[GMXYZWVBF0-9() ]{0,24}|\\PC{0,8}") {
+    fn arbitrary_strings_are_parsed_or_rejected(head in "bintree:(alternating|adaptive):xyz?:[0-3]:(u8|[uif][0-9]{1,2}(x[0-9]{1,3})?([+](alpha|missing=-?[0-9]{1,3}))?):[1-8]x[1-8](x[1-8])?", symbols in "[GMXYZWVBF0-9() ]{0,24}|\\PC{0,8}") {
         if let Ok(tree) = Bintree::from_text(&format!("{head} {symbols}"), 20) {
             prop_assert_eq!(Bintree::from_text(&tree.to_text(), 20).unwrap(), tree);
         }
@@ -97,7 +97,7 @@ proptest! {
 
 /// Includes spaces where the best axis is not the first; compared with an exhaustive search.
 #[test]
-fn the_fewest_nodes_are_those_of_all_ways() {
+fn adaptive_bintrees_have_the_minimum_node_count() {
     let mut state = 45u64;
     for (axes, depth) in [(2, 2), (3, 1), (2, 2), (2, 2), (3, 1)].into_iter().cycle().take(50) {
         let cells: Vec<_> = (0..1 << (axes * depth))
@@ -114,7 +114,7 @@ fn the_fewest_nodes_are_those_of_all_ways() {
 
 /// A few nodes can be a line of any length, which takes a huge number of squares.
 #[test]
-fn long_thin_blocks_are_refused_before_they_are_built() {
+fn long_thin_blocks_are_rejected_before_they_are_built() {
     let line = |axes: &str, depth: usize, sides: &str| {
         format!("bintree:adaptive:{axes}:{depth}:u8:{sides} {}1{}", "Y".repeat(depth), "W".repeat(depth))
     };
@@ -133,7 +133,7 @@ fn long_thin_blocks_are_refused_before_they_are_built() {
 }
 
 #[test]
-fn values_of_all_types_are_read_back() {
+fn values_of_all_types_survive_formatting() {
     let u8s = ValueType::new(SampleType::U8, 4);
     let f32s = ValueType::new(SampleType::F32, 2);
     let single = |sample| ValueType::new(sample, 1);
@@ -158,7 +158,7 @@ fn values_of_all_types_are_read_back() {
 }
 
 #[test]
-fn errors_say_where_and_what() {
+fn parse_errors_have_position_and_expectation() {
     let head = "bintree:adaptive:xy:2:u8:3x4 ";
     let cases = [
         ("", "byte 0: got its end, expected `bintree:alternating"),

@@ -25,7 +25,7 @@ use spinney_base::value::{Mask, Number, SampleType, Value, ValueType};
 use spinney_base::{Error, Result, TreeType};
 use spinney_engine::tree::df;
 
-use super::{Bintree, BintreeNode, Halving, MAX_CELLS, growing, halves, too_many};
+use super::{Bintree, BintreeNode, Halving, MAX_CELLS, halves, preorder_builder, too_many};
 use crate::preorder::BinaryNode;
 
 /// Word that all expressions begin with.
@@ -86,12 +86,12 @@ impl Bintree {
                 what: "the bintree".into(),
                 needed: size.saturating_mul(1 + size_of::<BintreeNode>() as u64),
                 limit: memory,
-                advice: "allow more with --memory".into(),
+                advice: "raise --memory".into(),
             });
         }
         let place = path.display().to_string();
         let text = std::str::from_utf8(&bytes).map_err(|error| {
-            let found = format!("a byte that is no text at {}", error.valid_up_to());
+            let found = format!("invalid UTF-8 at byte {}", error.valid_up_to());
             Error::invalid(place.as_str(), found, "the DF-expression of a bintree")
         })?;
         Parser { place: &place, text }.tree(bytes.len())
@@ -153,7 +153,7 @@ impl Parser<'_> {
     fn head(&self) -> Result<(Bintree, usize)> {
         let start = self.text.len() - self.text.trim_start().len();
         let head = self.text[start..].split_whitespace().next().unwrap_or_default();
-        let expected = "`bintree:alternating:xy:DEPTH:VALUES:WIDTHxHEIGHT`, or with `adaptive`, `xyz` and x DEPTH of a volume";
+        let expected = "`bintree:alternating:xy:DEPTH:TYPE:WIDTHxHEIGHT`, or `adaptive`, or `xyz` with WIDTHxHEIGHTxDEPTH";
         let bad = |part: &str| self.bad(start + (part.as_ptr() as usize - head.as_ptr() as usize), expected);
         let parts: Vec<_> = head.split(':').collect();
         let [NAME, halving, axes, depth, values, extent] = parts[..] else { return Err(bad(head)) };
@@ -185,9 +185,9 @@ impl Parser<'_> {
     fn tree(&self, most: usize) -> Result<Bintree> {
         let (mut tree, mut at) = self.head()?;
         let TreeType { dimension, value } = tree.form;
-        let (axes, full, picture) =
-            (dimension.axes() as u8, value.splat(255u8), Bounds::picture(tree.extent));
-        let mut made = growing();
+        let (axes, full, raster_bounds) =
+            (dimension.axes() as u8, value.splat(255u8), Bounds::of_extent(tree.extent));
+        let mut made = preorder_builder();
         // Reserving avoids the doubling of a growing vector.
         made.reserve(most.min(self.text.len() - at));
         // Blocks whose symbols follow, each with its next axis if axes alternate. At most one per
@@ -214,7 +214,7 @@ impl Parser<'_> {
             if let Some(axis) = axis {
                 if axis >= axes || block.size()[usize::from(axis)] < 2 {
                     return Err(
-                        self.bad(start, "a leaf, or another axis: the block is one cell long along this one")
+                        self.bad(start, "a leaf, or another axis: the block has one cell along this one")
                     );
                 }
                 made.divide(axis);
@@ -244,8 +244,8 @@ impl Parser<'_> {
                     self.bad(start, &format!("one of {halves} W V B F, a digit, or [value]"))
                 })?),
             };
-            if leaf.is_some() && !picture.contains(&block) {
-                return Err(self.bad(start, "W or V: the block reaches beyond the picture's extent"));
+            if leaf.is_some() && !raster_bounds.contains(&block) {
+                return Err(self.bad(start, "W or V: the block reaches beyond the extent"));
             }
             made.leaf(leaf);
             squares = squares.saturating_add(squares_of(block, dimension));
@@ -270,9 +270,7 @@ impl Parser<'_> {
             Dimension::Oct => ("cubes", "an octree"),
         };
         let found = format!("{nodes} nodes with long thin blocks, which are {squares} {blocks} of {tree}");
-        let expected = format!(
-            "at most {limit}, so that blocks are halved along a longer side; of such data, build the raster or volume itself"
-        );
+        let expected = format!("at most {limit}; build such data from its raster or volume");
         Err(Error::invalid(self.place, found, expected))
     }
 

@@ -25,10 +25,10 @@ impl Bsp {
     /// # Errors
     /// If a quadtree or octree, or the grid, has fewer levels.
     pub fn blocks(&self, depth: u8) -> Result<BspBlocks<'_>> {
-        let most = self.dimension.max_depth().min(MAX_BITS);
-        match depth <= most {
+        let limit = self.dimension.max_depth().min(MAX_BITS);
+        match depth <= limit {
             true => Ok(BspBlocks { tree: self, depth }),
-            false => Err(Error::invalid("depth", depth.to_string(), format!("at most {most}"))),
+            false => Err(Error::invalid("depth", depth.to_string(), format!("at most {limit}"))),
         }
     }
 }
@@ -54,10 +54,10 @@ impl BspBlocks<'_> {
                 BinaryNode::Leaf(is_inside) => found = Some(*is_inside),
                 BinaryNode::Divided { by, second } => match region.sides(&by.plane) {
                     [true, true] => {
-                        let ([behind, before], _) = region.cut(&by.plane);
-                        pending.extend([(at + 1, behind), (*second, before)]);
+                        let ([back, front], _) = region.cut(&by.plane);
+                        pending.extend([(at + 1, back), (*second, front)]);
                     }
-                    [is_behind, _] => pending.push((if is_behind { at + 1 } else { *second }, region)),
+                    [is_back, _] => pending.push((if is_back { at + 1 } else { *second }, region)),
                 },
             }
         }

@@ -7,11 +7,11 @@ use spinney_brep::geometry::Triangulator;
 use spinney_brep::{ExactPlane, MAX_BITS};
 
 use super::facet::{Facet, sides};
-use super::{Bsp, BspPiece, Division};
-use crate::preorder::Growing;
+use super::{Bsp, BspFragment, Division};
+use crate::preorder::PreorderBuilder;
 
 /// Maximum number of fragments that segments or faces may be cut into.
-pub const MAX_PIECES: usize = 1 << 20;
+pub const MAX_FRAGMENTS: usize = 1 << 20;
 
 /// Candidate planes per node.
 const TRIED: usize = 8;
@@ -24,11 +24,12 @@ impl Bsp {
     /// in front. No cell is inside.
     ///
     /// # Errors
-    /// If a segment is a point or leaves the grid, or there are more than [`MAX_PIECES`] fragments.
+    /// If a segment is a point or leaves the grid, or there are more than [`MAX_FRAGMENTS`]
+    /// fragments.
     pub fn of_segments(segments: &[[[i32; 2]; 2]]) -> Result<Bsp> {
-        let pieces = segments.iter().enumerate();
-        let pieces = pieces.map(|(source, segment)| piece_of_segment(source, *segment));
-        grow(Dimension::Quad, pieces.collect::<Result<_>>()?, false)
+        let fragments = segments.iter().enumerate();
+        let fragments = fragments.map(|(source, segment)| fragment_of_segment(source, *segment));
+        grow(Dimension::Quad, fragments.collect::<Result<_>>()?, false)
     }
 
     /// Builds a tree of the plane whose inside is that of these polygons. Each is an outer ring,
@@ -36,9 +37,9 @@ impl Bsp {
     ///
     /// # Errors
     /// If a vertex is outside of the grid, rings cross or share edges, or there are more than
-    /// [`MAX_PIECES`] fragments.
+    /// [`MAX_FRAGMENTS`] fragments.
     pub fn of_polygons(polygons: &[Vec<Vec<[i32; 2]>>]) -> Result<Bsp> {
-        let mut pieces = Vec::new();
+        let mut fragments = Vec::new();
         for (source, polygon) in polygons.iter().enumerate() {
             for (number, ring) in polygon.iter().enumerate() {
                 let area = ring_edges(ring).map(|[[ax, ay], [bx, by]]| {
@@ -48,11 +49,11 @@ impl Bsp {
                 let is_turned = (area.sum::<i128>() < 0) != (number > 0);
                 for [from, to] in ring_edges(ring).filter(|[from, to]| from != to) {
                     let edge = if is_turned { [to, from] } else { [from, to] };
-                    pieces.push(piece_of_segment(source, edge)?);
+                    fragments.push(fragment_of_segment(source, edge)?);
                 }
             }
         }
-        grow(Dimension::Quad, pieces, true)
+        grow(Dimension::Quad, fragments, true)
     }
 
     /// Builds a tree of space whose inside is bounded by a closed surface. Each face is an outer
@@ -60,9 +61,9 @@ impl Bsp {
     ///
     /// # Errors
     /// If a vertex is outside of the grid, a face cannot be triangulated, the surface is open or
-    /// self-intersects, or there are more than [`MAX_PIECES`] fragments.
+    /// self-intersects, or there are more than [`MAX_FRAGMENTS`] fragments.
     pub fn of_faces(faces: &[Vec<Vec<[i32; 3]>>]) -> Result<Bsp> {
-        let (mut pieces, mut triangulator) = (Vec::new(), Triangulator::new());
+        let (mut fragments, mut triangulator) = (Vec::new(), Triangulator::new());
         for (source, rings) in faces.iter().enumerate() {
             let corners: Vec<_> = rings.iter().flatten().map(|corner| corner.map(i64::from)).collect();
             let mut end = 0;
@@ -86,11 +87,11 @@ impl Bsp {
                 // A triangle without area bounds nothing.
                 if normal != [0; 3] {
                     let plane = ExactPlane::through(corners[0], normal);
-                    pieces.push(BspPiece { source, facet: Facet::of_triangle(plane, &corners) });
+                    fragments.push(BspFragment { source, facet: Facet::of_triangle(plane, &corners) });
                 }
             }
         }
-        grow(Dimension::Oct, pieces, true)
+        grow(Dimension::Oct, fragments, true)
     }
 
     /// Builds a tree of space with these triangles in its planes. A triangle is counterclockwise
@@ -98,18 +99,18 @@ impl Bsp {
     /// intersect. Those without area are skipped.
     ///
     /// # Errors
-    /// If a vertex is outside of the grid, or there are more than [`MAX_PIECES`] fragments.
+    /// If a vertex is outside of the grid, or there are more than [`MAX_FRAGMENTS`] fragments.
     pub fn of_triangles(triangles: &[[[i32; 3]; 3]]) -> Result<Bsp> {
-        let mut pieces = Vec::new();
+        let mut fragments = Vec::new();
         for (source, corners) in triangles.iter().enumerate() {
             corners.iter().try_for_each(|corner| check(source, *corner))?;
             let normal = triangle_normal(corners);
             if normal != [0; 3] {
                 let plane = ExactPlane::through(corners[0], normal);
-                pieces.push(BspPiece { source, facet: Facet::of_triangle(plane, corners) });
+                fragments.push(BspFragment { source, facet: Facet::of_triangle(plane, corners) });
             }
         }
-        grow(Dimension::Oct, pieces, false)
+        grow(Dimension::Oct, fragments, false)
     }
 }
 
@@ -122,20 +123,24 @@ fn check(source: usize, corner: [i32; 3]) -> Result<()> {
         true => Ok(()),
         false => Err(Error::invalid(
             format!("shape {source}"),
-            format!("a corner at {corner:?}"),
+            format!("a vertex at {corner:?}"),
             "coordinates from 0 to 67108863",
         )),
     }
 }
 
 /// Wall of height 1 over a segment.
-fn piece_of_segment(source: usize, [[px, py], [qx, qy]]: [[i32; 2]; 2]) -> Result<BspPiece> {
+fn fragment_of_segment(source: usize, [[px, py], [qx, qy]]: [[i32; 2]; 2]) -> Result<BspFragment> {
     let at = |z: i32| ([px, py, z], [qx, qy, z]);
     let ((p, q), (above_p, above_q)) = (at(0), at(1));
     check(source, p)?;
     check(source, q)?;
     if p == q {
-        return Err(Error::invalid(format!("segment {source}"), format!("the point {px}, {py}"), "two ends"));
+        return Err(Error::invalid(
+            format!("segment {source}"),
+            format!("the point {px}, {py}"),
+            "two different ends",
+        ));
     }
     let [dx, dy] = [i64::from(qx) - i64::from(px), i64::from(qy) - i64::from(py)];
     let across = if dx.abs() >= dy.abs() { [1, 0, 0] } else { [0, 1, 0] };
@@ -146,46 +151,47 @@ fn piece_of_segment(source: usize, [[px, py], [qx, qy]]: [[i32; 2]; 2]) -> Resul
         (above_q, wall(above_q, [0, 0, 1])),
         (above_p, wall(p, across)),
     ];
-    Ok(BspPiece { source, facet: Facet::of_grid(wall(p, [dy, -dx, 0]), &edges) })
+    Ok(BspFragment { source, facet: Facet::of_grid(wall(p, [dy, -dx, 0]), &edges) })
 }
 
 /// Builds the tree of fragments. If `is_solid`, the back of each fragment is inside.
-fn grow(dimension: Dimension, pieces: Vec<BspPiece>, is_solid: bool) -> Result<Bsp> {
-    let mut made = Growing::new(|by: &Division| !by.pieces.is_empty());
-    let mut count = pieces.len();
+fn grow(dimension: Dimension, fragments: Vec<BspFragment>, is_solid: bool) -> Result<Bsp> {
+    let mut made = PreorderBuilder::new(|by: &Division| !by.fragments.is_empty());
+    let mut count = fragments.len();
     // Fragments of cells that are still to be divided, and whether the cell is inside if it has
     // none.
-    let mut pending = vec![(pieces, false)];
-    while let Some((pieces, is_inside)) = pending.pop() {
-        if count > MAX_PIECES {
-            let found = format!("more than {MAX_PIECES} pieces of segments or faces");
-            return Err(Error::invalid("BSP tree", found, format!("at most {MAX_PIECES}")));
+    let mut pending = vec![(fragments, false)];
+    while let Some((fragments, is_inside)) = pending.pop() {
+        if count > MAX_FRAGMENTS {
+            let found = format!("more than {MAX_FRAGMENTS} fragments of segments or faces");
+            return Err(Error::invalid("BSP tree", found, format!("at most {MAX_FRAGMENTS}")));
         }
-        if pieces.is_empty() {
+        if fragments.is_empty() {
             made.leaf(is_inside);
             continue;
         }
-        let plane = choose(&pieces);
+        let plane = choose(&fragments);
         let (mut within, mut parts) = (Vec::new(), [const { Vec::new() }; 2]);
-        for piece in pieces {
-            let signs = piece.facet.signs(&plane);
+        for fragment in fragments {
+            let signs = fragment.facet.signs(&plane);
             match sides(&signs) {
-                [false, false] => within.push(piece),
-                [true, false] => parts[0].push(piece),
-                [false, true] => parts[1].push(piece),
+                [false, false] => within.push(fragment),
+                [true, false] => parts[0].push(fragment),
+                [false, true] => parts[1].push(fragment),
                 [true, true] => {
                     count += 1;
-                    for (part, facet) in parts.iter_mut().zip(piece.facet.cut(&plane, &signs)) {
-                        part.push(BspPiece { source: piece.source, facet });
+                    for (part, facet) in parts.iter_mut().zip(fragment.facet.cut(&plane, &signs)) {
+                        part.push(BspFragment { source: fragment.source, facet });
                     }
                 }
             }
         }
         // If a side has no other fragments, those in the plane determine whether it is inside.
-        let is_behind = within.first().is_some_and(|piece: &BspPiece| piece.facet.plane.is_turned_as(&plane));
-        made.divide(Division { plane, pieces: within });
-        let [behind, before] = parts;
-        pending.extend([(before, is_solid && !is_behind), (behind, is_solid && is_behind)]);
+        let is_back =
+            within.first().is_some_and(|fragment: &BspFragment| fragment.facet.plane.is_turned_as(&plane));
+        made.divide(Division { plane, fragments: within });
+        let [back, front] = parts;
+        pending.extend([(front, is_solid && !is_back), (back, is_solid && is_back)]);
     }
     let tree = Bsp { dimension, nodes: made.finish() };
     if is_solid {
@@ -195,19 +201,19 @@ fn grow(dimension: Dimension, pieces: Vec<BspPiece>, is_solid: bool) -> Result<B
 }
 
 /// Chooses from a few candidates a plane that cuts few fragments and balances both sides.
-fn choose(pieces: &[BspPiece]) -> ExactPlane {
-    let tried =
-        (0..TRIED.min(pieces.len())).map(|i| pieces[i * pieces.len() / TRIED.min(pieces.len())].facet.plane);
+fn choose(fragments: &[BspFragment]) -> ExactPlane {
+    let tried = (0..TRIED.min(fragments.len()))
+        .map(|i| fragments[i * fragments.len() / TRIED.min(fragments.len())].facet.plane);
     let weight = |plane: &ExactPlane| {
-        let (mut cuts, mut behind, mut before) = (0, 0usize, 0);
-        for piece in pieces {
-            let [is_behind, is_before] = sides(&piece.facet.signs(plane));
-            cuts += usize::from(is_behind && is_before);
-            behind += usize::from(is_behind);
-            before += usize::from(is_before);
+        let (mut cuts, mut back, mut front) = (0, 0usize, 0);
+        for fragment in fragments {
+            let [is_back, is_front] = sides(&fragment.facet.signs(plane));
+            cuts += usize::from(is_back && is_front);
+            back += usize::from(is_back);
+            front += usize::from(is_front);
         }
-        CUT_WEIGHT * cuts + behind.abs_diff(before)
+        CUT_WEIGHT * cuts + back.abs_diff(front)
     };
     // There is at least one fragment.
-    tried.min_by_key(weight).unwrap_or(pieces[0].facet.plane)
+    tried.min_by_key(weight).unwrap_or(fragments[0].facet.plane)
 }

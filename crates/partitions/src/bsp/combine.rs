@@ -9,7 +9,7 @@ use spinney_base::{Error, Result, SetOperation};
 
 use super::region::Region;
 use super::{Bsp, BspNode, Division};
-use crate::preorder::{BinaryNode, Growing};
+use crate::preorder::{BinaryNode, PreorderBuilder};
 
 impl Bsp {
     /// Computes a set operation on this tree and another one.
@@ -18,10 +18,14 @@ impl Bsp {
     /// If one tree is of the plane and the other of space.
     pub fn combine(&self, other: &Bsp, operation: SetOperation) -> Result<Bsp> {
         if self.dimension != other.dimension {
-            return Err(Error::invalid("BSP trees", "one of the plane and one of space", "two of one kind"));
+            return Err(Error::invalid(
+                "BSP trees",
+                "one of the plane and one of space",
+                "two of the same dimension",
+            ));
         }
         let result = |a: bool, b: bool| operation.contains(a, b);
-        let mut made = Growing::new(|_: &Division| false);
+        let mut made = PreorderBuilder::new(|_: &Division| false);
         let mut pending = vec![(0, 0, Region::space(self.dimension))];
         while let Some((a, b, region)) = pending.pop() {
             let (by, second, is_first) = match (&self.nodes[a], &other.nodes[b]) {
@@ -40,17 +44,17 @@ impl Bsp {
                 (BinaryNode::Divided { by, second }, _) => (by, *second, true),
                 (_, BinaryNode::Divided { by, second }) => (by, *second, false),
             };
-            let behind = if is_first { (a + 1, b) } else { (a, b + 1) };
-            let before = if is_first { (second, b) } else { (a, second) };
+            let back = if is_first { (a + 1, b) } else { (a, b + 1) };
+            let front = if is_first { (second, b) } else { (a, second) };
             match region.sides(&by.plane) {
                 [true, true] => {
-                    made.divide(Division { plane: by.plane, pieces: Vec::new() });
-                    let ([part_behind, part_before], _) = region.cut(&by.plane);
-                    pending.push((before.0, before.1, part_before));
-                    pending.push((behind.0, behind.1, part_behind));
+                    made.divide(Division { plane: by.plane, fragments: Vec::new() });
+                    let ([back_part, front_part], _) = region.cut(&by.plane);
+                    pending.push((front.0, front.1, front_part));
+                    pending.push((back.0, back.1, back_part));
                 }
-                [is_behind, _] => {
-                    let (a, b) = if is_behind { behind } else { before };
+                [is_back, _] => {
+                    let (a, b) = if is_back { back } else { front };
                     pending.push((a, b, region));
                 }
             }

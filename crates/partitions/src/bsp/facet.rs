@@ -81,15 +81,15 @@ impl Facet {
         let (mut left, mut within) = (Vec::new(), self.clone());
         for Edge { wall, .. } in &other.edges {
             let signs = within.signs(wall);
-            let is_before = sides(&other.signs(wall))[1];
+            let is_front = sides(&other.signs(wall))[1];
             match sides(&signs) {
                 [true, true] => {
-                    let [behind, before] = within.cut(wall, &signs);
-                    let (other_side, same_side) = if is_before { (behind, before) } else { (before, behind) };
+                    let [back, front] = within.cut(wall, &signs);
+                    let (other_side, same_side) = if is_front { (back, front) } else { (front, back) };
                     left.push(other_side);
                     within = same_side;
                 }
-                [_, on_before] if on_before != is_before => return vec![self],
+                [_, on_front] if on_front != is_front => return vec![self],
                 _ => {}
             }
         }

@@ -19,7 +19,7 @@ mod region;
 mod sections;
 
 pub use blocks::BspBlocks;
-pub use build::MAX_PIECES;
+pub use build::MAX_FRAGMENTS;
 
 use spinney_base::space::Dimension;
 use spinney_brep::ExactPlane;
@@ -29,13 +29,13 @@ use crate::preorder::BinaryNode;
 
 /// Fragment of a segment or face, in the line or plane of a node.
 #[derive(Clone, Debug)]
-pub struct BspPiece {
+pub struct BspFragment {
     /// Index of the segment, polygon, face or triangle that the fragment belongs to.
     pub source: usize,
     facet: Facet,
 }
 
-impl BspPiece {
+impl BspFragment {
     /// For fragments of triangles: the triangle's side that each edge lies on. Side 0 to 2 starts
     /// at the vertex with that index. `None` for edges that cuts created.
     pub fn sides(&self) -> impl Iterator<Item = Option<u8>> {
@@ -48,7 +48,7 @@ impl BspPiece {
 pub struct Division {
     plane: ExactPlane,
     /// Fragments of the input in the line or plane. A merged tree has none.
-    pub pieces: Vec<BspPiece>,
+    pub fragments: Vec<BspFragment>,
 }
 
 impl Division {
@@ -64,9 +64,9 @@ pub type BspNode = BinaryNode<Division, bool>;
 
 /// Item of a traversal from back to front.
 #[derive(Clone, Copy, Debug)]
-pub enum Seen<'a> {
+pub enum BspItem<'a> {
     /// Fragment in the line or plane of a node.
-    Piece(&'a BspPiece),
+    Fragment(&'a BspFragment),
     /// Cell: the index of its node, and whether it is inside.
     Cell(usize, bool),
 }
@@ -97,9 +97,9 @@ impl Bsp {
     }
 
     /// Vertices of a fragment; the two ends in trees of the plane.
-    pub fn corners(&self, piece: &BspPiece) -> Vec<[f64; 3]> {
+    pub fn corners(&self, fragment: &BspFragment) -> Vec<[f64; 3]> {
         let is_flat = self.dimension == Dimension::Quad;
-        let corners = piece.facet.edges.iter().map(|edge| edge.start.near);
+        let corners = fragment.facet.edges.iter().map(|edge| edge.start.near);
         corners.filter(|corner| !is_flat || corner[2] == 0.0).collect()
     }
 
@@ -126,14 +126,14 @@ impl Bsp {
     /// Calls `take` for all cells and fragments from back to front, as seen from a grid point: none
     /// is hidden by an earlier one. (Fragments whose line or plane contains the eye are seen
     /// edge-on, and may come at any time.)
-    pub fn back_to_front<'a>(&'a self, eye: [i32; 3], take: &mut dyn FnMut(Seen<'a>)) {
+    pub fn back_to_front<'a>(&'a self, eye: [i32; 3], take: &mut dyn FnMut(BspItem<'a>)) {
         let eye = eye.map(|at| 2 * i128::from(at));
         self.in_order(&|plane| height(plane, eye) >= 0, take);
     }
 
     /// Calls `take` for all cells and fragments from back to front, for a viewer at infinity in
     /// `direction`.
-    pub fn back_to_front_from_afar<'a>(&'a self, direction: [i32; 3], take: &mut dyn FnMut(Seen<'a>)) {
+    pub fn back_to_front_from_afar<'a>(&'a self, direction: [i32; 3], take: &mut dyn FnMut(BspItem<'a>)) {
         let rises = |plane: &ExactPlane| {
             let along =
                 plane.normal.iter().zip(direction).map(|(part, at)| i128::from(*part) * i128::from(at));
@@ -143,25 +143,29 @@ impl Bsp {
     }
 
     /// Calls `take` for all cells and fragments. At each node, the viewer's side comes last.
-    fn in_order<'a>(&'a self, is_in_front: &dyn Fn(&ExactPlane) -> bool, take: &mut dyn FnMut(Seen<'a>)) {
-        enum Step {
+    fn in_order<'a>(&'a self, is_in_front: &dyn Fn(&ExactPlane) -> bool, take: &mut dyn FnMut(BspItem<'a>)) {
+        enum PendingItem {
             Node(usize),
-            Pieces(usize),
+            Fragments(usize),
         }
-        let mut pending = vec![Step::Node(0)];
+        let mut pending = vec![PendingItem::Node(0)];
         while let Some(step) = pending.pop() {
             match step {
-                Step::Node(at) => match &self.nodes[at] {
-                    BinaryNode::Leaf(inside) => take(Seen::Cell(at, *inside)),
+                PendingItem::Node(at) => match &self.nodes[at] {
+                    BinaryNode::Leaf(inside) => take(BspItem::Cell(at, *inside)),
                     BinaryNode::Divided { by, second } => {
                         let (near, far) =
                             if is_in_front(&by.plane) { (*second, at + 1) } else { (at + 1, *second) };
-                        pending.extend([Step::Node(near), Step::Pieces(at), Step::Node(far)]);
+                        pending.extend([
+                            PendingItem::Node(near),
+                            PendingItem::Fragments(at),
+                            PendingItem::Node(far),
+                        ]);
                     }
                 },
-                Step::Pieces(at) => {
+                PendingItem::Fragments(at) => {
                     if let BinaryNode::Divided { by, .. } = &self.nodes[at] {
-                        by.pieces.iter().for_each(|piece| take(Seen::Piece(piece)));
+                        by.fragments.iter().for_each(|fragment| take(BspItem::Fragment(fragment)));
                     }
                 }
             }

@@ -27,7 +27,7 @@ impl Bsp {
     /// close.
     pub fn outlines(&self) -> Result<Vec<Vec<[f64; 2]>>> {
         if self.dimension != Dimension::Quad {
-            return Err(Error::invalid("BSP tree", "one of space", "one of the plane"));
+            return Err(Error::invalid("BSP tree", "a tree of space", "a tree of the plane"));
         }
         let mut edges = Vec::new();
         self.each_section(&mut |_, below, section| {
@@ -44,19 +44,19 @@ impl Bsp {
         }
         let mut rings = Vec::new();
         // Position of each point in the current ring.
-        let mut places = vec![None; points.len()];
+        let mut ring_positions = vec![None; points.len()];
         for first in 0..edges.len() {
             let (mut next, mut ring) = (Some(first), Vec::new());
             while let Some(edge) = next {
                 let Edge { corners: [from, to], direction, .. } = edges[edge];
-                let Some(place) = leaving[from].iter().position(|other| *other == edge) else { break };
-                leaving[from].swap_remove(place);
-                places[from] = Some(ring.len());
+                let Some(position) = leaving[from].iter().position(|other| *other == edge) else { break };
+                leaving[from].swap_remove(position);
+                ring_positions[from] = Some(ring.len());
                 ring.push((from, direction));
                 // A ring that returns to one of its points is closed, from there on.
-                if let Some(place) = places[to] {
-                    let whole = ring.split_off(place);
-                    whole.iter().for_each(|(point, _)| places[*point] = None);
+                if let Some(position) = ring_positions[to] {
+                    let whole = ring.split_off(position);
+                    whole.iter().for_each(|(point, _)| ring_positions[*point] = None);
                     rings.push(corners_of(&whole, &points));
                 }
                 let directions = leaving[to].iter().copied();
@@ -69,12 +69,8 @@ impl Bsp {
                 }
             }
             if !ring.is_empty() {
-                let found = "an inside that reaches beyond the grid";
-                return Err(Error::invalid(
-                    "BSP tree",
-                    found,
-                    "one that ends within the grid, 0 to 67108863",
-                ));
+                let found = "an inside that extends beyond the grid";
+                return Err(Error::invalid("BSP tree", found, "an inside within the grid, 0 to 67108863"));
             }
         }
         Ok(rings)
@@ -95,7 +91,7 @@ fn edge_of(wall: &Boundary) -> Edge {
     let axis = usize::from(direction[0] == 0);
     let mut foot = wall.facet.edges.iter().map(|edge| edge.start).filter(|corner| corner.near[2] == 0.0);
     // Each wall has two vertices at the bottom.
-    let (Some(a), Some(b)) = (foot.next(), foot.next()) else { unreachable!("a wall without a foot") };
+    let (Some(a), Some(b)) = (foot.next(), foot.next()) else { unreachable!("a wall has a bottom edge") };
     let rises = a.compare(&b, axis).is_lt();
     let ends = if rises == (direction[axis] > 0) { [a, b] } else { [b, a] };
     Edge { ends, corners: [0; 2], direction }

@@ -75,10 +75,10 @@ impl Region {
             let signs = facet.signs(by);
             match sides(&signs) {
                 [true, true] => {
-                    let [behind, before] = facet.cut(by, &signs);
-                    add(&before, before.edges.iter().position(|edge| edge.wall == *by).unwrap_or(0));
-                    parts[0].push(behind);
-                    parts[1].push(before);
+                    let [back, front] = facet.cut(by, &signs);
+                    add(&front, front.edges.iter().position(|edge| edge.wall == *by).unwrap_or(0));
+                    parts[0].push(back);
+                    parts[1].push(front);
                 }
                 [_, false] => parts[0].push(facet),
                 [false, true] => {

@@ -25,11 +25,11 @@ impl Bsp {
             let BinaryNode::Divided { by, second } = &self.nodes[at] else { continue };
             match region.sides(&by.plane) {
                 [true, true] => {
-                    let ([behind, before], section) = region.cut(&by.plane);
+                    let ([back, front], section) = region.cut(&by.plane);
                     take(by, [at + 1, *second], section)?;
-                    pending.extend([(*second, before), (at + 1, behind)]);
+                    pending.extend([(*second, front), (at + 1, back)]);
                 }
-                [is_behind, _] => pending.push((if is_behind { at + 1 } else { *second }, region)),
+                [is_back, _] => pending.push((if is_back { at + 1 } else { *second }, region)),
             }
         }
         Ok(())
@@ -37,37 +37,34 @@ impl Bsp {
 
     /// Cuts a facet in the plane above two nodes by the cells on both sides, and reports whether
     /// these are inside.
-    pub(super) fn on_both_sides(&self, [behind, before]: [usize; 2], facet: Facet) -> Vec<Boundary> {
-        let behind = self.in_cells(behind, facet).into_iter();
-        let both = behind.flat_map(|(part, inside_behind)| {
-            let before = self.in_cells(before, part).into_iter();
-            before.map(move |(facet, inside_before)| Boundary {
-                facet,
-                is_inside: [inside_behind, inside_before],
-            })
+    pub(super) fn on_both_sides(&self, [back, front]: [usize; 2], facet: Facet) -> Vec<Boundary> {
+        let back = self.in_cells(back, facet).into_iter();
+        let both = back.flat_map(|(part, inside_back)| {
+            let front = self.in_cells(front, part).into_iter();
+            front.map(move |(facet, inside_front)| Boundary { facet, is_inside: [inside_back, inside_front] })
         });
         both.collect()
     }
 
     /// Fragments of a facet in the cells below a node, and whether these are inside.
     fn in_cells(&self, at: usize, facet: Facet) -> Vec<(Facet, bool)> {
-        let (mut pieces, mut pending) = (Vec::new(), vec![(at, facet)]);
+        let (mut fragments, mut pending) = (Vec::new(), vec![(at, facet)]);
         while let Some((at, facet)) = pending.pop() {
             match &self.nodes[at] {
-                BinaryNode::Leaf(is_inside) => pieces.push((facet, *is_inside)),
+                BinaryNode::Leaf(is_inside) => fragments.push((facet, *is_inside)),
                 BinaryNode::Divided { by, second } => {
                     let signs = facet.signs(&by.plane);
                     match sides(&signs) {
                         [true, true] => {
-                            let [behind, before] = facet.cut(&by.plane, &signs);
-                            pending.extend([(at + 1, behind), (*second, before)]);
+                            let [back, front] = facet.cut(&by.plane, &signs);
+                            pending.extend([(at + 1, back), (*second, front)]);
                         }
-                        [is_behind, _] => pending.push((if is_behind { at + 1 } else { *second }, facet)),
+                        [is_back, _] => pending.push((if is_back { at + 1 } else { *second }, facet)),
                     }
                 }
             }
         }
-        pieces
+        fragments
     }
 
     /// Checks that the input fragments are exactly the boundary of the inside, which is at their
@@ -75,14 +72,14 @@ impl Bsp {
     pub(super) fn check_boundary(&self) -> Result<()> {
         self.each_section(&mut |by, below, section| {
             let mut rest = vec![section];
-            for piece in &by.pieces {
-                let is_turned = !piece.facet.plane.is_turned_as(&by.plane);
-                for part in self.on_both_sides(below, piece.facet.clone()) {
+            for fragment in &by.fragments {
+                let is_turned = !fragment.facet.plane.is_turned_as(&by.plane);
+                for part in self.on_both_sides(below, fragment.facet.clone()) {
                     if part.is_inside != [!is_turned, is_turned] {
-                        return Err(no_boundary(&part.facet, format!("shape {}", piece.source)));
+                        return Err(no_boundary(&part.facet, format!("shape {}", fragment.source)));
                     }
                 }
-                rest = rest.into_iter().flat_map(|part| part.without(&piece.facet)).collect();
+                rest = rest.into_iter().flat_map(|part| part.without(&fragment.facet)).collect();
             }
             for part in rest.into_iter().flat_map(|part| self.on_both_sides(below, part)) {
                 if part.is_inside[0] != part.is_inside[1] {
@@ -96,7 +93,6 @@ impl Bsp {
 
 fn no_boundary(facet: &Facet, what: String) -> Error {
     let [x, y, z] = facet.edges[0].start.near;
-    let expected =
-        "closed rings or surfaces that turn the right way, and neither cross nor lie on each other";
-    Error::invalid(what, format!("no boundary of a body near {x}, {y}, {z}"), expected)
+    let expected = "closed, correctly oriented rings or surfaces that neither cross nor overlap";
+    Error::invalid(what, format!("a gap, crossing or overlap near {x}, {y}, {z}"), expected)
 }

@@ -55,8 +55,9 @@ fn is_inside(rings: &[Vec<[f64; 2]>], [px, py]: [f64; 2]) -> Option<bool> {
         for ([ax, ay], [bx, by]) in ring.iter().copied().zip(ring.iter().copied().cycle().skip(1)) {
             let turn = (bx - ax) * (py - ay) - (by - ay) * (px - ax);
             let length = (bx - ax).hypot(by - ay);
-            let is_beside = px.clamp(ax.min(bx), ax.max(bx)) == px && py.clamp(ay.min(by), ay.max(by)) == py;
-            if turn.abs() < 1e-6 * length && is_beside {
+            let is_within_extent =
+                px.clamp(ax.min(bx), ax.max(bx)) == px && py.clamp(ay.min(by), ay.max(by)) == py;
+            if turn.abs() < 1e-6 * length && is_within_extent {
                 return None;
             }
             if (ay > py) != (by > py) && (turn > 0.0) == (by > ay) {
@@ -77,13 +78,13 @@ fn area(rings: &[Vec<[f64; 2]>]) -> f64 {
 }
 
 /// Centres of grid cells, few of which lie on lines.
-fn places() -> impl Iterator<Item = [f64; 2]> {
+fn sample_points() -> impl Iterator<Item = [f64; 2]> {
     (0..64 * 64).map(|i| [f64::from(i % 64) + 0.5, f64::from(i / 64) + 0.5])
 }
 
-fn has(tree: &Bsp, place: [f64; 2]) -> bool {
+fn has(tree: &Bsp, point: [f64; 2]) -> bool {
     matches!(
-        tree.nodes[tree.leaf_at([place[0], place[1], 0.0].map(|at| (2.0 * at) as i128))],
+        tree.nodes[tree.leaf_at([point[0], point[1], 0.0].map(|at| (2.0 * at) as i128))],
         BinaryNode::Leaf(true)
     )
 }
@@ -103,20 +104,20 @@ proptest! {
     /// Trees have the inside of their polygons, and all sixteen operations match their definition
     /// at every point.
     #[test]
-    fn operations_are_those_of_points(a in star(), b in star()) {
+    fn operations_match_their_definition_at_points(a in star(), b in star()) {
         let trees = [&a, &b].map(|polygon| Bsp::of_polygons(std::slice::from_ref(polygon)).unwrap());
         let rings = [&a, &b].map(rings_of);
-        let known: Vec<_> = places().filter_map(|place| {
-            Some((place, is_inside(&rings[0], place)?, is_inside(&rings[1], place)?))
+        let known: Vec<_> = sample_points().filter_map(|point| {
+            Some((point, is_inside(&rings[0], point)?, is_inside(&rings[1], point)?))
         }).collect();
         prop_assert!(known.len() > 3000);
-        for (place, in_a, in_b) in &known {
-            prop_assert_eq!([has(&trees[0], *place), has(&trees[1], *place)], [*in_a, *in_b], "{:?}", place);
+        for (point, in_a, in_b) in &known {
+            prop_assert_eq!([has(&trees[0], *point), has(&trees[1], *point)], [*in_a, *in_b], "{:?}", point);
         }
         for operation in SetOperation::ALL {
             let made = trees[0].combine(&trees[1], operation).unwrap();
-            for (place, in_a, in_b) in &known {
-                prop_assert_eq!(has(&made, *place), operation.contains(*in_a, *in_b), "{} {:?}", operation, place);
+            for (point, in_a, in_b) in &known {
+                prop_assert_eq!(has(&made, *point), operation.contains(*in_a, *in_b), "{} {:?}", operation, point);
             }
             prop_assert_eq!(has(&made.complement(), known[0].0), !has(&made, known[0].0));
         }
@@ -125,7 +126,7 @@ proptest! {
     /// Outlines have the area and the points of the inside, and trees built from them have the same
     /// outlines.
     #[test]
-    fn outlines_are_around_what_is_inside(a in star(), b in star()) {
+    fn outlines_bound_the_inside(a in star(), b in star()) {
         let trees = [&a, &b].map(|polygon| Bsp::of_polygons(std::slice::from_ref(polygon)).unwrap());
         let outlines = trees.each_ref().map(|tree| tree.outlines().unwrap());
         for (polygon, outlines) in [&a, &b].into_iter().zip(&outlines) {
@@ -147,16 +148,16 @@ proptest! {
         prop_assert!((both + one - area(&outlines[0])).abs() < 1e-6);
         prop_assert!((both + other - area(&outlines[1])).abs() < 1e-6);
         let rings = [&a, &b].map(rings_of);
-        for place in places() {
-            let (Some(in_a), Some(in_b)) = (is_inside(&rings[0], place), is_inside(&rings[1], place)) else { continue };
-            prop_assert_eq!(is_inside(&joined[1], place), Some(in_a && in_b), "{:?}", place);
-            prop_assert_eq!(is_inside(&joined[2], place), Some(in_a && !in_b), "{:?}", place);
+        for point in sample_points() {
+            let (Some(in_a), Some(in_b)) = (is_inside(&rings[0], point), is_inside(&rings[1], point)) else { continue };
+            prop_assert_eq!(is_inside(&joined[1], point), Some(in_a && in_b), "{:?}", point);
+            prop_assert_eq!(is_inside(&joined[2], point), Some(in_a && !in_b), "{:?}", point);
         }
     }
 
     /// Quadtree cells are those whose centres are inside, and blocks match their cells.
     #[test]
-    fn blocks_are_what_their_cells_are(a in star()) {
+    fn blocks_match_their_cells(a in star()) {
         let tree = Bsp::of_polygons(std::slice::from_ref(&a)).unwrap();
         let blocks = tree.blocks(6).unwrap();
         let mut pending = vec![(Code::root(Dimension::Quad), blocks.root().unwrap())];
@@ -169,30 +170,30 @@ proptest! {
             }
             let bounds = code.bounds(6);
             for (x, y) in (bounds.min[0]..bounds.max[0]).flat_map(|x| (bounds.min[1]..bounds.max[1]).map(move |y| (x, y))) {
-                let place = [x as f64 + 0.5, y as f64 + 0.5];
-                let expected = is_inside(&rings_of(&a), place);
-                prop_assert!(expected.is_none_or(|expected| child.value().is_some() == expected), "{:?}", place);
+                let point = [x as f64 + 0.5, y as f64 + 0.5];
+                let expected = is_inside(&rings_of(&a), point);
+                prop_assert!(expected.is_none_or(|expected| child.value().is_some() == expected), "{:?}", point);
             }
         }
     }
 
     /// Fragments along any line of sight come from the farthest to the nearest.
     #[test]
-    fn pieces_come_from_back_to_front(ends in proptest::collection::vec([0i32..40, 0..40, 0..40, 0..40], 1..25), eye in [0i32..40, 0..40]) {
+    fn fragments_are_ordered_from_back_to_front(ends in proptest::collection::vec([0i32..40, 0..40, 0..40, 0..40], 1..25), eye in [0i32..40, 0..40]) {
         let segments: Vec<_> = ends.iter().map(|[a, b, c, d]| [[*a, *b], [*c, *d]]).filter(|[p, q]| p != q).collect();
         let tree = Bsp::of_segments(&segments).unwrap();
         let mut seen: Vec<[[f64; 2]; 2]> = Vec::new();
         let mut lengths = vec![0.0; segments.len()];
         let mut cells = 0;
         tree.back_to_front([eye[0], eye[1], 0], &mut |what| match what {
-            Seen::Cell(node, is_inside) => {
+            BspItem::Cell(node, is_inside) => {
                 assert!(!is_inside && matches!(tree.nodes()[node], BinaryNode::Leaf(false)));
                 cells += 1;
             }
-            Seen::Piece(piece) => {
-                let corners = tree.corners(piece);
+            BspItem::Fragment(fragment) => {
+                let corners = tree.corners(fragment);
                 let [from, to] = [0, 1].map(|end: usize| [corners[end][0], corners[end][1]]);
-                lengths[piece.source] += (to[0] - from[0]).hypot(to[1] - from[1]);
+                lengths[fragment.source] += (to[0] - from[0]).hypot(to[1] - from[1]);
                 seen.push([from, to]);
             }
         });
@@ -261,7 +262,7 @@ fn octahedron([x, y, z]: [i32; 3], radius: i32) -> Vec<Vec<Vec<[i32; 3]>>> {
 
 /// Solids, their set operations and their octrees, checked pointwise.
 #[test]
-fn bodies_are_inside_where_they_are() {
+fn trees_of_faces_have_the_inside_of_the_bodies() {
     let frame = Bsp::of_faces(&frame()).unwrap();
     let octahedron = Bsp::of_faces(&octahedron([8, 8, 8], 6)).unwrap();
     let between = |at: i32, from: i32, to: i32| 2 * from < at && at < 2 * to;
@@ -291,7 +292,7 @@ fn bodies_are_inside_where_they_are() {
 /// Regions stay closed polyhedra after any number of cuts, and the fragments fill the region's
 /// volume.
 #[test]
-fn parts_of_a_region_are_polyhedra_that_fill_it() {
+fn cut_regions_are_polyhedra_that_fill_the_region() {
     let volume = |region: &region::Region| region.volume();
     let mut state = 7u64;
     let mut next = |below: u64| {
@@ -319,10 +320,10 @@ fn parts_of_a_region_are_polyhedra_that_fill_it() {
 }
 
 #[test]
-fn what_bounds_nothing_is_refused() {
+fn shapes_that_bound_no_body_are_rejected() {
     let error = |result: spinney_base::Result<Bsp>| result.unwrap_err().to_string();
     assert!(error(Bsp::of_segments(&[[[1, 2], [1, 2]]])).contains("segment 0: got the point 1, 2"));
-    assert!(error(Bsp::of_segments(&[[[1, 2], [1, -2]]])).contains("a corner at [1, -2, 0]"));
+    assert!(error(Bsp::of_segments(&[[[1, 2], [1, -2]]])).contains("a vertex at [1, -2, 0]"));
     assert!(
         error(Bsp::of_polygons(&[vec![vec![[0, 0], [1 << 26, 0], [5, 5]]]]))
             .contains("coordinates from 0 to 67108863")
@@ -341,7 +342,7 @@ fn what_bounds_nothing_is_refused() {
         polygon(&[&square(1, 1), &square(7, 7)]),
         polygon(&[&[[0, 0], [8, 8]]]),
     ] {
-        assert!(error(bad).contains("no boundary of a body near"));
+        assert!(error(bad).contains("a gap, crossing or overlap near"));
     }
     // Rings may touch in points, and duplicates count once.
     assert_eq!(two(square(1, 1)).unwrap().outlines().unwrap().len(), 1);
@@ -350,7 +351,7 @@ fn what_bounds_nothing_is_refused() {
     assert_eq!(polygon(&[]).unwrap().nodes().len(), 1);
     let mut open = cuboid([1; 3], [5; 3]);
     open.pop();
-    assert!(error(Bsp::of_faces(&open)).contains("no boundary of a body near"));
+    assert!(error(Bsp::of_faces(&open)).contains("a gap, crossing or overlap near"));
     let flat = vec![vec![[0, 0, 0], [1, 1, 1], [2, 2, 2], [3, 3, 3]]];
     assert!(error(Bsp::of_faces(&[flat])).contains("face 0"));
     let (plane, space) = (Bsp::of_segments(&[]).unwrap(), Bsp::of_faces(&[]).unwrap());

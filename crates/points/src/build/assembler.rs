@@ -9,7 +9,7 @@
 //! postorder, and a node's blocks directly precede the node. A node's own blocks therefore wait
 //! until the node ends, and pending leaves come out before anything that follows them.
 
-use super::PieceSink;
+use super::NodeSink;
 use super::encoder::{EncodedBlock, Encoder};
 use crate::grid::spacing_levels;
 use crate::statistics::Statistics;
@@ -17,7 +17,7 @@ use spinney_base::Result;
 use spinney_base::space::Code;
 
 /// Output of an assembler: a block or a node.
-pub(crate) enum BuiltPiece {
+pub(crate) enum BuiltItem {
     /// A block of a node. The blocks of one node come in order.
     Block(Code, Vec<u8>, Statistics),
     /// A node, with statistics of all points in it and below.
@@ -78,7 +78,7 @@ pub(crate) struct Assembler<'a> {
     levels: Vec<u8>,
     above: Vec<u8>,
     /// Finished blocks and nodes.
-    pub(crate) pieces: Vec<BuiltPiece>,
+    pub(crate) items: Vec<BuiltItem>,
 }
 
 /// Returns the level of a point's node. `same` is the level of the common ancestor with the
@@ -99,7 +99,7 @@ impl<'a> Assembler<'a> {
             whole: None,
             levels: Vec::new(),
             above: Vec::new(),
-            pieces: Vec::new(),
+            items: Vec::new(),
         };
         assembler.push(top);
         assembler
@@ -220,7 +220,7 @@ impl<'a> Assembler<'a> {
     fn hand_out(&mut self, index: usize) {
         let Open { code, blocks, .. } = &mut self.open[index];
         let blocks = std::mem::take(blocks).into_iter();
-        self.pieces.extend(blocks.map(|block| BuiltPiece::Block(*code, block.bytes, block.statistics)));
+        self.items.extend(blocks.map(|block| BuiltItem::Block(*code, block.bytes, block.statistics)));
     }
 
     /// Marks a node and its ancestors as divided. Their pending nodes become leaves.
@@ -231,7 +231,7 @@ impl<'a> Assembler<'a> {
             open.is_divided = true;
             open.pending_rows = 0;
             for pending in std::mem::take(&mut open.pending) {
-                let statistics = leaf(self.encoder, pending, &mut self.pieces);
+                let statistics = leaf(self.encoder, pending, &mut self.items);
                 self.open[index].below.add(&statistics);
             }
         }
@@ -248,7 +248,7 @@ impl<'a> Assembler<'a> {
             }
             Closed::Few(pending) if pending.rows.is_empty() => {}
             Closed::Few(pending) if open.is_divided => {
-                let statistics = leaf(self.encoder, pending, &mut self.pieces);
+                let statistics = leaf(self.encoder, pending, &mut self.items);
                 open.below.add(&statistics);
             }
             Closed::Few(pending) => {
@@ -277,7 +277,7 @@ impl<'a> Assembler<'a> {
         let mut open = self.open.pop().expect("it is there");
         if open.is_divided {
             open.own.add(&open.below);
-            self.pieces.push(BuiltPiece::Node(open.code, open.own.clone()));
+            self.items.push(BuiltItem::Node(open.code, open.own.clone()));
             return Closed::Node(open.own);
         }
         for pending in open.pending {
@@ -287,40 +287,40 @@ impl<'a> Assembler<'a> {
     }
 
     /// Closes all nodes; returns the result of the top one, and the output.
-    pub(crate) fn finish(mut self) -> (Assembled, Vec<BuiltPiece>) {
+    pub(crate) fn finish(mut self) -> (Assembled, Vec<BuiltItem>) {
         while self.open.len() > 1 {
             let closed = self.close();
             self.take(closed);
         }
         let closed = self.close();
         let closed = self.whole.unwrap_or(closed);
-        (Assembled { closed, levels: self.levels, above: self.above }, self.pieces)
+        (Assembled { closed, levels: self.levels, above: self.above }, self.items)
     }
 }
 
 /// Outputs a pending node as a leaf with one block; returns its statistics.
-fn leaf(encoder: &Encoder, pending: Pending, pieces: &mut Vec<BuiltPiece>) -> Statistics {
+fn leaf(encoder: &Encoder, pending: Pending, items: &mut Vec<BuiltItem>) -> Statistics {
     let block = encoder.encode(&pending.rows);
-    pieces.push(BuiltPiece::Block(pending.code, block.bytes, block.statistics.clone()));
-    pieces.push(BuiltPiece::Node(pending.code, block.statistics.clone()));
+    items.push(BuiltItem::Block(pending.code, block.bytes, block.statistics.clone()));
+    items.push(BuiltItem::Node(pending.code, block.statistics.clone()));
     block.statistics
 }
 
 /// Writes the output to a sink.
-pub(crate) fn write_pieces(pieces: Vec<BuiltPiece>, sink: &mut dyn PieceSink) -> Result<()> {
-    pieces.into_iter().try_for_each(|piece| match piece {
-        BuiltPiece::Block(code, bytes, statistics) => sink.block(code, &bytes, &statistics),
-        BuiltPiece::Node(code, statistics) => sink.node(code, &statistics),
+pub(crate) fn write_items(items: Vec<BuiltItem>, sink: &mut dyn NodeSink) -> Result<()> {
+    items.into_iter().try_for_each(|item| match item {
+        BuiltItem::Block(code, bytes, statistics) => sink.block(code, &bytes, &statistics),
+        BuiltItem::Node(code, statistics) => sink.node(code, &statistics),
     })
 }
 
 /// Writes the root unless it is already written: a leaf, or nothing if there are no points.
-pub(crate) fn write_root(encoder: &Encoder, closed: Closed, sink: &mut dyn PieceSink) -> Result<()> {
-    let mut pieces = Vec::new();
+pub(crate) fn write_root(encoder: &Encoder, closed: Closed, sink: &mut dyn NodeSink) -> Result<()> {
+    let mut items = Vec::new();
     if let Closed::Few(pending) = closed
         && !pending.rows.is_empty()
     {
-        leaf(encoder, pending, &mut pieces);
+        leaf(encoder, pending, &mut items);
     }
-    write_pieces(pieces, sink)
+    write_items(items, sink)
 }

@@ -20,7 +20,7 @@ struct Extent {
 /// Collects rows. When memory is full, all rows are written to a temporary file, node by node, so
 /// that a node's rows are read in few extents.
 pub(crate) struct Buckets {
-    folder: PathBuf,
+    directory: PathBuf,
     stride: usize,
     /// The node that contains all rows, and the level of the nodes that rows are sorted by.
     top: Code,
@@ -47,13 +47,13 @@ pub(crate) fn levels_below(dimension: Dimension) -> u8 {
 impl Buckets {
     /// Creates a collector for rows of `stride` bytes. `top` contains all their codes, which end at
     /// level `deepest`. About `memory` bytes hold rows.
-    pub(crate) fn new(folder: PathBuf, stride: usize, (top, deepest): (Code, u8), memory: u64) -> Buckets {
+    pub(crate) fn new(directory: PathBuf, stride: usize, (top, deepest): (Code, u8), memory: u64) -> Buckets {
         let level = (top.level() + levels_below(top.dimension())).min(deepest);
         let nodes = 1 << (top.dimension().axes() * usize::from(level - top.level()));
         // Per row: its bucket number, and its index in bucket order.
         let most = (memory / (stride as u64 + 6)).clamp(1024, u32::MAX.into()) as usize;
         Buckets {
-            folder,
+            directory,
             stride,
             top,
             level,
@@ -96,9 +96,9 @@ impl Buckets {
     }
 
     fn spill(&mut self) -> Result<()> {
-        let failed = || Error::io(&self.folder, "use a temporary file in");
+        let failed = || Error::io(&self.directory, "use a temporary file in");
         if self.file.is_none() {
-            let file = tempfile::tempfile_in(&self.folder).map_err(failed())?;
+            let file = tempfile::tempfile_in(&self.directory).map_err(failed())?;
             self.file = Some(BufWriter::with_capacity(1 << 20, file));
         }
         let order = self.order();
@@ -106,7 +106,7 @@ impl Buckets {
         for row in &order {
             let at = *row as usize * self.stride;
             out.write_all(&self.rows[at..at + self.stride])
-                .map_err(Error::io(&self.folder, "use a temporary file in"))?;
+                .map_err(Error::io(&self.directory, "use a temporary file in"))?;
             let extents = &mut self.extents[usize::from(self.nodes[*row as usize])];
             match extents.last_mut() {
                 Some(last) if last.offset + u64::from(last.rows) * self.stride as u64 == self.position => {
@@ -135,20 +135,20 @@ impl Buckets {
         starts.push(before);
         let file = match self.file.take() {
             Some(file) => {
-                let failed = Error::io(&self.folder, "use a temporary file in");
+                let failed = Error::io(&self.directory, "use a temporary file in");
                 Some(file.into_inner().map_err(|error| failed(error.into_error()))?)
             }
             None => None,
         };
         self.rows.shrink_to_fit();
-        let Buckets { folder, stride, top, level, rows, extents, counts, .. } = self;
-        Ok(BucketedRows { folder, stride, top, level, rows, order, starts, file, extents, counts })
+        let Buckets { directory, stride, top, level, rows, extents, counts, .. } = self;
+        Ok(BucketedRows { directory, stride, top, level, rows, order, starts, file, extents, counts })
     }
 }
 
 /// Rows by bucket.
 pub(crate) struct BucketedRows {
-    folder: PathBuf,
+    directory: PathBuf,
     stride: usize,
     top: Code,
     level: u8,
@@ -197,7 +197,7 @@ impl BucketedRows {
                 let count = left.min(most.max(1));
                 bytes.resize(count * self.stride, 0);
                 read_exact_at(file, &mut bytes, offset)
-                    .map_err(Error::io(&self.folder, "read a temporary file in"))?;
+                    .map_err(Error::io(&self.directory, "read a temporary file in"))?;
                 each(&bytes)?;
                 offset += bytes.len() as u64;
                 left -= count;

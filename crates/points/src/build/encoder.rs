@@ -2,7 +2,7 @@
 
 use super::NUMBER_BYTES;
 use super::order::order_of;
-use crate::attribute::{RowLayout, place_of};
+use crate::attribute::{RowLayout, position_of};
 use crate::codec::{BlockLayout, columns_of, encode};
 use crate::grid::PointGrid;
 use crate::statistics::Statistics;
@@ -49,12 +49,12 @@ impl Encoder {
         let jumps = self.jumps(rows, &order);
         if jumps > time + self.usual_jump(rows) {
             let by_code =
-                order_of(&keys(&|row| self.grid.code(place_of(row)).map_or(0, |code| code.bits() >> 5)));
+                order_of(&keys(&|row| self.grid.code(position_of(row)).map_or(0, |code| code.bits() >> 5)));
             if self.jumps(rows, &by_code) + time < jumps {
                 order = by_code;
             }
         }
-        let ordered = order.iter().map(|place| &rows[*place as usize * stride..][..stride]);
+        let ordered = order.iter().map(|row| &rows[*row as usize * stride..][..stride]);
         let columns = columns_of(ordered, &self.layout);
         let statistics = Statistics::of(&columns, &self.layout.attributes);
         EncodedBlock { bytes: encode(&columns, &self.block), statistics }
@@ -66,7 +66,7 @@ impl Encoder {
         let step = (order.len() / TRIED).max(1);
         let (mut bits, mut pairs) = (0, 0);
         for pair in order.windows(2).step_by(step) {
-            let [before, here] = [pair[0], pair[1]].map(|place| place_of(&rows[place as usize * stride..]));
+            let [before, here] = [pair[0], pair[1]].map(|row| position_of(&rows[row as usize * stride..]));
             for axis in 0..3 {
                 bits += log2(u64::from(before[axis].abs_diff(here[axis])) + 1);
             }
@@ -81,10 +81,10 @@ impl Encoder {
         let stride = self.stride();
         let (mut least, mut most) = ([i32::MAX; 3], [i32::MIN; 3]);
         for row in rows.chunks_exact(stride) {
-            let place = place_of(row);
+            let position = position_of(row);
             for axis in 0..3 {
-                least[axis] = least[axis].min(place[axis]);
-                most[axis] = most[axis].max(place[axis]);
+                least[axis] = least[axis].min(position[axis]);
+                most[axis] = most[axis].max(position[axis]);
             }
         }
         let bits: u64 = (0..3).map(|axis| log2(u64::from(least[axis].abs_diff(most[axis])) + 1)).sum();

@@ -15,7 +15,7 @@ use crate::statistics::Statistics;
 use spinney_base::Result;
 use spinney_base::space::Code;
 
-pub(crate) use assembler::{Assembled, Assembler, Closed, Pending, write_pieces, write_root};
+pub(crate) use assembler::{Assembled, Assembler, Closed, Pending, write_items, write_root};
 pub(crate) use buckets::{BucketedRows, Buckets, levels_below};
 pub(crate) use encoder::Encoder;
 pub(crate) use run::{BATCH, encoder_of};
@@ -23,7 +23,7 @@ pub use run::{BuildSummary, PointBuildOptions, build};
 pub(crate) use work::{Plan, Work};
 
 /// Destination of finished blocks and nodes, in postorder.
-pub(crate) trait PieceSink {
+pub(crate) trait NodeSink {
     /// Takes a block of a node.
     fn block(&mut self, code: Code, bytes: &[u8], statistics: &Statistics) -> Result<()>;
 

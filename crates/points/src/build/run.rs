@@ -3,17 +3,17 @@
 use std::path::Path;
 
 use super::MAX_NUMBERS;
-use super::assembler::{Assembler, write_pieces, write_root};
+use super::assembler::{Assembler, write_items, write_root};
 use super::buckets::{BucketedRows, Buckets};
 use super::encoder::Encoder;
 use super::work::{Plan, Work};
-use crate::attribute::place_of;
+use crate::attribute::position_of;
 use crate::codec::MAX_POINTS;
 use crate::grid::PointGrid;
 use crate::source::{PointSchema, PointSource};
 use crate::store::{PointWriter, Summary};
 use serde::{Deserialize, Serialize};
-use spinney_base::io::{Output, folder};
+use spinney_base::io::{Output, directory_of};
 use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
@@ -75,11 +75,12 @@ pub fn build(
     progress: &dyn Progress,
 ) -> Result<BuildSummary> {
     options.check()?;
-    let temporary = folder(output.path()).to_path_buf();
+    let temporary = directory_of(output.path()).to_path_buf();
     let (rows, points) = match read(source, (&temporary, options.memory), progress)? {
         Some(read) => read,
         None if source.survey()? => {
-            let text = "its header is wrong about where its points are; all of them were looked at first";
+            let text =
+                "has points outside the bounds in its header; the bounds were computed from all points";
             progress.warn(source.path(), text);
             let again = read(source, (&temporary, options.memory), progress)?;
             again.ok_or_else(|| beyond(source))?
@@ -94,8 +95,8 @@ pub fn build(
     let mut assembler = Assembler::new(&encoder, options.leaf_size, top);
     work.assemble((&rows, &rows.buckets()), &mut assembler, &mut None)?;
     let summary = BuildSummary { points, duplicates: work.duplicates };
-    let (assembled, pieces) = assembler.finish();
-    write_pieces(pieces, &mut writer)?;
+    let (assembled, items) = assembler.finish();
+    write_items(items, &mut writer)?;
     write_root(&encoder, assembled.closed, &mut writer)?;
     let section = Summary::new(&encoder, options.leaf_size, summary);
     writer.finish(&section, metadata)?;
@@ -111,8 +112,8 @@ pub(crate) fn encoder_of(schema: &PointSchema) -> Encoder {
 /// Error for points outside the declared bounds.
 fn beyond(source: &dyn PointSource) -> Error {
     let [least, most] = source.schema().bounds;
-    let expected = format!("points from {least:?} to {most:?} on the grid, as its header says");
-    Error::corrupt(source.path(), "points", "points beyond these bounds", expected)
+    let expected = format!("points from {least:?} to {most:?} on the grid, as in its header");
+    Error::corrupt(source.path(), "points", "a point outside the bounds in the header", expected)
 }
 
 /// Reads and counts all points; `None` if one lies outside the declared bounds.
@@ -136,14 +137,14 @@ fn read(
             return Ok(Some((buckets.finish()?, number)));
         }
         for point in rows.chunks_exact(size) {
-            let Some(code) = encoder.grid.code(place_of(point)) else { return Ok(None) };
+            let Some(code) = encoder.grid.code(position_of(point)) else { return Ok(None) };
             let bytes = number.to_le_bytes();
             buckets.push(code, point, bytes.first_chunk().expect("fewer than eight"))?;
             number += 1;
         }
         if number >= MAX_NUMBERS {
-            let found = format!("{number} points and more");
-            return Err(Error::invalid("points", found, format!("at most {MAX_NUMBERS} in a file")));
+            let found = format!("{number} or more");
+            return Err(Error::invalid("points", found, format!("fewer than {MAX_NUMBERS} in a file")));
         }
         progress.advance(count as u64, 2 * total.max(number));
     }

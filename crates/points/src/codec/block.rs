@@ -1,7 +1,7 @@
 //! A block: columns, each with its predictor.
 
 use super::prediction::{Clock, Prediction, errors_of, numbers_of};
-use crate::attribute::{RowLayout, place_of};
+use crate::attribute::{RowLayout, position_of};
 use spinney_base::value::SampleType;
 use spinney_packing::{LOG_BITS, MAX_CONTEXTS, log2, pack_numbers, unpack_numbers};
 
@@ -27,7 +27,7 @@ impl BlockLayout {
     /// may be labels.
     pub(crate) fn of(layout: &RowLayout) -> BlockLayout {
         let columns = 3 + layout.attributes.len();
-        let clock = layout.position("gps_time").map(|place| place + 3);
+        let clock = layout.position("gps_time").map(|index| index + 3);
         let is_label = |column: &usize| {
             *column >= 3 && Some(*column) != clock && layout.attributes[column - 3].sample == SampleType::U8
         };
@@ -130,7 +130,7 @@ pub(crate) fn columns_of<'r>(
     rows: impl Iterator<Item = &'r [u8]> + Clone,
     layout: &RowLayout,
 ) -> Vec<Vec<i64>> {
-    let axis = |axis: usize| rows.clone().map(|row| place_of(row)[axis].into()).collect();
+    let axis = |axis: usize| rows.clone().map(|row| position_of(row)[axis].into()).collect();
     let attribute = |attribute| layout.numbers(attribute, rows.clone());
     (0..3).map(axis).chain((0..layout.attributes.len()).map(attribute)).collect()
 }
@@ -144,7 +144,7 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
     let mut clock = Clock::new(None);
     // Non-constant labels, by position in coding order.
     let mut labels: Vec<(usize, Vec<u8>)> = Vec::new();
-    for (place, column) in layout.order.iter().enumerate() {
+    for (index, column) in layout.order.iter().enumerate() {
         let numbers = &columns[*column];
         if numbers.iter().all(|number| *number == numbers[0]) {
             let before = bytes.len();
@@ -176,15 +176,15 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
         let tried = &errors[..tried.len()];
         let mut least = cost(tried, clock.contexts.get(..tried.len()).unwrap_or_default());
         let mut label = None;
-        for (place, contexts) in &labels {
+        for (index, contexts) in &labels {
             let cost = gain(cost(tried, &contexts[..tried.len()]));
             if cost < least {
-                (least, label) = (cost, Some((place, contexts)));
+                (least, label) = (cost, Some((index, contexts)));
             }
         }
         let before = bytes.len();
         let has_steps = if steps.is_some() { HAS_STEPS } else { 0 };
-        bytes.extend([prediction as u8 | has_steps, label.map_or(0, |(place, _)| *place as u8 + 1)]);
+        bytes.extend([prediction as u8 | has_steps, label.map_or(0, |(index, _)| *index as u8 + 1)]);
         if let Some(Steps { first, step }) = steps {
             bytes.extend_from_slice(&first.to_le_bytes());
             bytes.extend_from_slice(&step.to_le_bytes());
@@ -195,9 +195,9 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
         if Some(*column) == layout.clock {
             clock = Clock::new(Some(numbers));
         }
-        let is_label = layout.labels().contains(&place) && place < MAX_LABEL;
+        let is_label = layout.labels().contains(&index) && index < MAX_LABEL;
         if is_label {
-            labels.push((place, contexts_of(numbers, &clock)));
+            labels.push((index, contexts_of(numbers, &clock)));
         }
     }
     lengths.extend_from_slice(&bytes);
@@ -217,9 +217,9 @@ pub(crate) fn decode(
     let (lengths, mut rest) = bytes.split_at_checked(4 * layout.columns)?;
     let mut parts = Vec::with_capacity(layout.columns);
     for length in lengths.as_chunks::<4>().0 {
-        let (own, behind) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+        let (own, remaining) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
         parts.push(own.split_first_chunk::<2>()?);
-        rest = behind;
+        rest = remaining;
     }
     if !rest.is_empty() {
         return None;
@@ -230,11 +230,11 @@ pub(crate) fn decode(
     }
     // Invariant: a label precedes the columns that use it, so one backward scan finds all that are
     // needed.
-    for place in (0..parts.len()).rev() {
-        let label = usize::from(parts[place].0[1]);
-        if needed[place] && label > 0 {
+    for index in (0..parts.len()).rev() {
+        let label = usize::from(parts[index].0[1]);
+        if needed[index] && label > 0 {
             let label = label - 1;
-            if label >= place || !layout.labels().contains(&label) {
+            if label >= index || !layout.labels().contains(&label) {
                 return None;
             }
             needed[label] = true;
@@ -242,13 +242,13 @@ pub(crate) fn decode(
     }
     let mut columns = vec![Vec::new(); layout.columns];
     let mut clock = Clock::new(None);
-    for (place, ([prediction, label], packed)) in
-        parts.into_iter().enumerate().filter(|(place, _)| needed[*place])
+    for (index, ([prediction, label], packed)) in
+        parts.into_iter().enumerate().filter(|(index, _)| needed[*index])
     {
         if *prediction == IS_CONSTANT {
-            columns[layout.order[place]] = vec![i64::from_le_bytes(packed.try_into().ok()?); points];
-            if Some(layout.order[place]) == layout.clock {
-                clock = Clock::new(Some(&columns[layout.order[place]]));
+            columns[layout.order[index]] = vec![i64::from_le_bytes(packed.try_into().ok()?); points];
+            if Some(layout.order[index]) == layout.clock {
+                clock = Clock::new(Some(&columns[layout.order[index]]));
             }
             continue;
         }
@@ -271,10 +271,10 @@ pub(crate) fn decode(
         if let Some(steps) = steps {
             steps.uncount(&mut numbers);
         }
-        if Some(layout.order[place]) == layout.clock {
+        if Some(layout.order[index]) == layout.clock {
             clock = Clock::new(Some(&numbers));
         }
-        columns[layout.order[place]] = numbers;
+        columns[layout.order[index]] = numbers;
     }
     Some(columns)
 }

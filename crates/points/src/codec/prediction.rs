@@ -25,7 +25,7 @@ pub(crate) struct Clock {
     /// 1 for points with the time of the previous one, 0 for others; empty without a clock.
     pub(crate) contexts: Vec<u8>,
     /// Time-dependent terms of the line fits, shared by all columns; computed when first needed.
-    ways: Vec<Way>,
+    line_terms: Vec<LineTerms>,
 }
 
 impl Clock {
@@ -36,18 +36,18 @@ impl Clock {
         let steps: Vec<f64> =
             times.iter().zip(befores).map(|(time, before)| time.wrapping_sub(*before) as f64).collect();
         let contexts = steps.iter().map(|step| u8::from(*step == 0.0)).collect();
-        Clock { steps, contexts, ways: Vec::new() }
+        Clock { steps, contexts, line_terms: Vec::new() }
     }
 
     /// Returns the time-dependent terms of the first points, which all columns share.
-    fn ways(&mut self, points: usize) -> &[Way] {
-        if self.ways.len() < points {
+    fn line_terms(&mut self, points: usize) -> &[LineTerms] {
+        if self.line_terms.len() < points {
             let steps =
                 (0..points).map(|point| self.steps.get(point).copied().unwrap_or(f64::from(point > 0)));
             let mut line = Times::default();
-            self.ways = steps.map(|step| line.next(step)).collect();
+            self.line_terms = steps.map(|step| line.next(step)).collect();
         }
-        &self.ways
+        &self.line_terms
     }
 }
 
@@ -72,7 +72,7 @@ struct Times {
 
 /// Terms for predicting one point: its time difference, the sums of weights and times of the
 /// preceding points (0 at a start), and reciprocals of their divisors.
-struct Way {
+struct LineTerms {
     step: f64,
     weight: f64,
     times: f64,
@@ -83,20 +83,20 @@ struct Way {
 
 impl Times {
     /// Advances to a point, by the time since the previous one.
-    fn next(&mut self, step: f64) -> Way {
+    fn next(&mut self, step: f64) -> LineTerms {
         let is_far = step * step * self.weight > FAR * FAR * self.squares;
         if is_far && self.squares > 0.0 {
             *self = Times::default();
         }
         let Times { weight, times, squares } = *self;
         let spread = weight * squares - times * times;
-        let tells = step != 0.0 && spread > 0.0 && !is_far;
-        let by_spread = if tells { 1.0 / spread } else { 0.0 };
+        let is_defined = step != 0.0 && spread > 0.0 && !is_far;
+        let by_spread = if is_defined { 1.0 / spread } else { 0.0 };
         // Move the origin to the new point: all others are now earlier by the time difference.
         self.squares = (squares - 2.0 * step * times + step * step * weight) * FADES;
         self.times = (times - step * weight) * FADES;
         self.weight = weight * FADES + 1.0;
-        Way { step, weight, times, by_spread, by_weight: if weight > 0.0 { 1.0 / weight } else { 0.0 } }
+        LineTerms { step, weight, times, by_spread, by_weight: if weight > 0.0 { 1.0 / weight } else { 0.0 } }
     }
 }
 
@@ -111,27 +111,27 @@ struct Line {
 impl Line {
     /// Predicts the difference between a point's number and the last one.
     #[inline]
-    fn foretell(&self, way: &Way) -> f64 {
-        if way.by_spread == 0.0 {
+    fn predict(&self, terms: &LineTerms) -> f64 {
+        if terms.by_spread == 0.0 {
             return 0.0;
         }
-        let slope = (way.weight * self.products - way.times * self.numbers) * way.by_spread;
-        (self.numbers - slope * way.times) * way.by_weight + slope * way.step
+        let slope = (terms.weight * self.products - terms.times * self.numbers) * terms.by_spread;
+        (self.numbers - slope * terms.times) * terms.by_weight + slope * terms.step
     }
 
     /// Adds a point's number, given its difference to the last one.
     #[inline]
-    fn add(&mut self, way: &Way, change: f64) {
-        if way.weight == 0.0 {
+    fn add(&mut self, terms: &LineTerms, change: f64) {
+        if terms.weight == 0.0 {
             *self = Line::default();
             return;
         }
         // Move the origin to the new point: all others are now earlier by the time difference, and
         // lower by the change.
-        let products =
-            self.products - way.step * self.numbers - change * way.times + way.step * change * way.weight;
+        let products = self.products - terms.step * self.numbers - change * terms.times
+            + terms.step * change * terms.weight;
         self.products = products * FADES;
-        self.numbers = (self.numbers - change * way.weight) * FADES;
+        self.numbers = (self.numbers - change * terms.weight) * FADES;
     }
 }
 
@@ -155,7 +155,7 @@ struct Mean {
 
 impl Mean {
     #[inline]
-    fn foretell(&self) -> f64 {
+    fn predict(&self) -> f64 {
         self.numbers / self.weight
     }
 
@@ -179,15 +179,15 @@ fn follow(count: usize, clock: &mut Clock, prediction: Prediction, mut next: imp
         }),
         Prediction::Line => {
             let mut line = Line::default();
-            for (point, way) in clock.ways(count)[..count].iter().enumerate() {
-                let change = next(point, whole(line.foretell(way)));
-                line.add(way, change as f64);
+            for (point, terms) in clock.line_terms(count)[..count].iter().enumerate() {
+                let change = next(point, whole(line.predict(terms)));
+                line.add(terms, change as f64);
             }
         }
         Prediction::Mean => {
             let mut mean = Mean::default();
             for point in 0..count {
-                let change = next(point, if point == 0 { 0 } else { whole(mean.foretell()) });
+                let change = next(point, if point == 0 { 0 } else { whole(mean.predict()) });
                 mean.add(if point == 0 { 0.0 } else { change as f64 });
             }
         }
@@ -202,10 +202,10 @@ pub(crate) fn errors_of(numbers: &[i64], clock: &mut Clock, prediction: Predicti
     }
     errors.resize(numbers.len(), 0);
     let mut last = 0i64;
-    follow(numbers.len(), clock, prediction, |point, foretold| {
+    follow(numbers.len(), clock, prediction, |point, predicted| {
         let change = numbers[point].wrapping_sub(last);
         last = numbers[point];
-        errors[point] = change.wrapping_sub(foretold);
+        errors[point] = change.wrapping_sub(predicted);
         change
     });
 }
@@ -216,8 +216,8 @@ pub(crate) fn numbers_of(errors: &mut [i64], clock: &mut Clock, prediction: Pred
         return;
     }
     let mut last = 0i64;
-    follow(errors.len(), clock, prediction, |point, foretold| {
-        let change = errors[point].wrapping_add(foretold);
+    follow(errors.len(), clock, prediction, |point, predicted| {
+        let change = errors[point].wrapping_add(predicted);
         last = last.wrapping_add(change);
         errors[point] = last;
         change
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_evenly_is_foretold() {
+    fn linear_motion_is_predicted() {
         let times: Vec<i64> = (0..1000)
             .scan(0, |time, at| {
                 *time += 1 + at % 3;

@@ -51,7 +51,7 @@ impl PointSink for CsvSink {
     fn put(&mut self, points: &PointColumns) -> Result<()> {
         let digits = self.grid.scale.map(digits_of);
         for point in 0..points.len() {
-            let world = self.grid.to_world(points.place(point));
+            let world = self.grid.to_world(points.position(point));
             for axis in 0..3 {
                 if axis > 0 {
                     self.line.push(',');

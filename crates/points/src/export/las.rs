@@ -87,7 +87,7 @@ pub(super) fn sink(
 ) -> Result<Box<dyn PointSink>> {
     let path = out.path().to_path_buf();
     if !out.is_file() {
-        let advice = "write it to a file first: its header tells what the points are, once all are known";
+        let advice = "write it to a file: its header depends on all points";
         return Err(Error::unsupported(path, "a LAS file on standard output", advice));
     }
     let (mut file, fields) = LasFile::of(tree, chosen)?;
@@ -118,7 +118,7 @@ pub(super) fn sink(
 }
 
 fn unpackable(path: &std::path::Path, what: &str) -> Error {
-    Error::unsupported(path, format!("packing these points ({what})"), "write .las")
+    Error::unsupported(path, format!("compression of these points ({what})"), "write .las instead")
 }
 
 impl PointSink for LasSink {

@@ -69,12 +69,12 @@ pub fn export_points(
     let all: Vec<usize> = (0..tree.attributes().len()).collect();
     let chosen = attributes.unwrap_or(&all).to_vec();
     if let Some(wrong) = chosen.iter().find(|attribute| **attribute >= all.len()) {
-        return Err(Error::invalid("attribute", wrong.to_string(), format!("a number below {}", all.len())));
+        return Err(Error::invalid("attribute", wrong.to_string(), format!("an index below {}", all.len())));
     }
     if !matches!(format, PointFormat::Las | PointFormat::Laz)
         && let Some(crs) = &tree.metadata().frame.crs
     {
-        progress.warn(output.path(), &format!("tells no coordinate system; the points are in {crs}"));
+        progress.warn(output.path(), &format!("stores no coordinate system; the points are in {crs}"));
     }
     // Headers store the point count. Without conditions, most of it comes from node statistics
     // without reading points.

@@ -58,8 +58,8 @@ impl TableSink {
                     SampleType::F32 => "float",
                     SampleType::F64 => "double",
                     SampleType::U64 | SampleType::I64 => {
-                        let advice = "choose the others with --attribute, or write .npy, .csv or .las";
-                        let found = format!("attribute {} of 64 bits in PLY", attribute.name);
+                        let advice = "select other attributes with --attribute, or write .npy, .csv or .las";
+                        let found = format!("the 64-bit attribute {} in PLY", attribute.name);
                         return Err(Error::unsupported(path, found, advice));
                     }
                 };
@@ -76,9 +76,9 @@ impl TableSink {
     pub(super) fn npy(tree: &PointTree, chosen: Vec<usize>, count: u64, out: Output) -> Result<TableSink> {
         TableSink::new(tree, chosen, out, |attributes| {
             let field = |name: &str, sample| NpyField { name: name.into(), descr: descr_of(sample).into() };
-            let places = ["x", "y", "z"].map(|axis| field(axis, SampleType::F64));
+            let coordinates = ["x", "y", "z"].map(|axis| field(axis, SampleType::F64));
             let others = attributes.iter().map(|attribute| field(&attribute.name, written_as(attribute)));
-            let items = Items::Records(places.into_iter().chain(others).collect());
+            let items = Items::Records(coordinates.into_iter().chain(others).collect());
             Ok(NpyHeader { items, fortran_order: false, shape: vec![count] }.bytes())
         })
     }

@@ -28,17 +28,17 @@ pub(super) fn unpacking(path: &Path, size: usize, record: &[u8]) -> Result<(LazV
         return Err(corrupt(path, &format!("items of {} bytes for points of {size}", record.items_size())));
     }
     if !is_one_stream && record.chunk_size() == 0 {
-        return Err(corrupt(path, "chunks of no points"));
+        return Err(corrupt(path, "a chunk size of 0 points"));
     }
     // A layered stream without chunks has no uncompressed first point, and no decoder supports it.
     if is_one_stream && record.items().iter().any(|item| item.version() > 2) {
-        return Err(corrupt(path, "layers of points without chunks"));
+        return Err(corrupt(path, "layered compression without chunks"));
     }
     Ok((record, !is_one_stream))
 }
 
 pub(super) fn corrupt(path: &Path, found: &str) -> Error {
-    Error::corrupt(path, "packed points", found, "points that were packed by LASzip")
+    Error::corrupt(path, "compressed points", found, "LASzip data")
 }
 
 /// Checks the chunk count, for which the decoder allocates memory before reading the chunks, and
@@ -58,16 +58,20 @@ pub(super) fn check_chunks(
     };
     let found = table(start).and_then(|first| {
         // Writers to pipes put the offset of the chunk table at the end of the file.
-        let place = if first as i64 <= start as i64 { table(length.saturating_sub(8))? } else { first };
-        let count = if place < length { table(place)? >> 32 } else { 0 };
-        Ok((place, count))
+        let table_offset =
+            if first as i64 <= start as i64 { table(length.saturating_sub(8))? } else { first };
+        let count = if table_offset < length { table(table_offset)? >> 32 } else { 0 };
+        Ok((table_offset, count))
     });
-    let (place, count) = found.map_err(|error| corrupt(path, &error.to_string()))?;
+    let (table_offset, count) = found.map_err(|error| corrupt(path, &error.to_string()))?;
     // Each chunk contains an uncompressed point of at least 20 bytes.
-    if place <= start || place >= length || count > length / 20 + 1 {
-        return Err(corrupt(path, &format!("a table of {count} chunks at byte {place} of {length}")));
+    if table_offset <= start || table_offset >= length || count > length / 20 + 1 {
+        return Err(corrupt(
+            path,
+            &format!("a table of {count} chunks at byte {table_offset} of a file of {length} bytes"),
+        ));
     }
-    let found = check_layers(file, (start, place), points, record).map_err(Error::io(path, "read"))?;
+    let found = check_layers(file, (start, table_offset), points, record).map_err(Error::io(path, "read"))?;
     found.map_or(Ok(()), |found| Err(corrupt(path, &found)))?;
     file.seek(SeekFrom::Start(start)).map_err(Error::io(path, "read"))?;
     Ok(())
@@ -122,7 +126,7 @@ fn check_layers(
             sizes.as_chunks::<4>().0.iter().map(|size| u64::from(u32::from_le_bytes(*size))).sum();
         if bytes > table - at - head {
             return Ok(Some(format!(
-                "layers of {bytes} bytes in a chunk at byte {at}, before a table at byte {table}"
+                "layers of {bytes} bytes in a chunk at byte {at}, which overlap the chunk table at byte {table}"
             )));
         }
         at += head + bytes;

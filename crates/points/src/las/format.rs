@@ -53,8 +53,8 @@ impl Record {
     }
 
     fn colours(&mut self, offset: usize) {
-        for (place, name) in ["red", "green", "blue"].into_iter().enumerate() {
-            self.whole(name, SampleType::U16, offset + 2 * place);
+        for (index, name) in ["red", "green", "blue"].into_iter().enumerate() {
+            self.whole(name, SampleType::U16, offset + 2 * index);
         }
     }
 
@@ -62,8 +62,8 @@ impl Record {
         self.whole("wavepacket_index", SampleType::U8, offset);
         self.whole("wavepacket_offset", SampleType::U64, offset + 1);
         self.whole("wavepacket_size", SampleType::U32, offset + 9);
-        for (place, name) in ["return_point_wave_location", "x_t", "y_t", "z_t"].into_iter().enumerate() {
-            self.whole(name, SampleType::F32, offset + 13 + 4 * place);
+        for (index, name) in ["return_point_wave_location", "x_t", "y_t", "z_t"].into_iter().enumerate() {
+            self.whole(name, SampleType::F32, offset + 13 + 4 * index);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use las::raw;
@@ -12,6 +12,7 @@ use crate::attribute::RowLayout;
 use spinney_base::guard::guard;
 use spinney_base::io::open_input;
 use spinney_base::{Error, Result};
+use spinney_container::{FIRST_BYTES, OtherFormat};
 use spinney_crs::{Crs, GeoKeys};
 
 /// Everything in a file before its points.
@@ -54,6 +55,13 @@ impl LasHeader {
         let file = open_input(path)?;
         let length = file.metadata().map_err(Error::io(path, "read"))?.len();
         let mut file = BufReader::with_capacity(1 << 20, file);
+        let start = file.fill_buf().map_err(Error::io(path, "read"))?;
+        if !start.starts_with(b"LASF") {
+            let start = &start[..start.len().min(FIRST_BYTES)];
+            let found = format!("`{}`", start[..start.len().min(4)].escape_ascii());
+            let other = || Error::corrupt(path, "header", found, "the signature of a LAS file, `LASF`");
+            return Err(OtherFormat::refuse_content(path, start, "a LAS or LAZ file").unwrap_or_else(other));
+        }
         let header = guard(path, "header", || {
             raw::Header::read_from(&mut file).map_err(|error| {
                 Error::corrupt(path, "header", error.to_string(), "the header of a LAS file")
@@ -64,14 +72,14 @@ impl LasHeader {
         let format = header.point_data_record_format & 0x3f;
         let own = record_bytes(format).filter(|_| format <= MAX_FORMAT);
         let Some(own) = own else {
-            let advice = "write it anew with a program that knows its point format";
+            let advice = format!("convert the file to a point format from 0 to {MAX_FORMAT}");
             return Err(Error::unsupported(path, format!("point format {format}"), advice));
         };
         let size = usize::from(header.point_data_record_length);
         if size < own {
             return Err(corrupt(
                 format!("records of {size} bytes"),
-                &format!("{own} or more, of point format {format}"),
+                &format!("{own} bytes or more for point format {format}"),
             ));
         }
         let scales = [header.x_scale_factor, header.y_scale_factor, header.z_scale_factor];
@@ -81,17 +89,17 @@ impl LasHeader {
         if !are_good {
             return Err(corrupt(
                 format!("scales {scales:?} and offsets {offsets:?}"),
-                "finite numbers, scales above 0",
+                "finite numbers, and scales above 0",
             ));
         }
         let large = header.large_file.map(|large| large.number_of_point_records);
         let points = large.filter(|points| *points > 0).unwrap_or(header.number_of_point_records.into());
         let is_packed = header.point_data_record_format & 0x80 != 0;
         let start = u64::from(header.offset_to_point_data);
-        let room = length.saturating_sub(start);
-        if start > length || !is_packed && points.checked_mul(size as u64).is_none_or(|bytes| bytes > room) {
-            let found = format!("{points} points of {size} bytes from byte {start} on");
-            return Err(corrupt(found, &format!("points that end at byte {length}, with the file")));
+        let space = length.saturating_sub(start);
+        if start > length || !is_packed && points.checked_mul(size as u64).is_none_or(|bytes| bytes > space) {
+            let found = format!("{points} points of {size} bytes from byte {start}");
+            return Err(corrupt(found, &format!("points that fit into the file of {length} bytes")));
         }
         let records = variable_records(path, &mut file, &header, length)?;
         let find = |user: &str, number: u16| {
@@ -103,7 +111,7 @@ impl LasHeader {
         let laszip = find("laszip encoded", 22204).cloned();
         if is_packed && laszip.is_none() {
             return Err(corrupt(
-                "packed points, and no record that says how".into(),
+                "compressed points without a LASzip record".into(),
                 "a `laszip encoded` record",
             ));
         }
@@ -113,7 +121,7 @@ impl LasHeader {
         let mut tags = tags_of(&header, format);
         let mut losses = keep_records(&records, crs_is_lost, &mut tags);
         losses.extend(renamed.iter().map(|name| {
-            format!("has an extra dimension `{name}`, a name that is taken; it is kept as `extra_{name}`")
+            format!("its extra dimension `{name}` is stored as `extra_{name}`, since the name is taken")
         }));
         let laszip = laszip.filter(|_| is_packed);
         Ok((LasHeader { header, points, layout, laszip, crs, tags, losses }, file))
@@ -186,8 +194,8 @@ fn crs_of<'r>(find: &impl Fn(&str, u16) -> Option<&'r Vec<u8>>, encoding: u16) -
             let doubles = find(PROJECTION, 34736).map_or(&[][..], |data| data);
             let doubles: Vec<f64> =
                 doubles.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
-            let texts = find(PROJECTION, 34737).map_or(&[][..], |data| data);
-            GeoKeys::new(&numbers, &doubles, texts).map(Crs::GeoKeys)
+            let strings = find(PROJECTION, 34737).map_or(&[][..], |data| data);
+            GeoKeys::new(&numbers, &doubles, strings).map(Crs::GeoKeys)
         })
     };
     // Where a file has both, bit 4 says which one is valid.
@@ -235,7 +243,7 @@ fn keep_records(
     let mut left = MAX_CACHED;
     let mut losses = Vec::new();
     if crs_is_lost {
-        losses.push("tells its coordinate system in a way that cannot be read; say it with --crs".into());
+        losses.push("its coordinate system cannot be read; set it with --crs".into());
     }
     for VariableRecord { user, number, length, data } in records {
         let is_known = match user.as_str() {
@@ -253,7 +261,7 @@ fn keep_records(
             left -= data.len();
             tags.insert(format!("las.record.{user}.{number}"), hexadecimal(data));
         } else {
-            losses.push(format!("has a record {number} of {user}, of {length} bytes, which is not kept"));
+            losses.push(format!("its record {number} of {user} ({length} bytes) is not stored"));
         }
     }
     losses

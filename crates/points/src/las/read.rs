@@ -44,7 +44,7 @@ impl LasReader {
                 if is_chunked {
                     check_chunks(path, &mut file, (start, header.points), &record)?;
                 }
-                let reader = guard(path, "packed points", || {
+                let reader = guard(path, "compressed points", || {
                     LasZipDecompressor::new(file, record).map_err(|error| corrupt(path, &error.to_string()))
                 })?;
                 Points::Packed(Box::new(reader))
@@ -84,7 +84,7 @@ impl PointSource for LasReader {
             Points::Plain(file) => {
                 file.read_exact(&mut rows[before..]).map_err(Error::io(path, "read points of"))?
             }
-            Points::Packed(reader) => guard(path, "packed points", || {
+            Points::Packed(reader) => guard(path, "compressed points", || {
                 reader.decompress_many(&mut rows[before..]).map_err(|error| corrupt(path, &error.to_string()))
             })?,
         }

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use super::format::{SCAN_ANGLE, SCAN_ANGLE_RANK, angle_of_rank};
 use super::read::LasReader;
-use crate::attribute::{POSITION_BYTES, PointAttribute, RowLayout, ordered, place_of};
-use crate::source::{PointPart, PointSchema, PointSource, both_bounds};
+use crate::attribute::{POSITION_BYTES, PointAttribute, RowLayout, ordered, position_of};
+use crate::source::{PointSchema, PointSource, PointSubset, both_bounds};
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
@@ -15,7 +15,7 @@ pub struct LasFiles {
     paths: Vec<PathBuf>,
     schema: PointSchema,
     /// Point count and bounds of each file, from its header.
-    parts: Vec<PointPart>,
+    subsets: Vec<PointSubset>,
     remarks: Vec<(PathBuf, String)>,
     /// The file being read; `None` before the first and after the last.
     open: Option<LasReader>,
@@ -41,7 +41,7 @@ impl LasFiles {
             return Err(Error::invalid("LAS files", "none", "one or more"));
         };
         let mut schema = first.clone();
-        let one_by_one = |found: String| Error::unsupported(path, found, "build a tree of each");
+        let one_by_one = |found: String| Error::unsupported(path, found, "build one tree per file");
         for (other, other_path) in schemas.iter().zip(paths) {
             let name = |path: &Path| path.display().to_string();
             if crs.is_none() {
@@ -60,37 +60,37 @@ impl LasFiles {
             }
             schema.layout = RowLayout::packed(attributes);
         }
-        let (mut bounds, mut remarks, mut parts) = (None, Vec::new(), Vec::new());
+        let (mut bounds, mut remarks, mut subsets) = (None, Vec::new(), Vec::new());
         for (other, other_path) in schemas.iter().zip(paths) {
-            let corners = other.bounds.map(|place| moved(other, &schema, place));
+            let corners = other.bounds.map(|position| moved(other, &schema, position));
             let [Some(least), Some(most)] = corners else {
-                return Err(one_by_one("points that lie too far apart for one grid".into()));
+                return Err(one_by_one("a distance between files that exceeds a 32-bit grid".into()));
             };
             bounds = both_bounds(bounds, Some([least, most]));
-            parts.push(PointPart { count: other.count.unwrap_or(0), bounds: [least, most] });
+            subsets.push(PointSubset { count: other.count.unwrap_or(0), bounds: [least, most] });
             let mut remark = |text: &str| remarks.push((other_path.clone(), text.to_owned()));
             if !is_on_grid(other, &schema) {
                 remark(
-                    "lies beside the finest grid of all files: its points are moved by at most half of a step",
+                    "its points are not on the finest grid of all files; they are moved by at most half a grid unit",
                 );
             }
             if are_angles_joined && other.layout.position(SCAN_ANGLE_RANK).is_some() {
                 remark(
-                    "has scan angles in degrees (scan_angle_rank), which are kept as scan_angle, in units of 0.006 degrees, as other files have them",
+                    "its scan angles (scan_angle_rank, in degrees) are stored as scan_angle (in units of 0.006 degrees), as in other files",
                 );
             }
             if other.tags != first.tags {
-                remark("says other things of its points than the first file, whose words are kept");
+                remark("its header fields differ from those of the first file, which are stored");
             }
             if other.layout.position("wavepacket_index").is_some() {
-                remark("has waves, of which the points keep where they stand in the file, and no samples");
+                remark("its points keep the offsets of their waveforms, but the waveforms are not stored");
             }
             other.losses.iter().for_each(|loss| remark(loss));
         }
         schema.bounds = bounds.unwrap_or(schema.bounds);
         schema.count = schemas.iter().map(|other| other.count).sum();
         let paths = paths.to_vec();
-        Ok(LasFiles { paths, schema, parts, remarks, open: None, next: 0, rows: Vec::new() })
+        Ok(LasFiles { paths, schema, subsets, remarks, open: None, next: 0, rows: Vec::new() })
     }
 
     /// Returns remarks on what was changed in or dropped from the files, each with its file.
@@ -104,12 +104,12 @@ fn add_attribute(attributes: &mut Vec<PointAttribute>, attribute: &PointAttribut
     match attributes.iter().find(|other| other.name == attribute.name) {
         None => attributes.push(attribute.clone()),
         Some(other) if other.sample == attribute.sample && other.no_data != attribute.no_data => {
-            return Err(format!("files whose attribute {} has different no_data values", other.name));
+            return Err(format!("attribute {} with different no_data values in the files", other.name));
         }
         Some(other) if other.sample == attribute.sample && other.scale_offset == attribute.scale_offset => {}
         Some(other) => {
             return Err(format!(
-                "files whose attribute {} is {} and {}",
+                "attribute {} with types {} and {} in the files",
                 other.name,
                 other.sample.name(),
                 attribute.sample.name()
@@ -134,14 +134,14 @@ fn are_angles_joined(schemas: &[PointSchema]) -> bool {
 }
 
 /// Converts a position from one grid to another; `None` outside the range of `i32`.
-fn moved(from: &PointSchema, to: &PointSchema, place: [i32; 3]) -> Option<[i32; 3]> {
-    let mut moved = place;
+fn moved(from: &PointSchema, to: &PointSchema, position: [i32; 3]) -> Option<[i32; 3]> {
+    let mut moved = position;
     for axis in 0..3 {
         if (from.scale[axis], from.offset[axis]) != (to.scale[axis], to.offset[axis]) {
             // The difference of the offsets is small. Large absolute coordinates would lose digits.
             let ratio = from.scale[axis] / to.scale[axis];
             let step =
-                f64::from(place[axis]) * ratio + (from.offset[axis] - to.offset[axis]) / to.scale[axis];
+                f64::from(position[axis]) * ratio + (from.offset[axis] - to.offset[axis]) / to.scale[axis];
             let step = step.round();
             if !(f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&step) {
                 return None;
@@ -194,8 +194,8 @@ impl PointSource for LasFiles {
                     Error::corrupt(
                         self.path(),
                         "points",
-                        "points beyond the bounds of its header",
-                        "points within",
+                        "a point outside the bounds in its header",
+                        "points inside them",
                     )
                 })?;
             }
@@ -203,15 +203,15 @@ impl PointSource for LasFiles {
         }
     }
 
-    fn parts(&self) -> &[PointPart] {
-        &self.parts
+    fn subsets(&self) -> &[PointSubset] {
+        &self.subsets
     }
 
-    fn part(&self, number: usize) -> Result<Box<dyn PointSource>> {
+    fn subset(&self, number: usize) -> Result<Box<dyn PointSource>> {
         Ok(Box::new(LasFiles {
             paths: vec![self.paths[number].clone()],
-            schema: PointSchema { count: Some(self.parts[number].count), ..self.schema.clone() },
-            parts: vec![self.parts[number]],
+            schema: PointSchema { count: Some(self.subsets[number].count), ..self.schema.clone() },
+            subsets: vec![self.subsets[number]],
             remarks: Vec::new(),
             open: None,
             next: 0,
@@ -225,7 +225,7 @@ impl PointSource for LasFiles {
             let mut reader = LasReader::open(path)?;
             reader.survey()?;
             let [least, most] =
-                reader.schema().bounds.map(|place| moved(reader.schema(), &self.schema, place));
+                reader.schema().bounds.map(|position| moved(reader.schema(), &self.schema, position));
             bounds = both_bounds(bounds, least.zip(most).map(|(least, most)| [least, most]));
         }
         self.schema.bounds = bounds.unwrap_or([[0; 3]; 2]);
@@ -241,8 +241,8 @@ fn convert(rows: &[u8], (from, to): (&PointSchema, &PointSchema), made: &mut Vec
     let (before, size) = (made.len(), to.layout.size);
     made.resize(before + all().len() * size, 0);
     for (own, row) in made[before..].chunks_exact_mut(size).zip(all()) {
-        let place = moved(from, to, place_of(row))?;
-        for (bytes, step) in own[..POSITION_BYTES].chunks_exact_mut(4).zip(place) {
+        let position = moved(from, to, position_of(row))?;
+        for (bytes, step) in own[..POSITION_BYTES].chunks_exact_mut(4).zip(position) {
             bytes.copy_from_slice(&step.to_le_bytes());
         }
     }
@@ -250,8 +250,8 @@ fn convert(rows: &[u8], (from, to): (&PointSchema, &PointSchema), made: &mut Vec
         let own = from.layout.position(&wanted.name);
         let rank = || from.layout.position(SCAN_ANGLE_RANK).filter(|_| wanted.name == SCAN_ANGLE);
         let numbers = match own.or_else(rank) {
-            Some(place) if own.is_some() => from.layout.numbers(place, all()),
-            Some(place) => from.layout.numbers(place, all()).into_iter().map(angle_of_rank).collect(),
+            Some(index) if own.is_some() => from.layout.numbers(index, all()),
+            Some(index) => from.layout.numbers(index, all()).into_iter().map(angle_of_rank).collect(),
             None => vec![wanted.no_data.unwrap_or(ordered(wanted.sample, &[0; 8])); all().len()],
         };
         for (own, number) in made[before..].chunks_exact_mut(size).zip(numbers) {

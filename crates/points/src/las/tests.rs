@@ -38,7 +38,7 @@ pub(crate) fn las_bytes(format: u8, rows: &[u8], extra: &[PointAttribute], scale
     let version = Version::new(1, if format >= 6 { 4 } else { 3 });
     let count = rows.len() / size;
     let bounds = bounds_of(rows, size).unwrap_or([[0; 3]; 2]);
-    let [least, most] = bounds.map(|place| place.map(|step| f64::from(step) * scale + 5.0));
+    let [least, most] = bounds.map(|position| position.map(|step| f64::from(step) * scale + 5.0));
     let descriptors: Vec<u8> = extra.iter().flat_map(describe_extra).collect();
     let record = raw::Vlr {
         user_id: *b"LASF_Spec\0\0\0\0\0\0\0",
@@ -80,8 +80,8 @@ pub(crate) fn las_bytes(format: u8, rows: &[u8], extra: &[PointAttribute], scale
     bytes
 }
 
-fn tree_of(paths: &[PathBuf], folder: &Path) -> Result<PointTree> {
-    let path = folder.join("p.goblin");
+fn tree_of(paths: &[PathBuf], directory: &Path) -> Result<PointTree> {
+    let path = directory.join("p.goblin");
     let mut options = PointImportOptions::default();
     options.build.leaf_size = 100;
     let import = plan_files(paths, &mut |_| Ok(Vec::new()), &options)?;
@@ -101,7 +101,7 @@ fn sorted_records(path: &Path) -> Result<Vec<Vec<u8>>> {
 
 #[test]
 fn records_of_all_formats_come_back() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let extra = [
         PointAttribute::new("amplitude", SampleType::F32),
         PointAttribute {
@@ -113,13 +113,13 @@ fn records_of_all_formats_come_back() {
     for format in 0..=MAX_FORMAT {
         for extra in [&[][..], &extra] {
             let more = extra.iter().map(|attribute| attribute.sample.size()).sum();
-            let path = folder.path().join("in.las");
+            let path = directory.path().join("in.las");
             std::fs::write(&path, las_bytes(format, &records(format, more, 1500), extra, 0.01)).unwrap();
             let before = sorted_records(&path).unwrap();
-            let tree = tree_of(std::slice::from_ref(&path), folder.path()).unwrap();
+            let tree = tree_of(std::slice::from_ref(&path), directory.path()).unwrap();
             assert_eq!(tree.verify(&()).unwrap(), []);
             for (name, kind) in [("out.las", PointFormat::Las), ("out.laz", PointFormat::Laz)] {
-                let out = folder.path().join(name);
+                let out = directory.path().join(name);
                 let written = export_points(
                     &tree,
                     &Selection::default(),
@@ -146,53 +146,53 @@ fn records_of_all_formats_come_back() {
 }
 
 #[test]
-fn headers_that_are_wrong_about_places_do_no_harm() {
-    let folder = tempfile::tempdir().unwrap();
+fn headers_with_wrong_bounds_are_tolerated() {
+    let directory = tempfile::tempdir().unwrap();
     let rows = records(1, 0, 300);
     let mut bytes = las_bytes(1, &rows, &[], 0.01);
     // The maximum of x.
     bytes[179..187].copy_from_slice(&5.0f64.to_le_bytes());
-    let path = folder.path().join("in.las");
+    let path = directory.path().join("in.las");
     std::fs::write(&path, bytes).unwrap();
-    let tree = tree_of(&[path], folder.path()).unwrap();
+    let tree = tree_of(&[path], directory.path()).unwrap();
     assert_eq!(tree.len(), 300);
     assert_eq!(tree.verify(&()).unwrap(), []);
 }
 
 #[test]
 fn several_files_have_all_attributes_on_the_finest_grid() {
-    let folder = tempfile::tempdir().unwrap();
-    let paths = ["a.las", "b.las"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let paths = ["a.las", "b.las"].map(|name| directory.path().join(name));
     std::fs::write(&paths[0], las_bytes(1, &records(1, 0, 40), &[], 0.01)).unwrap();
     std::fs::write(&paths[1], las_bytes(2, &records(2, 0, 60), &[], 0.02)).unwrap();
     let files = LasFiles::open(&paths, None).unwrap();
     // The grid unit of the second file is twice that of the first; attributes and tags differ.
     assert!(files.remarks().iter().all(|(_, text)| !text.contains("moved")));
-    let tree = tree_of(&paths, folder.path()).unwrap();
+    let tree = tree_of(&paths, directory.path()).unwrap();
     assert_eq!((tree.len(), tree.grid().scale), (100, [0.01; 3]));
     let names: Vec<&str> = tree.attributes().iter().map(|attribute| attribute.name.as_str()).collect();
     assert!(names.contains(&"gps_time") && names.contains(&"blue"), "{names:?}");
-    let place = |path: &Path| {
+    let position = |path: &Path| {
         let mut reader = LasReader::open(path).unwrap();
         let mut rows = Vec::new();
         reader.read(&mut rows, 1).unwrap();
-        let place = crate::attribute::place_of(&rows);
+        let position = crate::attribute::position_of(&rows);
         let schema = reader.schema();
-        std::array::from_fn(|axis| f64::from(place[axis]) * schema.scale[axis] + schema.offset[axis])
+        std::array::from_fn(|axis| f64::from(position[axis]) * schema.scale[axis] + schema.offset[axis])
     };
     for path in &paths {
-        let nearest = tree.nearest(&[place(path)], 1, 1.0, 1 << 20, &()).unwrap();
+        let nearest = tree.nearest(&[position(path)], 1, 1.0, 1 << 20, &()).unwrap();
         assert!(nearest[0][0].distance < 1e-9);
     }
 }
 
 #[test]
-fn files_that_lie_are_errors() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("in.las");
+fn corrupt_files_are_errors_or_end() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("in.las");
     std::fs::write(&path, las_bytes(3, &records(3, 0, 2000), &[], 0.01)).unwrap();
-    let tree = tree_of(std::slice::from_ref(&path), folder.path()).unwrap();
-    let packed = folder.path().join("in.laz");
+    let tree = tree_of(std::slice::from_ref(&path), directory.path()).unwrap();
+    let packed = directory.path().join("in.laz");
     export_points(
         &tree,
         &Selection::default(),
@@ -207,18 +207,18 @@ fn files_that_lie_are_errors() {
         let bytes = std::fs::read(&path).unwrap();
         let start = u32::from_le_bytes(bytes[96..100].try_into().unwrap()) as usize;
         for round in 0..300 {
-            let mut damaged = bytes.clone();
+            let mut corrupted = bytes.clone();
             match round % 4 {
-                0 => damaged.truncate(random() as usize % bytes.len()),
+                0 => corrupted.truncate(random() as usize % bytes.len()),
                 // The header, variable-length records and the offset of the chunk table; otherwise
                 // the table itself.
-                1 | 2 => damaged[random() as usize % (start + 8)] = random() as u8,
+                1 | 2 => corrupted[random() as usize % (start + 8)] = random() as u8,
                 _ => {
                     let end = bytes.len() - 1 - random() as usize % 12;
-                    damaged[end] = random() as u8;
+                    corrupted[end] = random() as u8;
                 }
             }
-            std::fs::write(&path, &damaged).unwrap();
+            std::fs::write(&path, &corrupted).unwrap();
             // Whatever the outcome, reading ends, and takes no more memory than the file has bytes.
             if let Ok(mut reader) = LasReader::open(&path) {
                 let mut rows = Vec::new();
@@ -229,12 +229,12 @@ fn files_that_lie_are_errors() {
 }
 
 #[test]
-fn layers_are_no_longer_than_their_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let [plain, packed] = ["in.las", "in.laz"].map(|name| folder.path().join(name));
+fn layers_beyond_the_end_of_the_file_are_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let [plain, packed] = ["in.las", "in.laz"].map(|name| directory.path().join(name));
     for format in [6, 7, 8] {
         std::fs::write(&plain, las_bytes(format, &records(format, 3, 1500), &[], 0.01)).unwrap();
-        let tree = tree_of(std::slice::from_ref(&plain), folder.path()).unwrap();
+        let tree = tree_of(std::slice::from_ref(&plain), directory.path()).unwrap();
         let output = Output::create(&packed).unwrap();
         export_points(&tree, &Selection::default(), None, output, PointFormat::Laz, &()).unwrap();
         let good = std::fs::read(&packed).unwrap();
@@ -246,7 +246,7 @@ fn layers_are_no_longer_than_their_file() {
             let mut bytes = good.clone();
             bytes[at..at + 4].fill(0xff);
             std::fs::write(&packed, &bytes).unwrap();
-            let error = tree_of(std::slice::from_ref(&packed), folder.path()).err().unwrap().to_string();
+            let error = tree_of(std::slice::from_ref(&packed), directory.path()).err().unwrap().to_string();
             assert!(error.contains(words), "{format}, {at}: {error}");
         }
     }
@@ -271,8 +271,8 @@ fn numbers(path: &Path, name: &str) -> Vec<i64> {
 
 #[test]
 fn scan_angles_of_old_and_new_formats_are_joined() {
-    let folder = tempfile::tempdir().unwrap();
-    let [old, new, out] = ["old.las", "new.las", "out.las"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [old, new, out] = ["old.las", "new.las", "out.las"].map(|name| directory.path().join(name));
     let (mut a, mut b) = (records(1, 0, 2), records(6, 0, 2));
     a.chunks_exact_mut(28).zip([-90i8, 30]).for_each(|(row, rank)| row[16] = rank as u8);
     b.chunks_exact_mut(30)
@@ -283,21 +283,21 @@ fn scan_angles_of_old_and_new_formats_are_joined() {
     for paths in [[old.clone(), new.clone()], [new.clone(), old.clone()]] {
         let files = LasFiles::open(&paths, None).unwrap();
         assert!(files.remarks().iter().any(|(path, text)| *path == old && text.contains("scan_angle")));
-        let tree = tree_of(&paths, folder.path()).unwrap();
+        let tree = tree_of(&paths, directory.path()).unwrap();
         assert!(tree.attributes().iter().all(|attribute| attribute.name != "scan_angle_rank"));
         written(&tree, &out, PointFormat::Las);
         assert_eq!(numbers(&out, "scan_angle"), [-15_000, -7, 5_000, 15_000]);
     }
     // Old formats alone stay unchanged.
-    let tree = tree_of(std::slice::from_ref(&old), folder.path()).unwrap();
+    let tree = tree_of(std::slice::from_ref(&old), directory.path()).unwrap();
     written(&tree, &out, PointFormat::Las);
     assert_eq!(numbers(&out, "scan_angle_rank"), [-90, 30]);
 }
 
 #[test]
 fn extra_dimensions_named_like_others_are_kept() {
-    let folder = tempfile::tempdir().unwrap();
-    let [path, out] = ["in.las", "out.las"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [path, out] = ["in.las", "out.las"].map(|name| directory.path().join(name));
     let extra =
         ["intensity", "x", "intensity", "other"].map(|name| PointAttribute::new(name, SampleType::U16));
     let mut rows = records(0, 8, 3);
@@ -311,7 +311,7 @@ fn extra_dimensions_named_like_others_are_kept() {
     std::fs::write(&path, las_bytes(0, &rows, &extra, 0.01)).unwrap();
     let remarks = LasFiles::open(std::slice::from_ref(&path), None).unwrap().remarks();
     assert_eq!(remarks.len(), 3, "{remarks:?}");
-    let tree = tree_of(std::slice::from_ref(&path), folder.path()).unwrap();
+    let tree = tree_of(std::slice::from_ref(&path), directory.path()).unwrap();
     written(&tree, &out, PointFormat::Las);
     for path in [path, out] {
         for (name, first) in [
@@ -328,8 +328,8 @@ fn extra_dimensions_named_like_others_are_kept() {
 
 #[test]
 fn no_data_of_extra_bytes_is_no_value() {
-    let folder = tempfile::tempdir().unwrap();
-    let [path, out, csv] = ["in.las", "out.laz", "out.csv"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [path, out, csv] = ["in.las", "out.laz", "out.csv"].map(|name| directory.path().join(name));
     for sample in [SampleType::I16, SampleType::U8, SampleType::F32, SampleType::F64, SampleType::U64] {
         for scale_offset in [None, Some((0.5, 1.0))] {
             let of = |number: u8| match sample {
@@ -344,16 +344,16 @@ fn no_data_of_extra_bytes_is_no_value() {
                 row[30..].copy_from_slice(&of(number));
             }
             std::fs::write(&path, las_bytes(6, &rows, std::slice::from_ref(&extra), 0.01)).unwrap();
-            let tree = tree_of(std::slice::from_ref(&path), folder.path()).unwrap();
+            let tree = tree_of(std::slice::from_ref(&path), directory.path()).unwrap();
             assert_eq!(tree.verify(&()).unwrap(), []);
-            let place = tree.attributes().len() - 1;
-            assert_eq!(tree.attributes()[place], extra);
-            let found = tree.statistics(&Selection::default(), &()).unwrap().columns[3 + place].unwrap();
+            let index = tree.attributes().len() - 1;
+            assert_eq!(tree.attributes()[index], extra);
+            let found = tree.statistics(&Selection::default(), &()).unwrap().columns[3 + index].unwrap();
             let (scale, offset) = scale_offset.unwrap_or((1.0, 0.0));
             let expected = [8.0, 12.0, 10.0].map(|number| number * scale + offset);
             assert_eq!((found.count, [found.min, found.max, found.mean]), (2, expected), "{sample:?}");
             for (relation, count) in [(Relation::Greater, 2), (Relation::Unequal, 2)] {
-                let condition = PointCondition { attribute: place, relation, number: -1.0 };
+                let condition = PointCondition { attribute: index, relation, number: -1.0 };
                 let selection = Selection { conditions: vec![condition], ..Selection::default() };
                 assert_eq!(tree.count(&selection, &()).unwrap(), count);
             }
@@ -369,8 +369,8 @@ fn no_data_of_extra_bytes_is_no_value() {
 
 #[test]
 fn colours_of_8_bits_have_16_in_las() {
-    let folder = tempfile::tempdir().unwrap();
-    let [path, out] = ["in.ply", "out.las"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [path, out] = ["in.ply", "out.las"].map(|name| directory.path().join(name));
     for (kind, expected) in [("uchar", [0, 16_448, 65_535]), ("ushort", [0, 64, 255])] {
         let header =
             "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n";
@@ -378,7 +378,7 @@ fn colours_of_8_bits_have_16_in_las() {
         let rows = "0 0 0 0 64 255 -90\n1 1 1 64 255 0 0\n2 2 2 255 0 64 30\n";
         let angle = "property char scan_angle_rank\n";
         std::fs::write(&path, format!("{header}{colours}{angle}end_header\n{rows}")).unwrap();
-        let tree = tree_of(std::slice::from_ref(&path), folder.path()).unwrap();
+        let tree = tree_of(std::slice::from_ref(&path), directory.path()).unwrap();
         written(&tree, &out, PointFormat::Las);
         for name in ["red", "green", "blue"] {
             assert_eq!(numbers(&out, name), expected, "{kind} {name}");
@@ -394,8 +394,8 @@ fn colours_of_8_bits_have_16_in_las() {
 #[test]
 fn points_packed_without_chunks_are_read() {
     use laz::record::{RecordCompressor as _, SequentialPointRecordCompressor};
-    let folder = tempfile::tempdir().unwrap();
-    let [plain, packed] = ["in.las", "in.laz"].map(|name| folder.path().join(name));
+    let directory = tempfile::tempdir().unwrap();
+    let [plain, packed] = ["in.las", "in.laz"].map(|name| directory.path().join(name));
     for format in [0, 1, 3] {
         let rows = records(format, 0, 500);
         let size = record_bytes(format).unwrap();

@@ -95,28 +95,31 @@ struct OutputAttribute<'t> {
 impl OutputAttribute<'_> {
     /// Returns the index of the format's attribute with the same name, if its type can represent
     /// all numbers.
-    fn place(&self, format: &RowLayout) -> Option<usize> {
-        let place = format.position(&self.attribute.name)?;
-        let own = format.attributes[place].sample;
-        let (least, most) = match (format.fields[place].bits, own) {
+    fn index(&self, format: &RowLayout) -> Option<usize> {
+        let index = format.position(&self.attribute.name)?;
+        let own = format.attributes[index].sample;
+        let (least, most) = match (format.fields[index].bits, own) {
             (Some((_, bits)), _) => (0, (1 << bits) - 1),
             (None, SampleType::U8) => (0, u8::MAX.into()),
             (None, SampleType::I8) => (i8::MIN.into(), i8::MAX.into()),
             (None, SampleType::U16) => (0, u16::MAX.into()),
             (None, SampleType::I16) => (i16::MIN.into(), i16::MAX.into()),
             (None, SampleType::U32) => (0, u32::MAX.into()),
-            (None, _) => return Some(place).filter(|_| own == self.attribute.sample),
+            (None, _) => return Some(index).filter(|_| own == self.attribute.sample),
         };
         // For these types, ordered numbers equal the numbers.
         let is_whole = !matches!(self.attribute.sample, SampleType::F32 | SampleType::F64 | SampleType::U64);
         let fits = least <= self.least && self.most <= most || self.least > self.most;
         let is_plain = self.attribute.scale_offset.is_none() && self.attribute.no_data.is_none();
-        (is_whole && fits && is_plain).then_some(place)
+        (is_whole && fits && is_plain).then_some(index)
     }
 }
 
 /// Maps attributes to those of a format, one to one; `None` for those that become extra bytes.
-fn places(attributes: &[OutputAttribute<'_>], format: &RowLayout) -> Vec<Option<(usize, Conversion)>> {
+fn matching_fields(
+    attributes: &[OutputAttribute<'_>],
+    format: &RowLayout,
+) -> Vec<Option<(usize, Conversion)>> {
     let is_short = |name: &&str| {
         let mut own = attributes.iter().filter(|written| written.attribute.name == **name);
         own.all(|written| written.attribute.sample == SampleType::U8)
@@ -126,12 +129,12 @@ fn places(attributes: &[OutputAttribute<'_>], format: &RowLayout) -> Vec<Option<
     for written in attributes {
         let is_colour = are_short && COLOURS.contains(&written.attribute.name.as_str());
         let conversion = if is_colour { Conversion::Colour } else { Conversion::None };
-        let place = written.place(format).map(|place| (place, conversion));
-        found.push(place.filter(|(place, _)| found.iter().flatten().all(|(other, _)| other != place)));
+        let index = written.index(format).map(|index| (index, conversion));
+        found.push(index.filter(|(index, _)| found.iter().flatten().all(|(other, _)| other != index)));
     }
     // Scan angles of old formats map to those of new formats, unless these are taken.
     let angle = format.position(SCAN_ANGLE);
-    let is_free = found.iter().flatten().all(|(place, _)| Some(*place) != angle);
+    let is_free = found.iter().flatten().all(|(index, _)| Some(*index) != angle);
     let rank = attributes.iter().position(|written| {
         written.attribute.name == SCAN_ANGLE_RANK
             && *written.attribute == PointAttribute::new(SCAN_ANGLE_RANK, SampleType::I8)
@@ -146,12 +149,12 @@ fn places(attributes: &[OutputAttribute<'_>], format: &RowLayout) -> Vec<Option<
 /// input's format, then the lowest number.
 fn best_format(attributes: &[OutputAttribute<'_>], came_in: Option<u8>) -> u8 {
     let candidates: Vec<u8> = came_in.into_iter().chain(6..=MAX_FORMAT).collect();
-    let room = |format: &u8| {
+    let matches = |format: &u8| {
         let layout = record_layout(*format, record_bytes(*format).unwrap_or(0), &[]);
-        places(attributes, &layout).into_iter().flatten().count()
+        matching_fields(attributes, &layout).into_iter().flatten().count()
     };
-    let most = candidates.iter().map(room).max().unwrap_or(0);
-    candidates.into_iter().find(|format| room(format) == most).unwrap_or(6)
+    let most = candidates.iter().map(matches).max().unwrap_or(0);
+    candidates.into_iter().find(|format| matches(format) == most).unwrap_or(6)
 }
 
 fn tag<'m>(metadata: &'m Metadata, key: &str) -> Option<&'m str> {
@@ -205,30 +208,30 @@ impl LasFile {
         let format = best_format(&attributes, came_in);
         let own = record_bytes(format).unwrap_or(0);
         let standard = record_layout(format, own, &[]);
-        let own_columns = places(&attributes, &standard);
+        let own_columns = matching_fields(&attributes, &standard);
         let extra: Vec<(&usize, &OutputAttribute<'_>)> = chosen
             .iter()
             .zip(&attributes)
             .zip(&own_columns)
-            .filter_map(|(written, place)| place.is_none().then_some(written))
+            .filter_map(|(written, index)| index.is_none().then_some(written))
             .collect();
         let descriptors: Vec<u8> =
             extra.iter().flat_map(|(_, written)| describe_extra(written.attribute)).collect();
         let size = own + extra.iter().map(|(_, written)| written.attribute.sample.size()).sum::<usize>();
         let Ok(record_length) = u16::try_from(size) else {
-            let advice = "choose fewer attributes with --attribute";
-            return Err(Error::unsupported(tree.path(), format!("records of {size} bytes in LAS"), advice));
+            let advice = "select fewer attributes with --attribute";
+            return Err(Error::unsupported(tree.path(), format!("a LAS record of {size} bytes"), advice));
         };
         let layout = record_layout(format, size, &descriptors);
         // Extra attributes are identified by their order, since names may be truncated.
         let mut columns = vec![None; layout.attributes.len()];
-        for (attribute, place) in chosen.iter().zip(&own_columns) {
-            if let Some((place, conversion)) = place {
-                columns[*place] = Some((3 + attribute, *conversion));
+        for (attribute, index) in chosen.iter().zip(&own_columns) {
+            if let Some((index, conversion)) = index {
+                columns[*index] = Some((3 + attribute, *conversion));
             }
         }
-        for (place, (attribute, _)) in extra.iter().enumerate() {
-            if let Some(column) = columns.get_mut(standard.attributes.len() + place) {
+        for (index, (attribute, _)) in extra.iter().enumerate() {
+            if let Some(column) = columns.get_mut(standard.attributes.len() + index) {
                 *column = Some((3 + **attribute, Conversion::None));
             }
         }
@@ -304,10 +307,10 @@ impl LasFile {
         // Legacy counts: 0 if the count does not fit or old readers do not know the format.
         let is_old = self.format < 6 && self.points <= u32::MAX.into();
         if !is_large && !is_old {
-            let advice = "write parts of it (--window), or .npy";
+            let advice = "write several windows of it (--window), or write .npy";
             return Err(Error::unsupported(
                 path,
-                format!("{} points of format {} in LAS", self.points, self.format),
+                format!("a LAS file of {} points in format {}", self.points, self.format),
                 advice,
             ));
         }
@@ -324,13 +327,13 @@ impl LasFile {
         let (scale, offset) = (self.grid.scale, self.grid.offset);
         [header.x_scale_factor, header.y_scale_factor, header.z_scale_factor] = scale;
         [header.x_offset, header.y_offset, header.z_offset] = offset;
-        if let Some([least, most]) = self.bounds.map(|bounds| bounds.map(|place| self.grid.to_world(place))) {
+        if let Some([least, most]) = self.bounds.map(|bounds| bounds.map(|index| self.grid.to_world(index))) {
             [header.min_x, header.min_y, header.min_z] = least;
             [header.max_x, header.max_y, header.max_z] = most;
         }
         let mut bytes = Cursor::new(Vec::new());
         let failed =
-            |error: las::Error| Error::unsupported(path, format!("a header of LAS ({error})"), "write .npy");
+            |error: las::Error| Error::unsupported(path, format!("a LAS header ({error})"), "write .npy");
         header.write_to(&mut bytes).map_err(failed)?;
         for record in &self.records {
             record.write_to(&mut bytes).map_err(failed)?;
@@ -359,8 +362,8 @@ fn add_crs(crs: &spinney_crs::Crs, format: u8, records: &mut Vec<raw::Vlr>) -> R
         let doubles = keys.doubles().iter().flat_map(|number| number.to_le_bytes()).collect();
         records.push(record(PROJECTION, 34736, "GeoDoubleParams", doubles));
     }
-    if !keys.texts().is_empty() {
-        records.push(record(PROJECTION, 34737, "GeoAsciiParams", keys.texts().to_vec()));
+    if !keys.strings().is_empty() {
+        records.push(record(PROJECTION, 34737, "GeoAsciiParams", keys.strings().to_vec()));
     }
     Ok(0)
 }

@@ -6,7 +6,7 @@ use std::collections::BinaryHeap;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct IndexedPoint {
     /// World coordinates.
-    pub place: [f64; 3],
+    pub position: [f64; 3],
     /// Index in the block.
     pub number: u32,
     /// Split axis of its range, unless the range is small.
@@ -29,7 +29,7 @@ pub(super) struct Candidate {
     pub square: f64,
     /// Block number, and index in the block.
     pub number: (u32, u32),
-    pub place: [f64; 3],
+    pub position: [f64; 3],
 }
 
 impl Eq for Candidate {}
@@ -51,7 +51,7 @@ impl Ord for Candidate {
 pub(super) struct Best {
     /// Max-heap: the farthest candidate is on top.
     heap: BinaryHeap<Candidate>,
-    most: usize,
+    max_count: usize,
     /// Squared distance that better points must not exceed.
     pub limit: f64,
     /// Number of axes that count.
@@ -59,29 +59,29 @@ pub(super) struct Best {
 }
 
 impl Best {
-    /// Keeps at most `most` points, whose squared distances do not exceed `limit`.
-    pub(super) fn new(most: usize, limit: f64, axes: usize) -> Best {
-        Best { heap: BinaryHeap::new(), most, limit, axes }
+    /// Keeps at most `max_count` points, whose squared distances do not exceed `limit`.
+    pub(super) fn new(max_count: usize, limit: f64, axes: usize) -> Best {
+        Best { heap: BinaryHeap::new(), max_count, limit, axes }
     }
 
     #[inline]
-    fn look(&mut self, from: [f64; 3], point: &IndexedPoint, block: u32) {
-        let along = |axis: usize| (point.place[axis] - from[axis]) * (point.place[axis] - from[axis]);
+    fn offer(&mut self, from: [f64; 3], point: &IndexedPoint, block: u32) {
+        let along = |axis: usize| (point.position[axis] - from[axis]) * (point.position[axis] - from[axis]);
         let square = along(0) + along(1) + if self.axes == 3 { along(2) } else { 0.0 };
         if square <= self.limit {
-            self.add(Candidate { square, number: (block, point.number), place: point.place });
+            self.add(Candidate { square, number: (block, point.number), position: point.position });
         }
     }
 
     fn add(&mut self, candidate: Candidate) {
-        if self.heap.len() < self.most {
+        if self.heap.len() < self.max_count {
             self.heap.push(candidate);
         } else if let Some(mut worst) = self.heap.peek_mut()
             && candidate < *worst
         {
             *worst = candidate;
         }
-        if self.heap.len() == self.most
+        if self.heap.len() == self.max_count
             && let Some(worst) = self.heap.peek()
         {
             self.limit = self.limit.min(worst.square);
@@ -104,14 +104,14 @@ impl BlockIndex {
                 continue;
             }
             let side = |axis: usize| {
-                let along = range.iter().map(|point| point.place[axis]);
-                let (least, most) =
-                    along.fold((f64::MAX, f64::MIN), |(least, most), at| (least.min(at), most.max(at)));
-                most - least
+                let along = range.iter().map(|point| point.position[axis]);
+                let (low, high) =
+                    along.fold((f64::MAX, f64::MIN), |(low, high), at| (low.min(at), high.max(at)));
+                high - low
             };
             let axis = (0..axes).max_by(|a, b| side(*a).total_cmp(&side(*b))).unwrap_or(0);
             let middle = range.len() / 2;
-            range.select_nth_unstable_by(middle, |a, b| a.place[axis].total_cmp(&b.place[axis]));
+            range.select_nth_unstable_by(middle, |a, b| a.position[axis].total_cmp(&b.position[axis]));
             range[middle].axis = axis as u8;
             ranges.push((first, first + middle));
             ranges.push((first + middle + 1, last));
@@ -124,10 +124,10 @@ impl BlockIndex {
         (self.points.len() * size_of::<IndexedPoint>()) as u64
     }
 
-    /// Searches for better points. `beside` is the squared distance to the bounding box along each
+    /// Searches for better points. `squares` is the squared distance to the bounding box along each
     /// axis.
-    pub(super) fn search(&self, block: u32, from: [f64; 3], beside: [f64; 3], best: &mut Best) {
-        search(&self.points, block, from, beside, best);
+    pub(super) fn search(&self, block: u32, from: [f64; 3], squares: [f64; 3], best: &mut Best) {
+        search(&self.points, block, from, squares, best);
     }
 }
 
@@ -136,26 +136,26 @@ impl BlockIndex {
 ///
 /// The far half is bounded by the split point along the split axis, and by the box along the
 /// others. Its distance is thus known without visiting it (Arya and Mount 1993).
-fn search(range: &[IndexedPoint], block: u32, from: [f64; 3], beside: [f64; 3], best: &mut Best) {
+fn search(range: &[IndexedPoint], block: u32, from: [f64; 3], squares: [f64; 3], best: &mut Best) {
     if range.len() <= SMALL {
-        return range.iter().for_each(|point| best.look(from, point, block));
+        return range.iter().for_each(|point| best.offer(from, point, block));
     }
     let (before, rest) = range.split_at(range.len() / 2);
-    let Some((middle, behind)) = rest.split_first() else { return };
+    let Some((middle, after)) = rest.split_first() else { return };
     let axis = usize::from(middle.axis);
     if axis >= best.axes {
         // An axis that does not count prunes nothing.
-        search(before, block, from, beside, best);
-        best.look(from, middle, block);
-        return search(behind, block, from, beside, best);
+        search(before, block, from, squares, best);
+        best.offer(from, middle, block);
+        return search(after, block, from, squares, best);
     }
-    let beyond = from[axis] - middle.place[axis];
-    let (near, far) = if beyond < 0.0 { (before, behind) } else { (behind, before) };
-    search(near, block, from, beside, best);
-    let mut farther = beside;
+    let beyond = from[axis] - middle.position[axis];
+    let (near, far) = if beyond < 0.0 { (before, after) } else { (after, before) };
+    search(near, block, from, squares, best);
+    let mut farther = squares;
     farther[axis] = farther[axis].max(beyond * beyond);
     if farther[0] + farther[1] + farther[2] <= best.limit {
-        best.look(from, middle, block);
+        best.offer(from, middle, block);
         search(far, block, from, farther, best);
     }
 }

@@ -11,7 +11,7 @@ use spinney_base::{Error, Progress, Result, parallel, sort};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearPoint {
     /// Position, in the coordinates of the points.
-    pub place: [f64; 3],
+    pub position: [f64; 3],
     /// Distance; along x and y only in a quadtree, or if the query position has no z.
     pub distance: f64,
     /// Block number and index in the block, which together identify the point in the file.
@@ -30,7 +30,7 @@ struct NearNode {
 
 /// Block indexes that are cached for further queries.
 #[derive(Default)]
-struct Kept {
+struct BlockIndexCache {
     blocks: HashMap<u32, Arc<BlockIndex>>,
     bytes: u64,
 }
@@ -40,8 +40,8 @@ struct Search<'t> {
     nodes: Vec<NearNode>,
     block_corners: Vec<[[f64; 3]; 2]>,
     axes: usize,
-    most_bytes: u64,
-    kept: Mutex<Kept>,
+    max_bytes: u64,
+    cache: Mutex<BlockIndexCache>,
 }
 
 /// Number of queries that one thread runs in sequence.
@@ -59,52 +59,54 @@ impl PointTree {
     /// If a coordinate is not a number, or the file is corrupt or cannot be read.
     pub fn nearest(
         &self,
-        places: &[[f64; 3]],
+        positions: &[[f64; 3]],
         most: usize,
         within: f64,
         memory: u64,
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearPoint>>> {
-        if let Some(place) =
-            places.iter().find(|[x, y, z]| !(x.is_finite() && y.is_finite() && !z.is_infinite()))
+        if let Some(position) =
+            positions.iter().find(|[x, y, z]| !(x.is_finite() && y.is_finite() && !z.is_infinite()))
         {
-            return Err(Error::invalid("place", format!("{place:?}"), "coordinates that are numbers"));
+            let found = format!("{position:?}");
+            return Err(Error::invalid("position", found, "finite x and y, and z that is finite or NaN"));
         }
         if most == 0 || within.is_nan() {
-            return Ok(vec![Vec::new(); places.len()]);
+            return Ok(vec![Vec::new(); positions.len()]);
         }
         let search = Search::new(self, memory)?;
-        let order = self.order(places);
-        let mut found = vec![Vec::new(); places.len()];
-        let parts: Vec<&[u32]> = order.chunks(TOGETHER).collect();
-        for batch in parts.chunks(8 * parallel::threads()) {
+        let order = self.order(positions);
+        let mut found = vec![Vec::new(); positions.len()];
+        let batches: Vec<&[u32]> = order.chunks(TOGETHER).collect();
+        for batch in batches.chunks(8 * parallel::threads()) {
             progress.check()?;
-            let answers = parallel::map(batch, |part| search.answer(part, places, (most, within * within)));
-            for (part, answers) in batch.iter().zip(answers) {
-                for (place, answer) in part.iter().zip(answers?) {
-                    found[*place as usize] = answer;
+            let results =
+                parallel::map(batch, |queries| search.run(queries, positions, (most, within * within)));
+            for (queries, results) in batch.iter().zip(results) {
+                for (query, nearest) in queries.iter().zip(results?) {
+                    found[*query as usize] = nearest;
                 }
-                progress.advance(part.len() as u64, places.len() as u64);
+                progress.advance(queries.len() as u64, positions.len() as u64);
             }
         }
         Ok(found)
     }
 
     /// Returns the indices of positions in the order of their codes, clamped to the root.
-    fn order(&self, places: &[[f64; 3]]) -> Vec<u32> {
+    fn order(&self, positions: &[[f64; 3]]) -> Vec<u32> {
         let grid = self.grid();
         let far = grid.node_box(spinney_base::space::Code::root(grid.dimension));
-        let key = |place: &[f64; 3]| {
+        let key = |position: &[f64; 3]| {
             let step: [i32; 3] = std::array::from_fn(|axis| {
-                let step = ((place[axis] - grid.offset[axis]) / grid.scale[axis]) as i64;
+                let step = ((position[axis] - grid.offset[axis]) / grid.scale[axis]) as i64;
                 step.clamp(far[0][axis].into(), far[1][axis].into()) as i32
             });
             grid.code(step).map_or(0, |code| code.bits())
         };
-        let mut order: Vec<u128> = places
+        let mut order: Vec<u128> = positions
             .iter()
             .enumerate()
-            .map(|(number, place)| u128::from(key(place)) << 32 | number as u128)
+            .map(|(number, position)| u128::from(key(position)) << 32 | number as u128)
             .collect();
         sort::numbers128(&mut order);
         order.into_iter().map(|key| key as u32).collect()
@@ -136,12 +138,12 @@ impl Search<'_> {
         }
         let block_corners = (0..blocks).map(|block| world(tree.entry(block).bounds)).collect();
         let axes = tree.dimension().axes();
-        Ok(Search { tree, nodes: near, block_corners, axes, most_bytes: memory, kept: Mutex::default() })
+        Ok(Search { tree, nodes: near, block_corners, axes, max_bytes: memory, cache: Mutex::default() })
     }
 
     /// Returns the squared distance to a box along each axis that counts.
     #[inline]
-    fn beside(&self, from: [f64; 3], [low, high]: &[[f64; 3]; 2]) -> [f64; 3] {
+    fn squares(&self, from: [f64; 3], [low, high]: &[[f64; 3]; 2]) -> [f64; 3] {
         std::array::from_fn(|axis| match axis < self.axes_of(from) {
             true => (low[axis] - from[axis]).max(from[axis] - high[axis]).max(0.0).powi(2),
             false => 0.0,
@@ -150,43 +152,45 @@ impl Search<'_> {
 
     /// Returns the number of axes that count for a position.
     #[inline]
-    fn axes_of(&self, place: [f64; 3]) -> usize {
-        if place[2].is_nan() { 2 } else { self.axes }
+    fn axes_of(&self, position: [f64; 3]) -> usize {
+        if position[2].is_nan() { 2 } else { self.axes }
     }
 
     /// Returns the squared distance to a box.
     #[inline]
     fn distance(&self, from: [f64; 3], corners: &[[f64; 3]; 2]) -> f64 {
-        let [x, y, z] = self.beside(from, corners);
+        let [x, y, z] = self.squares(from, corners);
         x + y + z
     }
 
-    fn answer(
+    /// Runs queries, given as indices of positions.
+    fn run(
         &self,
-        part: &[u32],
-        places: &[[f64; 3]],
+        queries: &[u32],
+        positions: &[[f64; 3]],
         (most, limit): (usize, f64),
     ) -> Result<Vec<Vec<NearPoint>>> {
         // This thread's own cache needs no lock.
         let mut at_hand = HashMap::new();
-        let near = |place: &u32| {
-            let mut best = Best::new(most, limit, self.axes_of(places[*place as usize]));
+        let near = |query: &u32| {
+            let from = positions[*query as usize];
+            let mut best = Best::new(most, limit, self.axes_of(from));
             if !self.nodes.is_empty() {
-                self.look(0, places[*place as usize], &mut best, &mut at_hand)?;
+                self.search_node(0, from, &mut best, &mut at_hand)?;
             }
             let point = |found: super::block_index::Candidate| NearPoint {
-                place: found.place,
+                position: found.position,
                 distance: found.square.sqrt(),
                 number: found.number,
             };
             Ok(best.finish().into_iter().map(point).collect())
         };
-        part.iter().map(near).collect()
+        queries.iter().map(near).collect()
     }
 
     /// Searches a node for better points. Children come first, nearest child first, since the
     /// finest levels have the most points.
-    fn look(
+    fn search_node(
         &self,
         index: usize,
         from: [f64; 3],
@@ -200,8 +204,8 @@ impl Search<'_> {
         while child < node.end as usize {
             // In a corrupt or malicious node list, parents may be missing. No more nodes are
             // visited than there can be children.
-            let Some(place) = children.get_mut(count) else { break };
-            *place = (self.distance(from, &self.nodes[child].corners), child);
+            let Some(slot) = children.get_mut(count) else { break };
+            *slot = (self.distance(from, &self.nodes[child].corners), child);
             count += 1;
             child = (self.nodes[child].end as usize).max(child + 1);
         }
@@ -209,12 +213,12 @@ impl Search<'_> {
         children.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         for (distance, child) in children {
             if *distance <= best.limit {
-                self.look(*child, from, best, at_hand)?;
+                self.search_node(*child, from, best, at_hand)?;
             }
         }
         for block in node.blocks.0..node.blocks.1 {
-            let beside = self.beside(from, &self.block_corners[block as usize]);
-            if beside.iter().sum::<f64>() <= best.limit {
+            let squares = self.squares(from, &self.block_corners[block as usize]);
+            if squares.iter().sum::<f64>() <= best.limit {
                 let index = match at_hand.get(&block) {
                     Some(index) => index,
                     None => {
@@ -222,7 +226,7 @@ impl Search<'_> {
                         at_hand.entry(block).or_insert(index)
                     }
                 };
-                index.search(block, from, beside, best);
+                index.search(block, from, squares, best);
             }
         }
         Ok(())
@@ -230,27 +234,27 @@ impl Search<'_> {
 
     /// Returns the index of a block.
     fn block(&self, block: u32) -> Result<Arc<BlockIndex>> {
-        let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(index) = kept().blocks.get(&block) {
+        let cache = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(index) = cache().blocks.get(&block) {
             return Ok(index.clone());
         }
         let wanted: Vec<bool> = (0..self.tree.columns()).map(|column| column < 3).collect();
         let columns = self.tree.block(block as usize, &wanted)?;
         let grid = self.tree.grid();
         let point = |number: usize| IndexedPoint {
-            place: grid.to_world(std::array::from_fn(|axis| columns[axis][number] as i32)),
+            position: grid.to_world(std::array::from_fn(|axis| columns[axis][number] as i32)),
             number: number as u32,
             axis: 0,
         };
         let index = Arc::new(BlockIndex::new((0..columns[0].len()).map(point).collect(), self.axes));
-        let mut kept = kept();
-        if kept.bytes + index.bytes() > self.most_bytes {
+        let mut cache = cache();
+        if cache.bytes + index.bytes() > self.max_bytes {
             // Queries are sorted, so most cached blocks of earlier queries are not needed again.
-            kept.blocks.clear();
-            kept.bytes = 0;
+            cache.blocks.clear();
+            cache.bytes = 0;
         }
-        kept.bytes += index.bytes();
-        kept.blocks.insert(block, index.clone());
+        cache.bytes += index.bytes();
+        cache.blocks.insert(block, index.clone());
         Ok(index)
     }
 }

@@ -38,9 +38,7 @@ impl PointRegion {
     pub(crate) fn on(&self, grid: &PointGrid) -> Result<GridRegion> {
         Ok(match self {
             PointRegion::All => GridRegion::All,
-            PointRegion::Box(corners) => {
-                grid.places_in(*corners).map_or(GridRegion::Nothing, GridRegion::Box)
-            }
+            PointRegion::Box(corners) => grid.grid_box(*corners).map_or(GridRegion::Nothing, GridRegion::Box),
             PointRegion::Ball(centre, radius) => GridRegion::Ball(*centre, *radius),
             // Reprojected polygons may be empty near the tree.
             PointRegion::Polygons(parts) if parts.is_empty() => GridRegion::Nothing,
@@ -73,12 +71,13 @@ impl GridRegion {
                 } else if axes().all(|axis| low[axis] <= least[axis] && most[axis] <= high[axis]) {
                     Cover::Whole
                 } else {
-                    Cover::Part
+                    Cover::Partial
                 }
             }
             GridRegion::Polygon(polygon) => {
-                let step =
-                    |place: i32, axis: usize| (i64::from(place) - i64::from(grid.corner[axis])).max(0) as u64;
+                let step = |position: i32, axis: usize| {
+                    (i64::from(position) - i64::from(grid.corner[axis])).max(0) as u64
+                };
                 let min = [step(least[0], 0), step(least[1], 1), 0];
                 let max = [step(most[0], 0) + 1, step(most[1], 1) + 1, 1];
                 polygon.cover_area(&Bounds { min, max })
@@ -91,7 +90,7 @@ impl GridRegion {
                 } else if far <= square {
                     Cover::Whole
                 } else {
-                    Cover::Part
+                    Cover::Partial
                 }
             }
         }
@@ -99,19 +98,19 @@ impl GridRegion {
 
     /// Returns whether a position is in the region.
     #[inline]
-    pub(crate) fn has(&self, grid: &PointGrid, place: [i32; 3]) -> bool {
+    pub(crate) fn has(&self, grid: &PointGrid, position: [i32; 3]) -> bool {
         match self {
             GridRegion::All => true,
             GridRegion::Nothing => false,
             GridRegion::Box([low, high]) => {
-                (0..3).all(|axis| low[axis] <= place[axis] && place[axis] <= high[axis])
+                (0..3).all(|axis| low[axis] <= position[axis] && position[axis] <= high[axis])
             }
             GridRegion::Polygon(polygon) => {
-                let step = |axis: usize| f64::from(place[axis]) - f64::from(grid.corner[axis]);
+                let step = |axis: usize| f64::from(position[axis]) - f64::from(grid.corner[axis]);
                 polygon.contains([step(0), step(1)])
             }
             GridRegion::Ball(centre, radius) => {
-                let at = grid.to_world(place);
+                let at = grid.to_world(position);
                 let square: f64 = (0..3).map(|axis| (at[axis] - centre[axis]).powi(2)).sum();
                 square <= radius * radius
             }

@@ -47,7 +47,7 @@ impl PointColumns {
 
     /// Returns the grid position of a point.
     #[inline]
-    pub fn place(&self, point: usize) -> [i32; 3] {
+    pub fn position(&self, point: usize) -> [i32; 3] {
         std::array::from_fn(|axis| self.columns[axis][point] as i32)
     }
 
@@ -63,11 +63,11 @@ impl PointColumns {
         bytes: &mut Vec<u8>,
     ) {
         for point in 0..self.len() {
-            let world = grid.to_world(self.place(point));
+            let world = grid.to_world(self.position(point));
             world.iter().for_each(|number| bytes.extend_from_slice(&number.to_le_bytes()));
-            for place in chosen {
-                let attribute = &attributes[*place];
-                let number = self.columns[3 + place][point];
+            for index in chosen {
+                let attribute = &attributes[*index];
+                let number = self.columns[3 + index][point];
                 let is_missing = attribute.no_data == Some(number);
                 match (attribute.scale_offset, attribute.sample) {
                     (None, SampleType::F32) if is_missing => bytes.extend_from_slice(&f32::NAN.to_le_bytes()),
@@ -142,7 +142,7 @@ impl PointStatistics {
 
 /// A block to read, and whether it lies entirely in the region.
 #[derive(Clone, Copy)]
-struct Chosen {
+struct SelectedBlock {
     block: usize,
     is_whole: bool,
 }
@@ -204,9 +204,9 @@ impl PointTree {
         let region = selection.region.on(self.grid())?;
         let mut sum = Statistics::none(self.columns());
         let mut cut = Vec::new();
-        let looks_at_all = selection.level.is_some() || !selection.conditions.is_empty();
+        let reads_all = selection.level.is_some() || !selection.conditions.is_empty();
         self.walk(&region, selection, &mut |node, cover| {
-            if cover == Cover::Whole && !looks_at_all {
+            if cover == Cover::Whole && !reads_all {
                 sum.add(&node.statistics);
                 return false;
             }
@@ -255,20 +255,26 @@ impl PointTree {
         Ok(())
     }
 
-    fn add_blocks(&self, node: &PointNode, cover: Cover, region: &GridRegion, chosen: &mut Vec<Chosen>) {
+    fn add_blocks(
+        &self,
+        node: &PointNode,
+        cover: Cover,
+        region: &GridRegion,
+        chosen: &mut Vec<SelectedBlock>,
+    ) {
         for block in self.blocks_of(node.code) {
             let cover = match cover {
-                Cover::Part => region.cover(self.grid(), self.entry(block).bounds),
+                Cover::Partial => region.cover(self.grid(), self.entry(block).bounds),
                 other => other,
             };
             if cover != Cover::Nothing {
-                chosen.push(Chosen { block, is_whole: cover == Cover::Whole });
+                chosen.push(SelectedBlock { block, is_whole: cover == Cover::Whole });
             }
         }
     }
 
     /// Returns the blocks that may have selected points.
-    fn chosen(&self, region: &GridRegion, selection: &Selection) -> Result<Vec<Chosen>> {
+    fn chosen(&self, region: &GridRegion, selection: &Selection) -> Result<Vec<SelectedBlock>> {
         let mut chosen = Vec::new();
         self.walk(region, selection, &mut |node, cover| {
             self.add_blocks(node, cover, region, &mut chosen);
@@ -280,7 +286,7 @@ impl PointTree {
     /// Returns the selected points of a block.
     fn points_of(
         &self,
-        chosen: Chosen,
+        chosen: SelectedBlock,
         region: &GridRegion,
         selection: &Selection,
         wanted: &[bool],

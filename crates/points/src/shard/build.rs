@@ -2,18 +2,18 @@
 
 use std::path::Path;
 
-use super::cut::{may_have, parts_of};
+use super::cut::{may_have, subsets_of};
 use super::writer::ShardWriter;
 use super::{PointShard, deepest_units, unit_of};
-use crate::attribute::place_of;
+use crate::attribute::position_of;
 use crate::build::{
-    Assembler, BATCH, BucketedRows, Buckets, BuildSummary, Encoder, Plan, Work, encoder_of, write_pieces,
+    Assembler, BATCH, BucketedRows, Buckets, BuildSummary, Encoder, Plan, Work, encoder_of, write_items,
 };
 use crate::import::PointImport;
-use crate::source::PointPart;
+use crate::source::PointSubset;
 use crate::store::{PointTree, PointWriter, Summary};
 use spinney_base::io::{FileAccess, Output};
-use spinney_base::space::CodeRun;
+use spinney_base::space::CodeRange;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 
@@ -51,7 +51,7 @@ pub fn build_shard(
     check_planned(import, &encoder, (head, &shard.shard.access))?;
     if shard.level > deepest_units(&encoder.grid) {
         let expected = format!("at most {}", deepest_units(&encoder.grid));
-        return Err(Error::invalid("level of shards", shard.level.to_string(), expected));
+        return Err(Error::invalid("shard level", shard.level.to_string(), expected));
     }
     let mut writer = ShardWriter::new(shard, &encoder)?;
     let Some(run) = shard.run() else { return writer.finish(0) };
@@ -63,12 +63,13 @@ pub fn build_shard(
         let unit = buckets[0].code.ancestor(shard.level);
         writer.begin_unit(unit)?;
         let plan = Plan { encoder: &encoder, options: &import.options, progress };
-        let mut work = Work { plan, temporary: &shard.shard.folder, sink: &mut writer, total, duplicates: 0 };
+        let mut work =
+            Work { plan, temporary: &shard.shard.directory, sink: &mut writer, total, duplicates: 0 };
         let mut assembler = Assembler::new(&encoder, import.options.leaf_size, unit);
         work.assemble((&rows, buckets), &mut assembler, &mut last)?;
         duplicates += work.duplicates;
-        let (assembled, pieces) = assembler.finish();
-        write_pieces(pieces, &mut writer)?;
+        let (assembled, items) = assembler.finish();
+        write_items(items, &mut writer)?;
         writer.end_unit(assembled)?;
     }
     check()?;
@@ -93,16 +94,17 @@ fn check_planned(
 ) -> Result<()> {
     let planned = PointTree::open(head, &access.into())?;
     // Metadata is compared as bytes, in which NaN equals itself.
-    let told = |metadata: &Metadata| Metadata { provenance: Vec::new(), ..metadata.clone() }.to_bytes(head);
+    let comparable =
+        |metadata: &Metadata| Metadata { provenance: Vec::new(), ..metadata.clone() }.to_bytes(head);
     let summary = summary_of(import, encoder);
     let found = match () {
         () if summary != *planned.summary() => format!("a tree of {summary:?}"),
         () if *planned.grid() != encoder.grid => format!("a grid in {} axes", encoder.grid.dimension.axes()),
-        () if told(&import.metadata)? != told(planned.metadata())? => "other metadata".into(),
+        () if comparable(&import.metadata)? != comparable(planned.metadata())? => "other metadata".into(),
         () => return Ok(()),
     };
     let (path, expected) = (head.to_path_buf(), format!("{:?}", planned.summary()));
-    let advice = "the inputs or the program have changed since: plan another job in another folder";
+    let advice = "the inputs or the program have changed: plan a new job in another directory";
     Err(Error::PlanMismatch { path, found, expected, advice })
 }
 
@@ -110,25 +112,25 @@ fn check_planned(
 fn read(
     import: &PointImport,
     encoder: &Encoder,
-    (shard, run): (&PointShard, CodeRun),
+    (shard, run): (&PointShard, CodeRange),
     progress: &dyn Progress,
 ) -> Result<(BucketedRows, u64)> {
     let grid = &encoder.grid;
     let [first, last] = run.ends().map(|end| unit_of(grid.dimension, shard.level, end));
     let top = (first.common_ancestor(last), grid.code_levels());
-    let folder = shard.shard.folder.clone();
-    let mut buckets = Buckets::new(folder, encoder.stride(), top, import.options.memory / 3);
-    let (parts, wanted) = (import.source.parts(), parts_of(import, shard));
-    let total: u64 = wanted.iter().map(|number| parts[*number].count).sum();
+    let directory = shard.shard.directory.clone();
+    let mut buckets = Buckets::new(directory, encoder.stride(), top, import.options.memory / 3);
+    let (subsets, wanted) = (import.source.subsets(), subsets_of(import, shard));
+    let total: u64 = wanted.iter().map(|number| subsets[*number].count).sum();
     let mut read = 0;
     let mut rows = Vec::new();
     for number in wanted {
-        let part = &parts[number];
-        let mut points = import.source.part(number)?;
+        let subset = &subsets[number];
+        let mut points = import.source.subset(number)?;
         // Invariant: points are numbered in input order in all shards. Each file reserves as many
         // numbers as it has points.
-        let mut next: u64 = parts[..number].iter().map(|part| part.count).sum();
-        let end = next + part.count;
+        let mut next: u64 = subsets[..number].iter().map(|subset| subset.count).sum();
+        let end = next + subset.count;
         loop {
             progress.check()?;
             rows.clear();
@@ -137,9 +139,9 @@ fn read(
                 break;
             }
             for point in rows.chunks_exact(encoder.layout.size) {
-                let place = place_of(point);
-                let code = grid.code(place).filter(|_| may_have(part, place) && next < end);
-                let code = code.ok_or_else(|| beyond(points.path(), part))?;
+                let position = position_of(point);
+                let code = grid.code(position).filter(|_| may_have(subset, position) && next < end);
+                let code = code.ok_or_else(|| beyond(points.path(), subset))?;
                 if run.contains(code) {
                     buckets.push(code, point, next.to_le_bytes().first_chunk().expect("fewer than eight"))?;
                 }
@@ -147,17 +149,17 @@ fn read(
             }
             progress.advance(count as u64, 2 * total);
         }
-        read += part.count;
+        read += subset.count;
     }
     Ok((buckets.finish()?, read))
 }
 
 /// Error for points outside the bounds by which files are assigned to shards.
-fn beyond(path: &Path, part: &PointPart) -> Error {
-    let [least, most] = part.bounds;
-    let PointPart { count, .. } = part;
+fn beyond(path: &Path, subset: &PointSubset) -> Error {
+    let [least, most] = subset.bounds;
+    let PointSubset { count, .. } = subset;
     let expected = format!(
-        "{count} from {least:?} to {most:?} on the grid, as its header says, by which it belongs to shards (`spinney build` looks at all points)"
+        "{count} points from {least:?} to {most:?} on the grid, as in its header (unsharded `spinney build` reads all points to find their bounds)"
     );
-    Error::corrupt(path, "points", "points beyond these bounds", expected)
+    Error::corrupt(path, "points", "other points than its header declares", expected)
 }

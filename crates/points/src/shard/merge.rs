@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::units::{PointTotals, Unit, Units, find_summary};
 use super::{PointShard, deepest_units};
-use crate::build::{Assembler, BuildSummary, Encoder, MAX_NUMBERS, PieceSink, write_pieces, write_root};
+use crate::build::{Assembler, BuildSummary, Encoder, MAX_NUMBERS, NodeSink, write_items, write_root};
 use crate::store::{PointTree, PointWriter, Summary};
 use spinney_base::io::Output;
 use spinney_base::space::Code;
@@ -48,12 +48,12 @@ pub fn merge_shards(
             progress.check()?;
             summary.points = summary.points.saturating_add(unit.points);
             if summary.points > MAX_NUMBERS {
-                let found = format!("{} points and more", summary.points);
+                let found = format!("{} or more points", summary.points);
                 return Err(units.corrupt(found, format!("at most {MAX_NUMBERS} in a file")));
             }
             let Unit { code, assembled, blocks, nodes, .. } = unit;
             assembler.reach(code, &assembled.closed);
-            write_pieces(std::mem::take(&mut assembler.pieces), &mut writer)?;
+            write_items(std::mem::take(&mut assembler.items), &mut writer)?;
             for entry in &blocks {
                 let run = match &mut run {
                     Some(run) => run,
@@ -70,17 +70,17 @@ pub fn merge_shards(
                 writer.node(*code, statistics)?;
             }
             assembler.join(code, assembled);
-            write_pieces(std::mem::take(&mut assembler.pieces), &mut writer)?;
+            write_items(std::mem::take(&mut assembler.items), &mut writer)?;
         }
         // The points of the units equal the totals, so the duplicates do not exceed the points.
         summary.duplicates += units.totals().duplicates;
     }
     if points.is_some_and(|points| points != summary.points) {
-        let expected = format!("{}, as headers of files say", points.unwrap_or_default());
+        let expected = format!("{}, as in the headers of the inputs", points.unwrap_or_default());
         return Err(Error::corrupt(head, "points of all shards", summary.points.to_string(), expected));
     }
-    let (assembled, pieces) = assembler.finish();
-    write_pieces(pieces, &mut writer)?;
+    let (assembled, items) = assembler.finish();
+    write_items(items, &mut writer)?;
     write_root(&encoder, assembled.closed, &mut writer)?;
     writer.finish(&Summary::new(&encoder, leaf_size, summary), planned.metadata())?;
     Ok(summary)
@@ -101,7 +101,8 @@ fn check_cover(head: &Path, shards: &[PointShard], encoder: &Encoder) -> Result<
     let mut runs = shards.iter().filter_map(PointShard::run);
     if let Some(run) = runs.clone().find(|run| !run.is_cut_at(encoder.grid.dimension, level)) {
         let [first, last] = run.ends();
-        return Err(Error::invalid(what(), format!("one from {first:016x} to {last:016x}"), "whole units"));
+        let found = format!("a shard of codes {first:016x} to {last:016x}");
+        return Err(Error::invalid(what(), found, "ranges of whole units"));
     }
     spinney_container::check_cover(head, 0, &mut runs)
 }

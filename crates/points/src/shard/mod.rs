@@ -20,7 +20,7 @@ mod writer;
 
 use crate::build::levels_below;
 use crate::grid::{PointGrid, spacing_levels};
-use spinney_base::space::{Code, CodeRun, Dimension};
+use spinney_base::space::{Code, CodeRange, Dimension};
 use spinney_container::Shard;
 
 pub use build::{build_empty_shard, build_shard, write_head};
@@ -31,7 +31,7 @@ pub use units::find_shard;
 /// Shard of a point tree.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PointShard {
-    /// Its files, and its run of units as the only entry of `pieces` (layer 0), which is empty if
+    /// Its files, and its run of units as the only entry of `ranges` (layer 0), which is empty if
     /// the shard has no units.
     pub shard: Shard,
     /// Level of the units.
@@ -40,8 +40,8 @@ pub struct PointShard {
 
 impl PointShard {
     /// Returns the code range of its units.
-    fn run(&self) -> Option<CodeRun> {
-        self.shard.pieces.first().map(|piece| piece.run)
+    fn run(&self) -> Option<CodeRange> {
+        self.shard.ranges.first().map(|range| range.run)
     }
 }
 

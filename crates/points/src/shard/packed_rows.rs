@@ -47,23 +47,23 @@ impl<'a> PackedRows<'a> {
         let Encoder { layout, grid, .. } = self.encoder;
         let (attributes, rest) = columns[3..].split_at(layout.attributes.len());
         for point in 0..count {
-            let mut place = [0; 3];
+            let mut position = [0; 3];
             for axis in 0..3 {
-                place[axis] = i32::try_from(columns[axis][point]).ok()?;
+                position[axis] = i32::try_from(columns[axis][point]).ok()?;
             }
-            grid.code(place)?;
+            grid.code(position)?;
             let number = u64::try_from(rest[0][point]).ok().filter(|number| *number < MAX_NUMBERS)?;
             levels.push(rest[1][point].try_into().ok()?);
             let first = rows.len();
             rows.resize(first + self.encoder.stride(), 0);
-            let (row, behind) = rows[first..].split_at_mut(layout.size);
-            for (bytes, step) in row[..POSITION_BYTES].chunks_exact_mut(4).zip(place) {
+            let (row, remaining) = rows[first..].split_at_mut(layout.size);
+            for (bytes, step) in row[..POSITION_BYTES].chunks_exact_mut(4).zip(position) {
                 bytes.copy_from_slice(&step.to_le_bytes());
             }
             for (attribute, column) in attributes.iter().enumerate() {
                 layout.set_number(attribute, row, column[point]);
             }
-            behind.copy_from_slice(&number.to_le_bytes()[..NUMBER_BYTES]);
+            remaining.copy_from_slice(&number.to_le_bytes()[..NUMBER_BYTES]);
         }
         Some(())
     }

@@ -5,56 +5,56 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use super::cut::parts_of;
+use super::cut::subsets_of;
 use super::units::{PointTotals, Units, find_summary};
 use super::{PointCut, PointShard, build_shard, cut, find_shard, merge_shards, write_head};
-use crate::attribute::place_of;
+use crate::attribute::position_of;
 use crate::build::Encoder;
 use crate::import::{PointImport, PointImportOptions, plan_files, plan_points};
 use crate::las::tests::{las_bytes, records};
 use crate::query::{PointCondition, Relation};
-use crate::source::{PointPart, PointSchema, PointSource, both_bounds, bounds_of};
+use crate::source::{PointSchema, PointSource, PointSubset, both_bounds, bounds_of};
 use crate::store::{PointTree, is_point_file};
-use crate::tests::{all_places, clumped_places, layout, random, rows};
+use crate::tests::{clumped_positions, layout, random, rows, scattered_positions};
 use spinney_base::io::{FileAccess, Output};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
-use spinney_container::{OpenOptions, Shard, ShardPiece, SummaryWriter};
+use spinney_container::{OpenOptions, Shard, ShardRange, SummaryWriter};
 
-/// Points in memory, divided into parts.
-struct PartRows {
+/// Points in memory, divided into subsets.
+struct SubsetRows {
     schema: PointSchema,
     rows: Vec<Vec<u8>>,
-    parts: Vec<PointPart>,
-    /// Index of the next part, and the offset of its first unread byte.
+    subsets: Vec<PointSubset>,
+    /// Index of the next subset, and the offset of its first unread byte.
     next: (usize, usize),
 }
 
-impl PartRows {
-    fn new(dimension: Dimension, rows: Vec<Vec<u8>>) -> PartRows {
+impl SubsetRows {
+    fn new(dimension: Dimension, rows: Vec<Vec<u8>>) -> SubsetRows {
         let mut schema = PointSchema::new(layout(), dimension);
         let size = schema.layout.size;
-        let part = |rows: &Vec<u8>| {
+        let subset = |rows: &Vec<u8>| {
             let bounds = bounds_of(rows, size).unwrap_or([[0; 3]; 2]);
-            PointPart { count: (rows.len() / size) as u64, bounds }
+            PointSubset { count: (rows.len() / size) as u64, bounds }
         };
-        let parts: Vec<PointPart> = rows.iter().map(part).collect();
+        let subsets: Vec<PointSubset> = rows.iter().map(subset).collect();
         let bounds = rows.iter().fold(None, |bounds, rows| both_bounds(bounds, bounds_of(rows, size)));
         schema.bounds = bounds.unwrap_or([[0; 3]; 2]);
-        schema.count = Some(parts.iter().map(|part| part.count).sum());
-        PartRows { schema, rows, parts, next: (0, 0) }
+        schema.count = Some(subsets.iter().map(|subset| subset.count).sum());
+        SubsetRows { schema, rows, subsets, next: (0, 0) }
     }
 }
 
-impl PointSource for PartRows {
+impl PointSource for SubsetRows {
     fn schema(&self) -> &PointSchema {
         &self.schema
     }
 
     fn read(&mut self, rows: &mut Vec<u8>, most: usize) -> Result<usize> {
         let size = self.schema.layout.size;
-        while let Some(part) = self.rows.get(self.next.0) {
-            let rest = &part[self.next.1..];
+        while let Some(subset) = self.rows.get(self.next.0) {
+            let rest = &subset[self.next.1..];
             let bytes = rest.len().min(most * size);
             if bytes > 0 {
                 rows.extend_from_slice(&rest[..bytes]);
@@ -66,13 +66,13 @@ impl PointSource for PartRows {
         Ok(0)
     }
 
-    fn parts(&self) -> &[PointPart] {
-        &self.parts
+    fn subsets(&self) -> &[PointSubset] {
+        &self.subsets
     }
 
-    fn part(&self, number: usize) -> Result<Box<dyn PointSource>> {
+    fn subset(&self, number: usize) -> Result<Box<dyn PointSource>> {
         let (schema, rows) = (self.schema.clone(), vec![self.rows[number].clone()]);
-        Ok(Box::new(PartRows { schema, rows, parts: vec![self.parts[number]], next: (0, 0) }))
+        Ok(Box::new(SubsetRows { schema, rows, subsets: vec![self.subsets[number]], next: (0, 0) }))
     }
 }
 
@@ -84,16 +84,16 @@ fn options(leaf_size: usize, memory: u64) -> PointImportOptions {
 
 /// Returns the bytes of a single-process build.
 fn whole(import: PointImport) -> Vec<u8> {
-    let kept = Kept::default();
-    import.build(kept.output(Path::new("whole.goblin")), &()).unwrap();
-    kept.bytes()
+    let memory_output = MemoryOutput::default();
+    import.build(memory_output.output(Path::new("whole.goblin")), &()).unwrap();
+    memory_output.bytes()
 }
 
 /// In-memory output, which avoids waiting for the disk.
 #[derive(Clone, Default)]
-struct Kept(Arc<Mutex<Vec<u8>>>);
+struct MemoryOutput(Arc<Mutex<Vec<u8>>>);
 
-impl Kept {
+impl MemoryOutput {
     fn output(&self, name: &Path) -> Output {
         Output::to_writer(name, Box::new(self.clone()))
     }
@@ -103,7 +103,7 @@ impl Kept {
     }
 }
 
-impl Write for Kept {
+impl Write for MemoryOutput {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.0.lock().unwrap().extend_from_slice(bytes);
         Ok(bytes.len())
@@ -116,28 +116,28 @@ impl Write for Kept {
 
 /// A sharded build in a directory: its head and its shards.
 struct Job {
-    folder: tempfile::TempDir,
+    directory: tempfile::TempDir,
     cut: PointCut,
     shards: Vec<PointShard>,
 }
 
 impl Job {
     fn plan(import: &PointImport, shards: u32) -> Job {
-        let folder = tempfile::tempdir().unwrap();
-        write_head(import, Output::create(&folder.path().join("head.goblin")).unwrap()).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        write_head(import, Output::create(&directory.path().join("head.goblin")).unwrap()).unwrap();
         let cut = cut(import, shards).unwrap();
         let shard = |(number, run): (usize, &Option<_>)| {
-            let (folder, number, access) =
-                (folder.path().to_path_buf(), number as u32, FileAccess::default());
-            let pieces = run.iter().map(|run| ShardPiece { layer: 0, run: *run }).collect();
-            PointShard { shard: Shard { folder, job: 77, number, pieces, access }, level: cut.level }
+            let (directory, number, access) =
+                (directory.path().to_path_buf(), number as u32, FileAccess::default());
+            let ranges = run.iter().map(|run| ShardRange { layer: 0, run: *run }).collect();
+            PointShard { shard: Shard { directory, job: 77, number, ranges, access }, level: cut.level }
         };
         let shards = cut.runs.iter().enumerate().map(shard).collect();
-        Job { folder, cut, shards }
+        Job { directory, cut, shards }
     }
 
     fn head(&self) -> PathBuf {
-        self.folder.path().join("head.goblin")
+        self.directory.path().join("head.goblin")
     }
 
     fn build(&self, import: &PointImport, number: usize) -> Result<()> {
@@ -145,10 +145,10 @@ impl Job {
     }
 
     fn merge(&self) -> Result<Vec<u8>> {
-        let kept = Kept::default();
-        let output = kept.output(&self.folder.path().join("merged.goblin"));
+        let memory_output = MemoryOutput::default();
+        let output = memory_output.output(&self.directory.path().join("merged.goblin"));
         merge_shards(&self.head(), &self.shards, self.cut.points, (output, 1 << 16), &())?;
-        Ok(kept.bytes())
+        Ok(memory_output.bytes())
     }
 
     /// Reads a shard's summary, and returns the number of points in its units.
@@ -177,7 +177,7 @@ impl Job {
 fn tiles(rows: &[u8], count: usize) -> Vec<Vec<u8>> {
     let mut tiles = vec![Vec::new(); count + 1];
     for (number, row) in rows.chunks_exact(layout().size).enumerate() {
-        let tile = ((place_of(row)[0].max(0) as usize * count) >> 20).min(count - 1);
+        let tile = ((position_of(row)[0].max(0) as usize * count) >> 20).min(count - 1);
         tiles[tile].extend_from_slice(row);
         if number % 50 == 0 {
             tiles[count / 2].extend_from_slice(row);
@@ -187,34 +187,34 @@ fn tiles(rows: &[u8], count: usize) -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn bytes_are_those_of_one_go() {
+fn sharded_builds_have_the_bytes_of_single_builds() {
     let sets = [
-        (clumped_places(12_000, 4), 4),
-        (all_places(8000, 9), 5),
-        (all_places(300, 2), 1),
+        (clumped_positions(12_000, 4), 4),
+        (scattered_positions(8000, 9), 5),
+        (scattered_positions(300, 2), 1),
         (vec![[7, 8, 9]; 70], 1),
         (vec![], 2),
     ];
     for dimension in [Dimension::Oct, Dimension::Quad] {
-        for (places, count) in &sets {
-            let tiles = tiles(&rows(places.iter().copied(), &layout()), *count);
+        for (positions, count) in &sets {
+            let tiles = tiles(&rows(positions.iter().copied(), &layout()), *count);
             // Few shards in total, since each waits for the disk.
             for (leaf_size, memory, some) in
                 [(20, 1, &[1, 7][..]), (700, 1 << 20, &[2, 64]), (50_000, 1 << 28, &[3])]
             {
                 let import = || {
-                    let source = Box::new(PartRows::new(dimension, tiles.clone()));
+                    let source = Box::new(SubsetRows::new(dimension, tiles.clone()));
                     plan_points(source, &["a.las".into()], vec![], &options(leaf_size, memory)).unwrap()
                 };
                 let expected = whole(import());
                 for shards in some.iter().copied() {
                     let job = Job::plan(&import(), shards);
                     let about =
-                        format!("{dimension:?} {} {leaf_size} {shards} {}", places.len(), job.cut.level);
+                        format!("{dimension:?} {} {leaf_size} {shards} {}", positions.len(), job.cut.level);
                     assert!(job.all(&import) == expected, "{about}");
                     let runs = job.cut.runs.iter().flatten().count();
                     assert!(
-                        runs >= 1 && (runs > shards as usize / 2 || places.len() < 8000),
+                        runs >= 1 && (runs > shards as usize / 2 || positions.len() < 8000),
                         "{about} {runs}"
                     );
                 }
@@ -224,31 +224,31 @@ fn bytes_are_those_of_one_go() {
 }
 
 #[test]
-fn a_shard_reads_the_parts_that_it_has_to_do_with() {
-    let tiles = tiles(&rows(all_places(20_000, 9), &layout()), 16);
-    let source = Box::new(PartRows::new(Dimension::Quad, tiles));
+fn a_shard_reads_only_the_subsets_that_touch_it() {
+    let tiles = tiles(&rows(scattered_positions(20_000, 9), &layout()), 16);
+    let source = Box::new(SubsetRows::new(Dimension::Quad, tiles));
     let import = plan_points(source, &["a.las".into()], vec![], &options(100, 1 << 20)).unwrap();
     let job = Job::plan(&import, 8);
-    let read: Vec<usize> = job.shards.iter().map(|shard| parts_of(&import, shard).len()).collect();
-    // One part has points all over space.
+    let read: Vec<usize> = job.shards.iter().map(|shard| subsets_of(&import, shard).len()).collect();
+    // One subset has points all over space.
     assert!(
-        read.iter().filter(|parts| **parts < 12).count() > 5 && read.iter().sum::<usize>() >= 16,
+        read.iter().filter(|subsets| **subsets < 12).count() > 5 && read.iter().sum::<usize>() >= 16,
         "{read:?}"
     );
 }
 
 /// LAS files of several formats and grids, adjacent and overlapping, one of which is empty.
-fn scans(folder: &Path) -> Vec<PathBuf> {
+fn scans(directory: &Path) -> Vec<PathBuf> {
     let scan = |name: &str, format: u8, count: usize, (x, y): (i32, i32), scale: f64| {
         let mut rows = records(format, 0, count);
         let size = rows.len().checked_div(count).unwrap_or(0).max(1);
         for row in rows.chunks_exact_mut(size) {
-            let place = place_of(row);
-            for (axis, step) in [place[0] + x, place[1] + y, place[2] / 8].into_iter().enumerate() {
+            let position = position_of(row);
+            for (axis, step) in [position[0] + x, position[1] + y, position[2] / 8].into_iter().enumerate() {
                 row[4 * axis..4 * axis + 4].copy_from_slice(&step.to_le_bytes());
             }
         }
-        let path = folder.join(name);
+        let path = directory.join(name);
         fs::write(&path, las_bytes(format, &rows, &[], scale)).unwrap();
         path
     };
@@ -262,9 +262,9 @@ fn scans(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn scans_become_the_tree_of_one_go() {
-    let folder = tempfile::tempdir().unwrap();
-    let paths = scans(folder.path());
+fn sharded_las_files_have_the_bytes_of_a_single_build() {
+    let directory = tempfile::tempdir().unwrap();
+    let paths = scans(directory.path());
     let condition = PointCondition { attribute: 0, relation: Relation::Less, number: 30_000.0 };
     for (paths, conditions, attributes, some) in [
         (&paths[..], vec![], None, &[1, 2, 7, 64][..]),
@@ -285,13 +285,13 @@ fn scans_become_the_tree_of_one_go() {
 }
 
 fn small(leaf_size: usize, points: usize) -> PointImport {
-    let tiles = tiles(&rows(clumped_places(points, 4), &layout()), 3);
-    let source = Box::new(PartRows::new(Dimension::Oct, tiles));
+    let tiles = tiles(&rows(clumped_positions(points, 4), &layout()), 3);
+    let source = Box::new(SubsetRows::new(Dimension::Oct, tiles));
     plan_points(source, &["a.las".into()], vec![], &options(leaf_size, 1 << 20)).unwrap()
 }
 
 #[test]
-fn shards_that_are_missing_or_damaged_or_others_are_refused() {
+fn missing_corrupt_and_foreign_shards_are_refused() {
     let import = || small(20, 4000);
     let expected = whole(import());
     let job = Job::plan(&import(), 3);
@@ -319,9 +319,9 @@ fn shards_that_are_missing_or_damaged_or_others_are_refused() {
     assert_eq!(find_shard(shard).unwrap(), None);
     assert!(job.merge().is_err());
     for byte in (0..first.len()).step_by(371) {
-        let mut damaged = first.clone();
-        damaged[byte] ^= 4;
-        fs::write(&run, damaged).unwrap();
+        let mut corrupted = first.clone();
+        corrupted[byte] ^= 4;
+        fs::write(&run, corrupted).unwrap();
         assert!(matches!(job.merge(), Err(Error::Corrupt { .. })), "{byte}");
     }
     fs::write(&run, &first).unwrap();
@@ -329,7 +329,7 @@ fn shards_that_are_missing_or_damaged_or_others_are_refused() {
         PointShard { shard: Shard { job: 78, ..shard.shard.clone() }, ..*shard },
         PointShard { level: shard.level - 1, ..shard.clone() },
         PointShard {
-            shard: Shard { pieces: job.shards[(number + 1) % 3].shard.pieces.clone(), ..shard.shard.clone() },
+            shard: Shard { ranges: job.shards[(number + 1) % 3].shard.ranges.clone(), ..shard.shard.clone() },
             ..*shard
         },
     ] {
@@ -343,11 +343,11 @@ fn shards_that_are_missing_or_damaged_or_others_are_refused() {
         &job.head(),
         &job.shards[1..],
         None,
-        (Kept::default().output(Path::new("gap.goblin")), 0),
+        (MemoryOutput::default().output(Path::new("gap.goblin")), 0),
         &(),
     );
     assert!(gap.unwrap_err().to_string().contains("shards of"));
-    let output = Kept::default().output(Path::new("few.goblin"));
+    let output = MemoryOutput::default().output(Path::new("few.goblin"));
     assert!(merge_shards(&job.head(), &job.shards, Some(1), (output, 0), &()).is_err());
     assert!(!is_point_file(&summary, &FileAccess::default()).unwrap());
     assert!(PointTree::open(&summary, &OpenOptions::default()).is_err());
@@ -355,9 +355,9 @@ fn shards_that_are_missing_or_damaged_or_others_are_refused() {
 }
 
 #[test]
-fn other_inputs_than_planned_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let paths = scans(folder.path());
+fn inputs_that_differ_from_the_plan_are_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let paths = scans(directory.path());
     let import = |leaf_size| plan_files(&paths, &mut |_| Ok(vec![]), &options(leaf_size, 1 << 20)).unwrap();
     let job = Job::plan(&import(100), 2);
     assert!(matches!(job.build(&import(101), 0), Err(Error::PlanMismatch { .. })));
@@ -375,15 +375,15 @@ fn other_inputs_than_planned_are_refused() {
     let job = Job::plan(&import(100), 2);
     let errors: Vec<_> = (0..2).filter_map(|shard| job.build(&import(100), shard).err()).collect();
     assert!(
-        !errors.is_empty() && errors.iter().all(|error| error.to_string().contains("header says")),
+        !errors.is_empty() && errors.iter().all(|error| error.to_string().contains("its header declares")),
         "{errors:?}"
     );
-    let tree = fs::read_dir(job.folder.path()).unwrap().count();
+    let tree = fs::read_dir(job.directory.path()).unwrap().count();
     assert!(job.merge().is_err() && tree < 6);
 }
 
 #[test]
-fn summaries_that_are_damaged_are_refused() {
+fn corrupt_summaries_are_refused() {
     let import = || small(20, 300);
     let job = Job::plan(&import(), 2);
     let expected = job.all(&import);
@@ -392,9 +392,9 @@ fn summaries_that_are_damaged_are_refused() {
     let mut random = random(3);
     // Every byte after the blocks, and many bytes of the blocks.
     for byte in (0..bytes.len()).filter(|byte| byte % 5 == 0 || byte + 2000 > bytes.len()) {
-        let mut damaged = bytes.clone();
-        damaged[byte] ^= 1 << (random() % 8);
-        fs::write(&summary, &damaged).unwrap();
+        let mut corrupted = bytes.clone();
+        corrupted[byte] ^= 1 << (random() % 8);
+        fs::write(&summary, &corrupted).unwrap();
         // Changes in optional contents are no corruption.
         let is_read = job.read(&job.shards[1]).is_ok();
         assert!(!is_read || job.merge().is_ok_and(|merged| merged == expected), "{byte}");
@@ -408,18 +408,18 @@ fn summaries_that_are_damaged_are_refused() {
 /// Returns the bytes of a shard's units, and their totals.
 fn units_of(shard: &PointShard) -> (Vec<u8>, u64, PointTotals) {
     let summary = find_summary(shard).unwrap().unwrap();
-    let mut piece = summary.bytes_of(&summary.pieces[0]).unwrap();
+    let mut range = summary.bytes_of(&summary.ranges[0]).unwrap();
     let mut bytes = Vec::new();
-    while !piece.is_over() {
-        bytes.extend(piece.take(1).unwrap());
+    while !range.is_over() {
+        bytes.extend(range.take(1).unwrap());
     }
-    (bytes, summary.run_bytes(), summary.pieces[0].totals)
+    (bytes, summary.run_bytes(), summary.ranges[0].totals)
 }
 
 /// Writes a summary with other bytes and valid checksums.
 fn forge(shard: &Shard, bytes: &[u8], run_bytes: u64, totals: PointTotals) {
     let mut writer = SummaryWriter::new(shard).unwrap();
-    writer.begin(shard.pieces[0]);
+    writer.begin(shard.ranges[0]);
     writer.write(bytes).unwrap();
     writer.end(run_bytes, totals).unwrap();
     writer.finish().unwrap();

@@ -48,8 +48,8 @@ pub fn find_shard(shard: &PointShard) -> Result<Option<u64>> {
 /// Opens a shard's summary, and checks its totals: see [`ShardSummary::find`].
 pub(super) fn find_summary(shard: &PointShard) -> Result<Option<ShardSummary<PointTotals>>> {
     let Some(summary) = ShardSummary::<PointTotals>::find(&shard.shard)? else { return Ok(None) };
-    for piece in &summary.pieces {
-        let PointTotals { level, points, duplicates } = piece.totals;
+    for range in &summary.ranges {
+        let PointTotals { level, points, duplicates } = range.totals;
         if level != shard.level {
             return Err(shard.shard.another_job());
         }
@@ -101,14 +101,14 @@ impl<'a> Units<'a> {
         encoder: &'a Encoder,
         leaf_size: usize,
     ) -> Result<Units<'a>> {
-        let bytes = summary.pieces.first().map(|piece| summary.bytes_of(piece)).transpose()?;
+        let bytes = summary.ranges.first().map(|range| summary.bytes_of(range)).transpose()?;
         let (codec, count, run_bytes, points, last) = (PackedRows::new(encoder), 0, 0, 0, None);
         Ok(Units { summary, bytes, encoder, codec, leaf_size, shard, count, run_bytes, points, last })
     }
 
     /// Returns the totals of the shard.
     pub(super) fn totals(&self) -> PointTotals {
-        self.summary.pieces.first().map(|piece| piece.totals).unwrap_or_default()
+        self.summary.ranges.first().map(|range| range.totals).unwrap_or_default()
     }
 
     /// Returns the error for an invalid unit.
@@ -150,7 +150,7 @@ impl<'a> Units<'a> {
                 && self.last.is_none_or(|last| last < *code)
         });
         let Some(code) = code else {
-            return Err(self.corrupt(format!("code {bits:x}"), "units of the shard that ascend"));
+            return Err(self.corrupt(format!("code {bits:x}"), "units of the shard in ascending order"));
         };
         let (mut blocks, mut nodes) = (Vec::new(), Vec::new());
         let (mut rows, mut levels) = (Vec::new(), Vec::new());
@@ -164,9 +164,9 @@ impl<'a> Units<'a> {
             }
         }
         let grid = &self.encoder.grid;
-        let mut all = rows.chunks_exact(self.encoder.stride()).map(crate::attribute::place_of);
-        if !all.all(|place| grid.code(place).is_some_and(|point| code.contains(point))) {
-            return Err(self.corrupt("a row outside its unit", "points of the unit"));
+        let mut all = rows.chunks_exact(self.encoder.stride()).map(crate::attribute::position_of);
+        if !all.all(|position| grid.code(position).is_some_and(|point| code.contains(point))) {
+            return Err(self.corrupt("a row outside its unit", "rows inside the unit"));
         }
         let handed_up = levels.len() as u64;
         let assembled = self.assembled(code, (&blocks, &nodes), rows, levels)?;
@@ -199,7 +199,7 @@ impl<'a> Units<'a> {
                     nodes.len(),
                     few_levels.len()
                 );
-                return Err(self.corrupt(found, "a node with its points in blocks, or points alone"));
+                return Err(self.corrupt(found, "one node with all points in blocks, or only points"));
             }
         };
         Ok(Assembled { closed, levels, above: rows })
@@ -237,14 +237,16 @@ impl<'a> Units<'a> {
         let code = self.node_of(unit, u64::from_le_bytes(bytes.array()?));
         let before = before.map(|(code, _)| postorder(*code));
         let Some(code) = code.filter(|code| before < Some(postorder(*code))) else {
-            return Err(self.corrupt("nodes that do not fit", "nodes of the unit in postorder"));
+            return Err(
+                self.corrupt("a node out of order or outside its unit", "nodes of the unit in postorder")
+            );
         };
         let statistics = Statistics::read(&bytes.take(statistics_bytes(self.encoder.block.columns) as u64)?);
         // Keeps sums from overflowing.
         let numbers = statistics.columns.iter().map(|column| column.count).max().unwrap_or(0);
         if statistics.points > MAX_NUMBERS || numbers > statistics.points {
-            let found = format!("{} points, {numbers} of which are numbers", statistics.points);
-            return Err(self.corrupt(found, format!("at most {MAX_NUMBERS}, and as many")));
+            let found = format!("{} points, {numbers} values in a column", statistics.points);
+            return Err(self.corrupt(found, format!("at most {MAX_NUMBERS} points, and no more values")));
         }
         Ok((code, statistics))
     }
@@ -257,7 +259,7 @@ impl<'a> Units<'a> {
             return Err(self.corrupt(format!("{count} rows"), format!("1 to {max}")));
         }
         let decoded = self.codec.decode(&bytes.take(length)?, count as usize, rows, levels);
-        decoded.ok_or_else(|| self.corrupt("bytes that no rows have", "rows that were packed"))
+        decoded.ok_or_else(|| self.corrupt("bytes that do not decode", "compressed rows"))
     }
 
     /// Maximum number of rows of a unit: one per sampling cell of each node above, plus those of a
@@ -265,7 +267,8 @@ impl<'a> Units<'a> {
     fn max_rows(&self) -> u64 {
         let dimension = self.encoder.grid.dimension;
         let spacing = spacing_levels(dimension);
-        let parts = |level: u8| 1u64 << (dimension.axes() * usize::from(level + spacing - self.shard.level));
-        (0..self.shard.level).map(parts).sum::<u64>() + self.leaf_size as u64
+        let sampling_cells =
+            |level: u8| 1u64 << (dimension.axes() * usize::from(level + spacing - self.shard.level));
+        (0..self.shard.level).map(sampling_cells).sum::<u64>() + self.leaf_size as u64
     }
 }

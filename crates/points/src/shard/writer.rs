@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::PointShard;
 use super::packed_rows::{MAX_ROWS, PackedRows};
 use super::units::{BLOCK, END, NODE, PointTotals, ROWS, UNIT};
-use crate::build::{Assembled, Closed, Encoder, PieceSink};
+use crate::build::{Assembled, Closed, Encoder, NodeSink};
 use crate::statistics::Statistics;
 use crate::store::{Entry, node_entry};
 use spinney_base::io::Output;
@@ -24,7 +24,7 @@ pub(super) struct ShardWriter<'a> {
     run_bytes: u64,
     summary: SummaryWriter<PointTotals>,
     /// Whether the shard has units.
-    has_piece: bool,
+    has_units: bool,
     totals: PointTotals,
     /// The current unit.
     unit: Code,
@@ -34,7 +34,7 @@ impl<'a> ShardWriter<'a> {
     /// Starts a shard.
     pub(super) fn new(shard: &PointShard, encoder: &'a Encoder) -> Result<ShardWriter<'a>> {
         let mut summary = SummaryWriter::new(&shard.shard)?;
-        shard.shard.pieces.first().into_iter().for_each(|piece| summary.begin(*piece));
+        shard.shard.ranges.first().into_iter().for_each(|range| summary.begin(*range));
         Ok(ShardWriter {
             encoder,
             rows: PackedRows::new(encoder),
@@ -42,7 +42,7 @@ impl<'a> ShardWriter<'a> {
             run: None,
             run_bytes: 0,
             summary,
-            has_piece: shard.run().is_some(),
+            has_units: shard.run().is_some(),
             totals: PointTotals { level: shard.level, points: 0, duplicates: 0 },
             unit: Code::root(encoder.grid.dimension),
         })
@@ -85,14 +85,14 @@ impl<'a> ShardWriter<'a> {
     /// Publishes both files; `duplicates` is the number of points that repeat a position.
     pub(super) fn finish(mut self, duplicates: u64) -> Result<()> {
         self.run.map_or(Ok(()), Output::commit)?;
-        if self.has_piece {
+        if self.has_units {
             self.summary.end(self.run_bytes, PointTotals { duplicates, ..self.totals })?;
         }
         self.summary.finish()
     }
 }
 
-impl PieceSink for ShardWriter<'_> {
+impl NodeSink for ShardWriter<'_> {
     fn block(&mut self, code: Code, bytes: &[u8], statistics: &Statistics) -> Result<()> {
         let run = match &mut self.run {
             Some(run) => run,

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{PointPart, PointSchema, PointSource};
+use super::{PointSchema, PointSource, PointSubset};
 use crate::attribute::{POSITION_BYTES, RowLayout};
 use crate::query::PointCondition;
 use spinney_base::Result;
@@ -27,7 +27,7 @@ impl ChosenPoints {
         let mut schema = source.schema().clone();
         if let Some(kept) = &kept {
             schema.layout = RowLayout::packed(
-                kept.iter().map(|place| schema.layout.attributes[*place].clone()).collect(),
+                kept.iter().map(|index| schema.layout.attributes[*index].clone()).collect(),
             );
         }
         if !conditions.is_empty() {
@@ -88,13 +88,13 @@ impl PointSource for ChosenPoints {
         }
     }
 
-    fn parts(&self) -> &[PointPart] {
-        self.source.parts()
+    fn subsets(&self) -> &[PointSubset] {
+        self.source.subsets()
     }
 
-    fn part(&self, number: usize) -> Result<Box<dyn PointSource>> {
-        let part = self.source.part(number)?;
-        Ok(Box::new(ChosenPoints::new(part, self.conditions.clone(), self.kept.clone())))
+    fn subset(&self, number: usize) -> Result<Box<dyn PointSource>> {
+        let subset = self.source.subset(number)?;
+        Ok(Box::new(ChosenPoints::new(subset, self.conditions.clone(), self.kept.clone())))
     }
 
     fn survey(&mut self) -> Result<bool> {

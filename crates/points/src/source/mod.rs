@@ -6,7 +6,7 @@ mod world;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::attribute::{POSITION_BYTES, RowLayout, place_of};
+use crate::attribute::{POSITION_BYTES, RowLayout, position_of};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
@@ -57,7 +57,7 @@ impl PointSchema {
 
 /// Subset of the points that can be read independently, such as a file, as known before reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PointPart {
+pub struct PointSubset {
     /// Number of points read; conditions may exclude some.
     pub count: u64,
     /// Minimum and maximum position on the grid.
@@ -80,18 +80,18 @@ pub trait PointSource {
     /// If they cannot be read, or violate the rules of their format.
     fn read(&mut self, rows: &mut Vec<u8>, most: usize) -> Result<usize>;
 
-    /// Returns the parts of the points, in reading order; empty if they are not known before
+    /// Returns the subsets of the points, in reading order; empty if they are not known before
     /// reading.
-    fn parts(&self) -> &[PointPart] {
+    fn subsets(&self) -> &[PointSubset] {
         &[]
     }
 
-    /// Returns the points of one part, as rows of the same schema.
+    /// Returns the points of one subset, as rows of the same schema.
     ///
     /// # Errors
-    /// If it cannot be read, or there are no parts.
-    fn part(&self, _number: usize) -> Result<Box<dyn PointSource>> {
-        Err(Error::unsupported(self.path(), "points that are not in parts", "read all of them"))
+    /// If it cannot be read, or there are no subsets.
+    fn subset(&self, _number: usize) -> Result<Box<dyn PointSource>> {
+        Err(Error::unsupported(self.path(), "reading a subset of these points", "read all points"))
     }
 
     /// Restarts, with bounds found by reading all points, since those of headers are sometimes
@@ -134,7 +134,7 @@ impl PointRows {
             return Err(Error::invalid(
                 "rows of points",
                 found,
-                format!("rows of {size} bytes, of {POSITION_BYTES} or more"),
+                format!("a multiple of the row size ({size} bytes), which is at least {POSITION_BYTES}"),
             ));
         }
         schema.bounds = bounds_of(&rows, size).unwrap_or([[0; 3]; 2]);
@@ -156,11 +156,11 @@ pub(crate) fn both_bounds(a: Option<[[i32; 3]; 2]>, b: Option<[[i32; 3]; 2]>) ->
 pub(crate) fn bounds_of(rows: &[u8], size: usize) -> Option<[[i32; 3]; 2]> {
     let mut bounds: Option<[[i32; 3]; 2]> = None;
     for row in rows.chunks_exact(size) {
-        let place = place_of(row);
-        let [least, most] = bounds.get_or_insert([place; 2]);
+        let position = position_of(row);
+        let [least, most] = bounds.get_or_insert([position; 2]);
         for axis in 0..3 {
-            least[axis] = least[axis].min(place[axis]);
-            most[axis] = most[axis].max(place[axis]);
+            least[axis] = least[axis].min(position[axis]);
+            most[axis] = most[axis].max(position[axis]);
         }
     }
     bounds

@@ -56,7 +56,7 @@ const MAX_STEPS: f64 = (1u64 << 31) as f64 - 1.0;
 impl Axis {
     const NONE: Axis = Axis { least: f64::INFINITY, most: f64::NEG_INFINITY, digits: Some(0), bits: 0 };
 
-    fn look(&mut self, number: f64) {
+    fn include(&mut self, number: f64) {
         self.least = self.least.min(number);
         self.most = self.most.max(number);
         while let Some(digits) = self.digits
@@ -64,7 +64,7 @@ impl Axis {
         {
             self.digits = Some(digits + 1).filter(|digits| *digits <= MAX_DIGITS);
         }
-        self.bits = self.bits.max(bits_behind(number));
+        self.bits = self.bits.max(fraction_bits(number));
     }
 
     /// Returns scale and offset of a grid that contains all coordinates exactly, or else of the
@@ -99,7 +99,7 @@ fn has_digits(number: f64, digits: i32) -> bool {
 }
 
 /// Returns the number of binary fraction digits of a number.
-fn bits_behind(number: f64) -> i32 {
+fn fraction_bits(number: f64) -> i32 {
     if number == 0.0 {
         return 0;
     }
@@ -130,17 +130,17 @@ impl GriddedPoints {
         let mut numbers = vec![0; attributes.len()];
         let mut axes = [Axis::NONE; 3];
         let (mut count, mut skipped) = (0u64, 0u64);
-        while let Some(place) = points.next(&mut numbers)? {
-            if !is_finite(place) {
+        while let Some(position) = points.next(&mut numbers)? {
+            if !is_finite(position) {
                 skipped += 1;
                 continue;
             }
             count += 1;
-            axes.iter_mut().zip(place).for_each(|(axis, number)| axis.look(number));
+            axes.iter_mut().zip(position).for_each(|(axis, number)| axis.include(number));
         }
         if count == 0 && skipped > 0 {
             let found = format!("{skipped} points, all with empty or non-finite coordinates");
-            return Err(Error::corrupt(points.path(), "points", found, "coordinates that are numbers"));
+            return Err(Error::corrupt(points.path(), "points", found, "finite coordinates"));
         }
         points.rewind()?;
         let grids = axes.map(|axis| axis.grid());
@@ -166,19 +166,19 @@ impl GriddedPoints {
     /// Returns remarks on skipped points and on rounding.
     pub fn remarks(&self) -> Vec<String> {
         let skipped = (self.skipped > 0).then(|| {
-            format!("{} points with a coordinate that is empty, NaN or infinite are skipped", self.skipped)
+            format!("{} points with an empty, NaN or infinite coordinate are skipped", self.skipped)
         });
         skipped.into_iter().chain(self.rounding().map(String::from)).collect()
     }
 
     /// Returns a remark if positions are rounded to the grid, by at most half a grid unit.
     pub fn rounding(&self) -> Option<&'static str> {
-        self.is_rounded.then_some("places have more digits than a grid of 32 bits, and are rounded to it")
+        self.is_rounded.then_some("coordinates have more digits than a 32-bit grid; they are rounded to it")
     }
 }
 
-fn is_finite(place: [f64; 3]) -> bool {
-    place.iter().all(|number| number.is_finite())
+fn is_finite(position: [f64; 3]) -> bool {
+    position.iter().all(|number| number.is_finite())
 }
 
 fn step(schema: &PointSchema, axis: usize, number: f64) -> i32 {
@@ -198,8 +198,8 @@ impl PointSource for GriddedPoints {
         let size = self.schema.layout.size;
         let mut count = 0;
         while count < most {
-            let Some(place) = self.points.next(&mut self.numbers)? else { return Ok(count) };
-            if !is_finite(place) {
+            let Some(position) = self.points.next(&mut self.numbers)? else { return Ok(count) };
+            if !is_finite(position) {
                 continue;
             }
             count += 1;
@@ -208,7 +208,7 @@ impl PointSource for GriddedPoints {
             let row = &mut rows[before..];
             for axis in 0..3 {
                 row[4 * axis..4 * axis + 4]
-                    .copy_from_slice(&step(&self.schema, axis, place[axis]).to_le_bytes());
+                    .copy_from_slice(&step(&self.schema, axis, position[axis]).to_le_bytes());
             }
             for (attribute, number) in self.numbers.iter().enumerate() {
                 self.schema.layout.set_number(attribute, row, *number);
@@ -224,7 +224,7 @@ mod tests {
 
     fn grid(numbers: &[f64]) -> (f64, f64, bool) {
         let mut axis = Axis::NONE;
-        numbers.iter().for_each(|number| axis.look(*number));
+        numbers.iter().for_each(|number| axis.include(*number));
         axis.grid()
     }
 
@@ -241,7 +241,7 @@ mod tests {
         assert!(2e300 / scale <= 2f64.powi(32) && offset <= 0.0);
         assert_eq!(grid(&[7.0, 7.0]), (1.0, 0.0, true));
         assert_eq!(
-            (bits_behind(0.375), bits_behind(-3.0), bits_behind(f64::MIN_POSITIVE / 2.0)),
+            (fraction_bits(0.375), fraction_bits(-3.0), fraction_bits(f64::MIN_POSITIVE / 2.0)),
             (3, 0, 1023)
         );
     }

@@ -161,7 +161,7 @@ impl PointTree {
         let found = entry.and_then(|entry| Some((code(entry)?, &entry[8..])));
         let Some((code, rest)) = found else {
             let place = format!("node {index}");
-            return Err(self.file.corrupt(place, "no node", "a file that nobody cuts short"));
+            return Err(self.file.corrupt(place, "the end of the file", "a node"));
         };
         Ok(PointNode { index, code, statistics: Statistics::read(rest) })
     }
@@ -195,7 +195,7 @@ impl PointTree {
         let place = format!("block {index}");
         let bytes = self.file.block(&place, &entry.block)?;
         decode(&bytes, entry.block.count as usize, &self.block, wanted)
-            .ok_or_else(|| self.file.corrupt(place, "bytes that no columns have", "columns that were packed"))
+            .ok_or_else(|| self.file.corrupt(place, "bytes that do not decode", "compressed columns"))
     }
 
     /// Returns the conversion from some coordinates to those of the points.

@@ -74,10 +74,10 @@ impl Summary {
         let bytes = SECTION.encode(self).filter(|_| self.attributes.len() <= MAX_ATTRIBUTES);
         bytes.ok_or_else(|| Error::TooLarge {
             path: path.to_path_buf(),
-            what: "the description of the attributes".into(),
+            what: "the list of attributes".into(),
             needed: LIMIT as u64 + 1,
             limit: LIMIT as u64,
-            advice: "choose some of them with --attribute".into(),
+            advice: "select fewer attributes with --attribute".into(),
         })
     }
 
@@ -98,11 +98,11 @@ impl Summary {
         }
         if summary.bits > 32 || summary.attributes.len() > MAX_ATTRIBUTES {
             let found = format!("{} bits, {} attributes", summary.bits, summary.attributes.len());
-            return Err(corrupt(found, &format!("at most 32, and {MAX_ATTRIBUTES}")));
+            return Err(corrupt(found, &format!("at most 32 bits and {MAX_ATTRIBUTES} attributes")));
         }
         if !(1..=MAX_POINTS).contains(&(summary.leaf_size as usize)) {
             return Err(corrupt(
-                format!("{} points in a leaf", summary.leaf_size),
+                format!("a leaf size of {} points", summary.leaf_size),
                 &format!("1 to {MAX_POINTS}"),
             ));
         }

@@ -14,9 +14,9 @@ impl PointTree {
     /// If the file cannot be read.
     pub fn verify(&self, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
-        let mut tell = |place: String, problem: String| {
+        let mut report = |location: String, problem: String| {
             if findings.len() < MAX_FINDINGS {
-                findings.push(Finding { place, problem });
+                findings.push(Finding { place: location, problem });
             }
         };
         let (nodes, blocks) = self.counts();
@@ -36,10 +36,10 @@ impl PointTree {
                 match checked {
                     Ok((statistics, problems)) => {
                         own[node].add(&statistics);
-                        problems.into_iter().for_each(|problem| tell(format!("block {block}"), problem));
+                        problems.into_iter().for_each(|problem| report(format!("block {block}"), problem));
                     }
-                    Err(Error::Corrupt { place, found, expected, .. }) => {
-                        tell(place, format!("found {found}, expected {expected}"));
+                    Err(Error::Corrupt { location, found, expected, .. }) => {
+                        report(location, format!("found {found}, expected {expected}"));
                     }
                     Err(error) => return Err(error),
                 }
@@ -59,21 +59,21 @@ impl PointTree {
             }
             all.add(&sum);
             if all != found.statistics {
-                tell(
+                report(
                     format!("node {}", found.code),
-                    "counts, extremes or sums are not those of its points".into(),
+                    "counts, extremes or sums differ from those of its points".into(),
                 );
             }
             below.push((found.code, all));
         }
         if below.len() > 1 {
-            tell(
+            report(
                 "list of nodes".into(),
-                format!("{} nodes that have none above them, expected one root", below.len()),
+                format!("found {} nodes without a parent, expected one root", below.len()),
             );
         }
         if points != self.len() {
-            tell("points".into(), format!("found {points} points, expected {}", self.len()));
+            report("points".into(), format!("found {points} points, expected {}", self.len()));
         }
         Ok(findings)
     }
@@ -85,17 +85,17 @@ impl PointTree {
         let statistics = Statistics::of(&columns, self.attributes());
         let mut problems = Vec::new();
         if statistics.bounds() != entry.bounds {
-            problems.push(format!("bounds {:?}, expected {:?}", entry.bounds, statistics.bounds()));
+            problems.push(format!("found bounds {:?}, expected {:?}", entry.bounds, statistics.bounds()));
         }
         let code = Code::from_bits(self.dimension(), entry.block.key);
         let lies_in = |point: usize| {
-            let place = std::array::from_fn(|axis| columns[axis][point] as i32);
-            let is_place = (0..3).all(|axis| columns[axis][point] == i64::from(columns[axis][point] as i32));
-            let found = self.grid().code(place).filter(|_| is_place);
+            let position: [i32; 3] = std::array::from_fn(|axis| columns[axis][point] as i32);
+            let is_on_grid = (0..3).all(|axis| columns[axis][point] == i64::from(position[axis]));
+            let found = self.grid().code(position).filter(|_| is_on_grid);
             found.zip(code).is_some_and(|(found, code)| code.contains(found))
         };
         if let Some(point) = (0..columns[0].len()).find(|point| !lies_in(*point)) {
-            problems.push(format!("point {point} lies beside its node"));
+            problems.push(format!("point {point} is outside its node"));
         }
         Ok((statistics, problems))
     }

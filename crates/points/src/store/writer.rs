@@ -4,10 +4,10 @@
 use std::path::Path;
 
 use super::summary::Summary;
-use crate::build::PieceSink;
+use crate::build::NodeSink;
 use crate::grid::PointGrid;
 use crate::statistics::{Statistics, statistics_bytes};
-use spinney_base::io::{Output, Sorter, folder};
+use spinney_base::io::{Output, Sorter, directory_of};
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::{BlockEntry, BlockWriter, Content, FileHeader, Metadata, TreeFormat};
@@ -37,7 +37,7 @@ impl PointWriter {
         let header =
             FileHeader { format, content, dimension: grid.dimension, depth: grid.deepest(), layers: 0 };
         let file = BlockWriter::new(out, header, "points")?;
-        let list = |entry| Sorter::new(folder(file.path()), entry, memory);
+        let list = |entry| Sorter::new(directory_of(file.path()), entry, memory);
         let (blocks, nodes) = (list(Entry::BYTES), list(8 + statistics_bytes(columns)));
         Ok(PointWriter { file, blocks, nodes })
     }
@@ -68,7 +68,7 @@ impl PointWriter {
     }
 }
 
-impl PieceSink for PointWriter {
+impl NodeSink for PointWriter {
     fn block(&mut self, code: Code, bytes: &[u8], statistics: &Statistics) -> Result<()> {
         let block = self.file.block(code.bits(), bytes, statistics.points as u32)?;
         self.blocks.push(block.key, Entry { block, bounds: statistics.bounds() }.to_bytes())

@@ -36,18 +36,18 @@ impl Columns {
         let [Some(_), Some(_), height] = axes else {
             let names: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
             let found = format!("columns {}", names.join(", "));
-            return Err(Error::corrupt(path, "the header", found, "columns x and y, and perhaps z"));
+            return Err(Error::corrupt(path, "the header", found, "columns x and y, and optionally z"));
         };
         let mut attributes: Vec<PointAttribute> = Vec::new();
         let mut roles = Vec::new();
-        for (place, (name, sample)) in columns.iter().enumerate() {
-            if let Some(axis) = axes.iter().position(|axis| *axis == Some(place)) {
+        for (index, (name, sample)) in columns.iter().enumerate() {
+            if let Some(axis) = axes.iter().position(|axis| *axis == Some(index)) {
                 roles.push(Role::Coordinate(axis));
                 continue;
             }
             if attributes.iter().any(|other| other.name == *name) {
                 let found = format!("two columns `{name}`");
-                return Err(Error::corrupt(path, "the header", found, "columns of different names"));
+                return Err(Error::corrupt(path, "the header", found, "unique column names"));
             }
             roles.push(Role::Attribute(attributes.len()));
             attributes.push(PointAttribute::new(*name, *sample));

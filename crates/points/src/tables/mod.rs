@@ -49,6 +49,6 @@ pub(crate) fn open(path: &Path) -> Result<Table> {
     match is_npy(path) {
         Some(true) => npy::open(path),
         Some(false) => ply::open(path),
-        None => Err(Error::unsupported(path, "a file that is no table of points", "give a PLY or NPY file")),
+        None => Err(Error::unsupported(path, "this file format for points", "use a PLY or NPY file")),
     }
 }

@@ -78,7 +78,7 @@ fn padding(field: &NpyField) -> Option<usize> {
 /// Returns the fields of records. Columns of rows are named x, y and z, then by their indices.
 fn fields(header: &NpyHeader, path: &Path) -> Result<Vec<NpyField>> {
     let unsupported = |found: String| {
-        let advice = "points are records with fields x, y and perhaps z, or rows of 2 numbers or more";
+        let advice = "save records with fields x, y and optionally z, or rows of 2 to 1024 numbers";
         Err(Error::unsupported(path, found, advice))
     };
     if header.fortran_order && header.shape.len() > 1 {
@@ -129,8 +129,8 @@ pub(super) fn open(path: &Path) -> Result<Table> {
     let count = header.shape[0];
     let end = count.checked_mul(stride as u64).and_then(|bytes| bytes.checked_add(start));
     if end != Some(length) {
-        let expected = format!("those of a header and {count} records of {stride} bytes");
-        return Err(Error::corrupt(path, "the whole file", format!("{length} bytes"), expected));
+        let expected = format!("{count} records of {stride} bytes after byte {start}");
+        return Err(Error::corrupt(path, "file size", format!("{length} bytes"), expected));
     }
     let numbers = found.iter().zip(&columns.roles).map(|((_, sample, offset, is_big_endian), role)| Number {
         offset: *offset,
@@ -179,16 +179,16 @@ impl WorldPoints for NpyPoints {
         let from = self.start + self.at as usize * self.stride;
         let record = self.map.bytes().and_then(|bytes| bytes.get(from..from + self.stride));
         let record = record.unwrap_or_default();
-        let mut place = [0.0; 3];
+        let mut position = [0.0; 3];
         for number in &self.numbers {
             let found = number.of(record);
             match number.role {
-                Role::Coordinate(axis) => place[axis] = to_f64(number.sample, found),
+                Role::Coordinate(axis) => position[axis] = to_f64(number.sample, found),
                 Role::Attribute(attribute) => numbers[attribute] = found,
             }
         }
         self.at += 1;
-        Ok(Some(place))
+        Ok(Some(position))
     }
 
     fn rewind(&mut self) -> Result<()> {

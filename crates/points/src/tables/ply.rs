@@ -13,7 +13,7 @@ use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 use spinney_records::ply::{
-    Body, Element, Encoding, Fault, PlyHeader, Property, Read, Scalar, Visit, offset_behind, visit,
+    Body, Element, Encoding, Fault, PlyHeader, Property, Read, Scalar, Visit, offset_after, visit,
 };
 
 /// Number of vertices read at a time.
@@ -35,7 +35,7 @@ struct PlyPoints {
     /// Number of vertices read.
     count: u64,
     /// Buffered vertices: their coordinates, and the numbers of all of their attributes.
-    places: VecDeque<[f64; 3]>,
+    positions: VecDeque<[f64; 3]>,
     numbers: VecDeque<i64>,
 }
 
@@ -65,11 +65,11 @@ pub(super) fn open(path: &Path) -> Result<Table> {
     let bytes = map.bytes().unwrap_or_default();
     let header = PlyHeader::read(bytes, path)?;
     let Some(vertex) = header.element("vertex") else {
-        return Err(Error::corrupt(path, "PLY header", "no `element vertex`", "points"));
+        return Err(Error::corrupt(path, "PLY header", "no `element vertex`", "one with the points"));
     };
     let mut start = header.body;
     for element in &header.elements[..vertex] {
-        start = offset_behind(header.encoding, bytes, start, element)
+        start = offset_after(header.encoding, bytes, start, element)
             .map_err(|fault| corrupt(path, &element.name, *fault))?;
     }
     let vertices = header.elements[vertex].clone();
@@ -89,12 +89,12 @@ pub(super) fn open(path: &Path) -> Result<Table> {
         .map(|element| format!("{} {}", element.count, element.name))
         .collect();
     if !others.is_empty() {
-        remarks.push(format!("points have no other elements: left out are {}", others.join(", ")));
+        remarks.push(format!("elements other than vertices are ignored: {}", others.join(", ")));
     }
     let lists = vertices.properties.iter().filter(|property| is_list(property));
     let lists: Vec<&str> = lists.map(|property| property.name.as_str()).collect();
     if !lists.is_empty() {
-        remarks.push(format!("attributes that are lists are left out: {}", lists.join(", ")));
+        remarks.push(format!("list properties are ignored: {}", lists.join(", ")));
     }
     let points = PlyPoints {
         path: path.to_path_buf(),
@@ -106,7 +106,7 @@ pub(super) fn open(path: &Path) -> Result<Table> {
         start,
         offset: start,
         count: 0,
-        places: VecDeque::new(),
+        positions: VecDeque::new(),
         numbers: VecDeque::new(),
         map,
     };
@@ -121,7 +121,7 @@ fn whole(body: &mut impl Body, scalar: Scalar) -> Read<i64> {
     let least = if is_signed { -(1i64 << (bits - 1)) } else { 0 };
     match (least..least + (1 << bits)).contains(&number) {
         true => Ok(number),
-        false => Err(body.fault(number.to_string(), "a number that its property's type has")),
+        false => Err(body.fault(number.to_string(), "a number in the range of its property's type")),
     }
 }
 
@@ -131,7 +131,7 @@ struct ReadVertices<'a> {
     roles: &'a [Option<Role>],
     attributes: usize,
     count: u64,
-    places: &'a mut VecDeque<[f64; 3]>,
+    positions: &'a mut VecDeque<[f64; 3]>,
     numbers: &'a mut VecDeque<i64>,
 }
 
@@ -141,11 +141,11 @@ impl Visit for ReadVertices<'_> {
     fn visit(self, mut body: impl Body) -> Read<usize> {
         let mut row = vec![0; self.attributes];
         for _ in 0..self.count {
-            let mut place = [0.0; 3];
+            let mut position = [0.0; 3];
             for (role, property) in self.roles.iter().zip(&self.vertices.properties) {
                 match role {
                     None => body.skip_property(property)?,
-                    Some(Role::Coordinate(axis)) => place[*axis] = body.number(property.scalar)?,
+                    Some(Role::Coordinate(axis)) => position[*axis] = body.number(property.scalar)?,
                     Some(Role::Attribute(attribute)) => {
                         row[*attribute] = match property.scalar {
                             Scalar::F32 => {
@@ -157,7 +157,7 @@ impl Visit for ReadVertices<'_> {
                     }
                 }
             }
-            self.places.push_back(place);
+            self.positions.push_back(position);
             self.numbers.extend(&row);
         }
         Ok(body.offset())
@@ -172,7 +172,7 @@ impl PlyPoints {
             roles: &self.roles,
             attributes: self.attributes.len(),
             count: rest.min(LOT),
-            places: &mut self.places,
+            positions: &mut self.positions,
             numbers: &mut self.numbers,
         };
         let bytes = self.map.bytes().unwrap_or_default();
@@ -204,21 +204,21 @@ impl WorldPoints for PlyPoints {
     }
 
     fn next(&mut self, numbers: &mut [i64]) -> Result<Option<[f64; 3]>> {
-        if self.places.is_empty() && self.count < self.vertices.count {
+        if self.positions.is_empty() && self.count < self.vertices.count {
             self.read()?;
         }
-        let place = self.places.pop_front();
-        if place.is_some() {
+        let position = self.positions.pop_front();
+        if position.is_some() {
             for (number, found) in numbers.iter_mut().zip(self.numbers.drain(..self.attributes.len())) {
                 *number = found;
             }
         }
-        Ok(place)
+        Ok(position)
     }
 
     fn rewind(&mut self) -> Result<()> {
         (self.offset, self.count) = (self.start, 0);
-        self.places.clear();
+        self.positions.clear();
         self.numbers.clear();
         Ok(())
     }

@@ -9,8 +9,8 @@ type Found = (Vec<PointAttribute>, Vec<([f64; 3], Vec<i64>)>, Vec<String>);
 
 /// Reads a file with these bytes, twice.
 fn read(name: &str, bytes: &[u8]) -> Result<Found> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
     std::fs::write(&path, bytes).unwrap();
     assert!(super::is_point_table(&path));
     let mut table = super::open(&path)?;
@@ -18,8 +18,8 @@ fn read(name: &str, bytes: &[u8]) -> Result<Found> {
     let mut all = || -> Result<Vec<_>> {
         let mut numbers = vec![0; attributes.len()];
         let mut found = Vec::new();
-        while let Some(place) = table.points.next(&mut numbers)? {
-            found.push((place, numbers.clone()));
+        while let Some(position) = table.points.next(&mut numbers)? {
+            found.push((position, numbers.clone()));
         }
         table.points.rewind()?;
         Ok(found)
@@ -60,8 +60,8 @@ fn vertices_of_ply_are_points() {
              property short class\nend_header\n"
         )
         .into_bytes();
-        for (place, class) in [([0.5, 3.0], -2i16), ([1e9, -1.0], 300)] {
-            for number in place {
+        for (position, class) in [([0.5, 3.0], -2i16), ([1e9, -1.0], 300)] {
+            for number in position {
                 bytes.extend(if is_big { f64::to_be_bytes(number) } else { f64::to_le_bytes(number) });
             }
             bytes.extend(if is_big { class.to_be_bytes() } else { class.to_le_bytes() });
@@ -87,7 +87,7 @@ fn records_and_rows_of_numpy_are_points() {
     let (attributes, points, _) = read("a.npy", &npy(dictionary, &body)).unwrap();
     assert_eq!(names(&attributes), [("t", SampleType::F64), ("ok", SampleType::U8)]);
     assert_eq!(
-        points.iter().map(|(place, _)| *place).collect::<Vec<_>>(),
+        points.iter().map(|(position, _)| *position).collect::<Vec<_>>(),
         [[1.25, -7.0, 300.0], [0.0, (1u64 << 40) as f64, -1.0]]
     );
     let times: Vec<f64> = points.iter().map(|(_, numbers)| to_f64(SampleType::F64, numbers[0])).collect();
@@ -115,7 +115,7 @@ fn other_tables_are_refused() {
         (array("'<f8'", "True", "(2, 3)", 48), "Fortran"),
         (array("'<f8'", "False", "(6,)", 48), "shape (6)"),
         (array("'<f2'", "False", "(2, 3)", 12), "<f2"),
-        (array("'<f8'", "False", "(2, 3)", 47), "the whole file"),
+        (array("'<f8'", "False", "(2, 3)", 47), "file size"),
         (array("'<f8'", "False", "(18446744073709551615, 3)", 48), "bytes"),
         (array("'<f8'", "False", "(2, 1000000000)", 48), "shape"),
         (array("[('x', '<f8'), ('z', '<f8')]", "False", "(1,)", 16), "x and y"),
@@ -157,8 +157,8 @@ fn points_without_coordinates_are_skipped_and_counted() {
     use crate::source::{GriddedPoints, PointSource as _};
     let head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
         property float q\nend_header\n";
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.ply");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.ply");
     let open = |body: &str| {
         std::fs::write(&path, format!("{head}{body}")).unwrap();
         GriddedPoints::new(super::open(&path).unwrap().points)
@@ -169,8 +169,8 @@ fn points_without_coordinates_are_skipped_and_counted() {
     let mut rows = Vec::new();
     assert_eq!((points.read(&mut rows, 1).unwrap(), points.read(&mut rows, 9).unwrap()), (1, 1));
     assert_eq!(points.read(&mut rows, 9).unwrap(), 0);
-    let places: Vec<[i32; 3]> = rows.chunks_exact(16).map(crate::attribute::place_of).collect();
-    assert_eq!(places, [[0; 3], [2; 3]]);
+    let positions: Vec<[i32; 3]> = rows.chunks_exact(16).map(crate::attribute::position_of).collect();
+    assert_eq!(positions, [[0; 3], [2; 3]]);
     let numbers = points.schema().layout.numbers(0, rows.chunks_exact(16));
     assert!(to_f64(SampleType::F32, numbers[1]).is_nan() && to_f64(SampleType::F32, numbers[0]) == 1.0);
     let error = open("nan 0 0 1\n".repeat(4).as_str()).err().unwrap().to_string();

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
-use spinney_container::Header;
+use spinney_container::{FIRST_BYTES, Header, OtherFormat};
 use spinney_engine::ops::CellValue;
 use spinney_records::npy::MAGIC;
 
@@ -38,6 +38,13 @@ impl CellList {
         let mut file = BufReader::with_capacity(1 << 20, file);
         let start = file.fill_buf().map_err(Error::io(path, "read"))?;
         let is_array = start.starts_with(MAGIC);
+        let first = &start[..start.len().min(FIRST_BYTES)];
+        if !is_array
+            && first.contains(&0)
+            && let Some(error) = OtherFormat::refuse_content(path, first, "lines of text, or an NPY array")
+        {
+            return Err(error);
+        }
         let rows: Box<dyn Iterator<Item = Result<CellValue>>> = if is_array {
             Box::new(npy::rows(file, path, axes, channels)?)
         } else {

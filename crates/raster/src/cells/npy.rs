@@ -14,7 +14,7 @@ type Decode = fn(&[u8]) -> Number;
 
 macro_rules! decoders {
     ($($name:literal $type:ty),*) => {
-        &[$(($name, size_of::<$type>(), |bytes| <$type>::from_le_bytes(bytes.try_into().expect("as long")).into())),*]
+        &[$(($name, size_of::<$type>(), |bytes| <$type>::from_le_bytes(bytes.try_into().expect("chunks have the size of the type")).into())),*]
     };
 }
 
@@ -31,7 +31,7 @@ pub(super) fn rows<R: Read>(
     channels: usize,
 ) -> Result<impl Iterator<Item = Result<CellValue>> + use<R>> {
     let unsupported = |found: String| {
-        let advice = format!("give rows of {} numbers, in C order, little-endian", axes + channels);
+        let advice = format!("save rows of {} little-endian numbers, in C order", axes + channels);
         Error::unsupported(path, found, advice)
     };
     let header = NpyHeader::read(&mut input, path)?;
@@ -67,7 +67,7 @@ pub(super) fn rows<R: Read>(
                         &path,
                         place,
                         found.to_string(),
-                        "a cell, counted from 0",
+                        "a cell number from 0 on",
                     )));
                 }
             }

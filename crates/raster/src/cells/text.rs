@@ -39,8 +39,9 @@ pub(super) fn rows<R: BufRead>(
                 let axes = if axes == 3 { "X,Y,Z" } else { "X,Y" };
                 let found =
                     format!("`{}`", text.chars().take(60).flat_map(char::escape_debug).collect::<String>());
-                let expected = format!("{axes} and {channels} numbers, or {axes} and `void`");
-                Error::corrupt(&path, format!("line {number}"), found, expected)
+                let values = if channels == 1 { "a number".into() } else { format!("{channels} numbers") };
+                let expected = format!("{axes} and {values}, or {axes} and `void`");
+                Error::invalid(format!("{}: line {number}", path.display()), found, expected)
             }));
         }
     })

@@ -64,14 +64,21 @@ pub(super) struct Crossings {
     runs: Vec<(u64, u64)>,
     end: u64,
     file: Option<File>,
-    folder: PathBuf,
+    directory: PathBuf,
 }
 
 impl Crossings {
     /// An empty collection that uses `memory` bytes.
-    pub(super) fn new(folder: &Path, memory: u64) -> Crossings {
+    pub(super) fn new(directory: &Path, memory: u64) -> Crossings {
         let most = (memory / size_of::<Item>() as u64).clamp(64, 1 << 40) as usize;
-        Crossings { items: Vec::new(), most, runs: Vec::new(), end: 0, file: None, folder: folder.into() }
+        Crossings {
+            items: Vec::new(),
+            most,
+            runs: Vec::new(),
+            end: 0,
+            file: None,
+            directory: directory.into(),
+        }
     }
 
     /// Adds a crossing.
@@ -83,10 +90,10 @@ impl Crossings {
         if self.items.len() < self.most {
             return Ok(());
         }
-        let failed = || Error::io(&self.folder, "write a temporary file in");
+        let failed = || Error::io(&self.directory, "write a temporary file in it");
         sort::by(&mut self.items, &mut Ord::cmp);
         if self.file.is_none() {
-            self.file = Some(tempfile::tempfile_in(&self.folder).map_err(failed())?);
+            self.file = Some(tempfile::tempfile_in(&self.directory).map_err(failed())?);
         }
         if let Some(file) = &self.file {
             write_all_at(file, self.items.as_bytes(), self.end).map_err(failed())?;
@@ -101,13 +108,19 @@ impl Crossings {
     ///
     /// # Errors
     /// If the temporary file cannot be read.
-    pub(super) fn sorted(mut self) -> Result<Sorted> {
+    pub(super) fn sorted(mut self) -> Result<SortedCrossings> {
         sort::by(&mut self.items, &mut Ord::cmp);
         // The last run stays in memory; the read buffers of the others together take as much again.
         let part = (self.most / (self.runs.len() + 1)).clamp(16, 1 << 14);
-        let mut runs = vec![Run { items: self.items, at: 0, left: (0, 0) }];
-        runs.extend(self.runs.into_iter().map(|left| Run { items: Vec::new(), at: 0, left }));
-        let mut sorted = Sorted { runs, part, heap: BinaryHeap::new(), file: self.file, folder: self.folder };
+        let mut runs = vec![RunReader { items: self.items, at: 0, left: (0, 0) }];
+        runs.extend(self.runs.into_iter().map(|left| RunReader { items: Vec::new(), at: 0, left }));
+        let mut sorted = SortedCrossings {
+            runs,
+            part,
+            heap: BinaryHeap::new(),
+            file: self.file,
+            directory: self.directory,
+        };
         for number in 0..sorted.runs.len() {
             sorted.take_from(number)?;
         }
@@ -116,7 +129,7 @@ impl Crossings {
 }
 
 /// A sorted run, with a prefix of its remaining items in memory.
-struct Run {
+struct RunReader {
     items: Vec<Item>,
     at: usize,
     /// Offset and number of the items that are still in the file.
@@ -124,16 +137,16 @@ struct Run {
 }
 
 /// Crossings in order, row by row.
-pub(super) struct Sorted {
-    runs: Vec<Run>,
+pub(super) struct SortedCrossings {
+    runs: Vec<RunReader>,
     /// Items of a run that are read at a time.
     part: usize,
     heap: BinaryHeap<Reverse<(Item, usize)>>,
     file: Option<File>,
-    folder: PathBuf,
+    directory: PathBuf,
 }
 
-impl Sorted {
+impl SortedCrossings {
     /// Returns the next crossing if it is in the given row.
     ///
     /// # Errors
@@ -151,7 +164,7 @@ impl Sorted {
 
     /// Pushes the next item of a run onto the heap.
     fn take_from(&mut self, number: usize) -> Result<()> {
-        let Sorted { runs, part, heap, file, folder } = self;
+        let SortedCrossings { runs, part, heap, file, directory } = self;
         let run = &mut runs[number];
         if run.at == run.items.len()
             && let (Some(file), (offset, left @ 1..)) = (file, run.left)
@@ -159,7 +172,7 @@ impl Sorted {
             let count = left.min(*part as u64);
             run.items.resize(count as usize, Item::default());
             let read = read_exact_at(file, run.items.as_mut_slice().as_mut_bytes(), offset);
-            read.map_err(Error::io(&*folder, "read a temporary file in"))?;
+            read.map_err(Error::io(&*directory, "read a temporary file in it"))?;
             run.left = (offset + count * size_of::<Item>() as u64, left - count);
             run.at = 0;
         }
@@ -176,7 +189,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn crossings_are_in_order_whatever_the_memory() {
+    fn crossings_are_sorted_with_any_memory_limit() {
         let mut state = 1u64;
         let mut next = |bound: u64| {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -191,9 +204,9 @@ mod tests {
                 class: next(300),
             })
             .collect();
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         let sorted = |memory: u64| {
-            let mut crossings = Crossings::new(folder.path(), memory);
+            let mut crossings = Crossings::new(directory.path(), memory);
             all.iter().for_each(|crossing| crossings.push(*crossing).unwrap());
             assert_eq!(crossings.runs.is_empty(), memory > 1 << 20);
             let mut sorted = crossings.sorted().unwrap();

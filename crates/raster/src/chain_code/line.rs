@@ -41,15 +41,15 @@ fn clipped([a, b]: [[f64; 2]; 2], size: [u64; 2]) -> Option<[[f64; 2]; 2]> {
     let ends = size.map(|cells| (cells as f64).next_down());
     for axis in 0..2 {
         let along = b[axis] - a[axis];
-        for (speed, room) in [(-along, a[axis]), (along, ends[axis] - a[axis])] {
+        for (speed, distance) in [(-along, a[axis]), (along, ends[axis] - a[axis])] {
             if speed == 0.0 {
-                if room < 0.0 {
+                if distance < 0.0 {
                     return None;
                 }
             } else if speed < 0.0 {
-                first = first.max(room / speed);
+                first = first.max(distance / speed);
             } else {
-                last = last.min(room / speed);
+                last = last.min(distance / speed);
             }
         }
     }

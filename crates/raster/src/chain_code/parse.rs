@@ -41,16 +41,18 @@ pub(super) struct Body {
 /// If it cannot be read, or the head violates the grammar.
 pub(super) fn open(path: &Path, access: &FileAccess) -> Result<(Head, Body)> {
     let mut text = Text::open(path, access)?;
-    if text.word()?.as_deref() != Some(MAGIC) {
-        return Err(text.wrong("another word", &format!("`{MAGIC} {VERSION}`")));
+    let magic = text.word()?;
+    if magic.as_deref() != Some(MAGIC) {
+        let found = magic.map_or("no word".into(), |word| shown(word.as_bytes()));
+        return Err(text.wrong(&found, &format!("`{MAGIC} {VERSION}`")));
     }
     match text.word()? {
         Some(version) if version == VERSION => {}
         Some(version) => {
             let found = format!("version {} of chain codes", shown(version.as_bytes()));
-            return Err(text.unsupported(found, "this program knows version 1: look for a newer one"));
+            return Err(text.unsupported(found, "use a newer program, or write version 1"));
         }
-        None => return Err(text.wrong("the end of the text", "version 1")),
+        None => return Err(text.wrong("the end of the file", "version 1")),
     }
     let mut directions = None;
     let mut head = Head {
@@ -65,13 +67,13 @@ pub(super) fn open(path: &Path, access: &FileAccess) -> Result<(Head, Body)> {
     let mut known: Vec<String> = Vec::new();
     let first = loop {
         let Some(word) = text.word()? else {
-            return Err(text.wrong("the end of the text", "chains, and `end`"));
+            return Err(text.wrong("the end of the file", "chains, and `end`"));
         };
         if BODY.contains(&&*word) {
             break word;
         }
         if word != "name" && known.contains(&word) {
-            return Err(text.wrong(&format!("`{word}` once more"), "each line of the head once"));
+            return Err(text.wrong(&format!("a second line `{word}`"), "each header line once"));
         }
         match &*word {
             "directions" => directions = Some(text.number("4 or 8 directions", |word| word.parse().ok())?),
@@ -85,9 +87,9 @@ pub(super) fn open(path: &Path, access: &FileAccess) -> Result<(Head, Body)> {
             "transform" => head.frame.matrix = transform(&mut text)?,
             "points" => head.frame.pixel_is_point = true,
             "crs" => {
-                let told = text.rest()?;
-                head.frame.crs = Some(Crs::parse(&told).map_err(|error| {
-                    text.wrong(&shown(told.as_bytes()), &format!("a coordinate system ({error})"))
+                let definition = text.rest()?;
+                head.frame.crs = Some(Crs::parse(&definition).map_err(|error| {
+                    text.wrong(&shown(definition.as_bytes()), &format!("a coordinate system ({error})"))
                 })?);
             }
             "palette" => head.palette = Some(palette(&mut text)?),
@@ -95,7 +97,7 @@ pub(super) fn open(path: &Path, access: &FileAccess) -> Result<(Head, Body)> {
                 let class = text.number("a class", |word| word.parse().ok())?;
                 let name = text.rest()?;
                 let name = serde_json::from_str(&name)
-                    .map_err(|_| text.wrong(&shown(name.as_bytes()), "a name between quotation marks"))?;
+                    .map_err(|_| text.wrong(&shown(name.as_bytes()), "a name in quotation marks"))?;
                 head.names.push((class, name));
             }
             _ => {
@@ -126,21 +128,21 @@ fn transform(text: &mut Text) -> Result<[[f64; 4]; 3]> {
     }
     let frame = Frame::planar(numbers);
     if frame.to_cells([0.0; 3]).is_none() {
-        return Err(text.wrong(&format!("{numbers:?}"), "a map of cells to the world that has an inverse"));
+        return Err(text.wrong(&format!("{numbers:?}"), "an invertible map from cells to the world"));
     }
     Ok(frame.matrix)
 }
 
 /// Parses the colours of a line.
 fn palette(text: &mut Text) -> Result<Palette> {
-    let told = text.rest()?;
+    let line = text.rest()?;
     let mut colours = Vec::new();
-    for word in told.split_ascii_whitespace() {
+    for word in line.split_ascii_whitespace() {
         let digits = word.strip_prefix('#').filter(|digits| digits.len() == 8);
         let colour = digits.and_then(|digits| u32::from_str_radix(digits, 16).ok());
         match colour {
             Some(colour) if colours.len() < MAX_COLOURS => colours.push(colour.to_be_bytes()),
-            Some(_) => return Err(text.wrong("more colours", &format!("at most {MAX_COLOURS} colours"))),
+            Some(_) => return Err(text.wrong("further colours", &format!("at most {MAX_COLOURS} colours"))),
             None => return Err(text.wrong(&shown(word.as_bytes()), "colours, as in #ff8000ff")),
         }
     }
@@ -158,7 +160,7 @@ impl Body {
     pub(super) fn each(self, head: &Head, take: &mut CrossingVisitor<'_>) -> Result<()> {
         let Body { mut text, first } = self;
         let value = ValueType::new(head.sample, 1);
-        let class_expected = format!("a class, a number that {} can be", head.sample.name());
+        let class_expected = format!("a class of type {}", head.sample.name());
         let (mut word, mut count, mut class) = (first, 0u64, None);
         loop {
             let is_hole = matches!(&*word, "hole" | "part");
@@ -175,26 +177,28 @@ impl Body {
                     class = (word == "region").then_some(bits);
                     count += 1;
                     if word == "line" && head.directions == ChainDirections::Four {
-                        return Err(text.wrong("a line in a text of 4 directions", "lines in texts of 8"));
+                        return Err(
+                            text.wrong("a line in a chain code of 4 directions", "8 directions for lines")
+                        );
                     }
-                    let owner = Owner { number: count, class: bits, is_closed: word == "region" };
+                    let owner = ChainOwner { number: count, class: bits, is_closed: word == "region" };
                     chain(&mut text, head, &owner, take)?;
                 }
                 "hole" | "part" if class.is_none() => {
-                    return Err(text.wrong(&format!("`{word}`"), "holes and parts behind their region"));
+                    return Err(text.wrong(&format!("`{word}`"), "holes and parts after their region"));
                 }
                 "end" => {
-                    if let Some(told) = text.word()?
-                        && told.parse() != Ok(count)
+                    if let Some(total) = text.word()?
+                        && total.parse() != Ok(count)
                     {
                         return Err(text.wrong(
-                            &shown(told.as_bytes()),
+                            &shown(total.as_bytes()),
                             &format!("{count}, the number of regions and lines"),
                         ));
                     }
                     return match text.word()? {
                         None => Ok(()),
-                        Some(more) => Err(text.wrong(&shown(more.as_bytes()), "the end of the text")),
+                        Some(more) => Err(text.wrong(&shown(more.as_bytes()), "the end of the file")),
                     };
                 }
                 _ if !is_hole => {
@@ -203,18 +207,18 @@ impl Body {
                 _ => {}
             }
             if let (true, Some(class)) = (is_hole, class) {
-                chain(&mut text, head, &Owner { number: count, class, is_closed: true }, take)?;
+                chain(&mut text, head, &ChainOwner { number: count, class, is_closed: true }, take)?;
             }
             word = match text.word()? {
                 Some(word) => word,
-                None => return Err(text.wrong("the end of the text", "`end`: the text is not whole")),
+                None => return Err(text.wrong("the end of the file", "`end`: the file is incomplete")),
             };
         }
     }
 }
 
 /// The region or line that a chain belongs to.
-struct Owner {
+struct ChainOwner {
     number: u64,
     class: u64,
     /// Whether its chains are closed.
@@ -222,7 +226,7 @@ struct Owner {
 }
 
 /// Parses a chain: its start and its steps.
-fn chain(text: &mut Text, head: &Head, owner: &Owner, take: &mut CrossingVisitor<'_>) -> Result<()> {
+fn chain(text: &mut Text, head: &Head, owner: &ChainOwner, take: &mut CrossingVisitor<'_>) -> Result<()> {
     let most = 1u64 << Dimension::Quad.max_depth();
     let is_crack = head.directions == ChainDirections::Four;
     // Corners may be on the last side of the raster, cells may not.
@@ -233,7 +237,7 @@ fn chain(text: &mut Text, head: &Head, owner: &Owner, take: &mut CrossingVisitor
         let read = |word: &str| word.parse().ok().filter(|at| (0..=ends[axis]).contains(at));
         start[axis] = text.number(&format!("a {what}, from 0 to {}", ends[axis]), read)?;
     }
-    let mut walk = ChainWalk { at: start, owner, run: [start[0]; 2], is_crack };
+    let mut tracer = ChainTracer { at: start, owner, run: [start[0]; 2], is_crack };
     while let Some(byte) = text.skip_space()?.filter(u8::is_ascii_digit) {
         let mut code = byte;
         loop {
@@ -242,12 +246,12 @@ fn chain(text: &mut Text, head: &Head, owner: &Owner, take: &mut CrossingVisitor
                 let expected = format!("codes from 0 to {}", head.directions.count() - 1);
                 return Err(text.wrong(&shown(&[code]), &expected));
             };
-            let to = [walk.at[0] + step[0], walk.at[1] + step[1]];
+            let to = [tracer.at[0] + step[0], tracer.at[1] + step[1]];
             if (0..2).any(|axis| !(0..=ends[axis]).contains(&to[axis])) {
                 let expected = format!("columns from 0 to {} and rows from 0 to {}", ends[0], ends[1]);
-                return Err(text.wrong(&format!("a step to {},{}", to[0], to[1]), &expected));
+                return Err(text.wrong(&format!("a move to column {}, row {}", to[0], to[1]), &expected));
             }
-            walk.go(to, take)?;
+            tracer.go(to, take)?;
             text.pass();
             match text.peek()?.filter(|byte| !byte.is_ascii_whitespace()) {
                 Some(next) => code = next,
@@ -255,24 +259,28 @@ fn chain(text: &mut Text, head: &Head, owner: &Owner, take: &mut CrossingVisitor
             }
         }
     }
-    let [column, row] = walk.at;
-    if owner.is_closed && walk.at != start {
-        let expected = format!("{},{}, where it begins", start[0], start[1]);
-        return Err(text.wrong_in(line, &format!("a chain that ends in {column},{row}"), &expected));
+    let [column, row] = tracer.at;
+    if owner.is_closed && tracer.at != start {
+        let expected = format!("column {}, row {}, where it begins", start[0], start[1]);
+        return Err(text.wrong_in(
+            line,
+            &format!("a chain that ends at column {column}, row {row}"),
+            &expected,
+        ));
     }
-    walk.end(take)
+    tracer.end(take)
 }
 
 /// State of the traversal of a chain.
-struct ChainWalk<'a> {
+struct ChainTracer<'a> {
     at: [i64; 2],
-    owner: &'a Owner,
+    owner: &'a ChainOwner,
     /// First and last cell of the chain in the current row since it entered that row.
     run: [i64; 2],
     is_crack: bool,
 }
 
-impl ChainWalk<'_> {
+impl ChainTracer<'_> {
     /// Takes a step.
     ///
     /// Invariant: a row is crossed where a step leaves it downwards or enters it from below, at the
@@ -307,7 +315,7 @@ impl ChainWalk<'_> {
     }
 
     fn take(&self, row: i64, column: i64, change: Change, take: &mut CrossingVisitor<'_>) -> Result<()> {
-        let Owner { number, class, .. } = *self.owner;
+        let ChainOwner { number, class, .. } = *self.owner;
         // Both are between 0 and 2^29.
         take(Crossing { row: row as u32, column: column as u32, owner: number, change, class })
     }
@@ -326,7 +334,7 @@ pub(super) fn measure(path: &Path, access: &FileAccess) -> Result<[u64; 2]> {
     })?;
     if size[0] == 0 {
         let expected = "a chain around cells, or the line `size COLUMNS ROWS`";
-        return Err(Error::corrupt(path, "the whole text", "no cells", expected));
+        return Err(Error::corrupt(path, "the whole file", "no cells", expected));
     }
     Ok(size)
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::crossings::{Change, Crossings, Sorted};
+use super::crossings::{Change, Crossings, SortedCrossings};
 use super::parse::{self, Body, Head};
 use crate::import::{Order, Pixels, Raster, RasterInfo, RasterOptions};
 use spinney_base::space::Region;
@@ -11,7 +11,7 @@ use spinney_base::value::DataKind;
 use spinney_base::{Error, Result};
 
 /// A chain code file as a raster.
-struct ChainPicture {
+struct ChainRaster {
     path: PathBuf,
     info: RasterInfo,
     memory: u64,
@@ -23,7 +23,7 @@ enum State {
     /// The head was read.
     Head(Box<(Head, Body)>),
     /// All chains were read; rows are made from this.
-    Rows(Box<Sorted>),
+    Rows(Box<SortedCrossings>),
     /// Reading failed.
     Failed,
 }
@@ -54,21 +54,21 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
         ..RasterInfo::plain(size, head.sample, 1)
     };
     let state = State::Head(Box::new((Head { size: Some(size), ..head }, body)));
-    Ok(Box::new(ChainPicture { path: path.into(), info, memory: options.memory, state }))
+    Ok(Box::new(ChainRaster { path: path.into(), info, memory: options.memory, state }))
 }
 
 /// A region or line that covers the current cell.
 #[derive(Default)]
-struct Present {
+struct ActiveOwner {
     is_inside: bool,
     /// Number of its chains that pass through the current cell.
     chains: u64,
     class: u64,
 }
 
-impl ChainPicture {
+impl ChainRaster {
     /// Returns the remaining rows; reads the chains first if necessary.
-    fn rows(&mut self) -> Result<&mut Sorted> {
+    fn rows(&mut self) -> Result<&mut SortedCrossings> {
         if let State::Head(_) = &self.state
             && let State::Head(read) = std::mem::replace(&mut self.state, State::Failed)
         {
@@ -81,15 +81,15 @@ impl ChainPicture {
             State::Rows(rows) => Ok(rows),
             _ => Err(Error::corrupt(
                 &self.path,
-                "the whole text",
-                "an error before",
-                "a text that can be read",
+                "the whole file",
+                "an error while an earlier row was read",
+                "valid chain codes",
             )),
         }
     }
 }
 
-impl Raster for ChainPicture {
+impl Raster for ChainRaster {
     fn info(&self) -> &RasterInfo {
         &self.info
     }
@@ -106,7 +106,7 @@ impl Raster for ChainPicture {
         pixels.bytes.clear();
         pixels.bytes.resize(valid.len() * size, 0);
         // The last region or line of the file is on top.
-        let mut present: BTreeMap<u64, Present> = BTreeMap::new();
+        let mut present: BTreeMap<u64, ActiveOwner> = BTreeMap::new();
         let lines = pixels.bytes.chunks_exact_mut(width * size).zip(valid.chunks_exact_mut(width));
         for (row, (bytes, valid)) in (region.y as u32..).zip(lines) {
             present.clear();

@@ -56,7 +56,7 @@ impl<'a> RingChain<'a> {
     /// If a temporary file cannot be read, or `take` fails.
     pub(super) fn each(&self, take: &mut StepSink<'_>) -> Result<()> {
         let count = self.region.count(self.part);
-        let mut walk = Walk { at: self.corner, cell: self.start, directions: self.directions };
+        let mut tracer = RingTracer { at: self.corner, cell: self.start, directions: self.directions };
         // From the first corner to the last, then on to the first: the last point of the ring
         // repeats point 0.
         for numbers in [self.first + 1..count, 1..self.first + 1] {
@@ -64,26 +64,26 @@ impl<'a> RingChain<'a> {
             self.region.points(self.part, &mut |points| {
                 for [x, y, _] in points {
                     if numbers.contains(&number) {
-                        walk.go([*x as i64, *y as i64], take)?;
+                        tracer.go([*x as i64, *y as i64], take)?;
                     }
                     number += 1;
                 }
                 Ok(())
             })?;
         }
-        walk.move_to(self.start, take)
+        tracer.move_to(self.start, take)
     }
 }
 
 /// State of the traversal of a ring.
-struct Walk {
+struct RingTracer {
     at: [i64; 2],
     /// The cell on the left.
     cell: [i64; 2],
     directions: ChainDirections,
 }
 
-impl Walk {
+impl RingTracer {
     /// Goes to a corner in the same row or column.
     fn go(&mut self, to: [i64; 2], take: &mut StepSink<'_>) -> Result<()> {
         let [across, down] = [to[0] - self.at[0], to[1] - self.at[1]];
@@ -97,17 +97,17 @@ impl Walk {
         if self.directions == ChainDirections::Four {
             return take(code / 2, steps);
         }
-        let beside = match code {
+        let left_cell = match code {
             0 => [at[0], at[1] - 1],
             2 => [at[0] - 1, at[1] - 1],
             4 => [at[0] - 1, at[1]],
             _ => at,
         };
-        self.move_to(beside, take)?;
+        self.move_to(left_cell, take)?;
         if steps > 1 {
             take(code, steps - 1)?;
             let more = steps as i64 - 1;
-            self.cell = [beside[0] + unit[0] * more, beside[1] + unit[1] * more];
+            self.cell = [left_cell[0] + unit[0] * more, left_cell[1] + unit[1] * more];
         }
         Ok(())
     }

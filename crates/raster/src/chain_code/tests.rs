@@ -13,12 +13,12 @@ use spinney_engine::store::{BuildOptions, Slab, Slabs, build_slabs, depth_for};
 
 /// A raster of classes; 0 is VOID.
 #[derive(Clone, Debug, PartialEq)]
-struct Picture {
+struct ClassGrid {
     size: [u64; 2],
     cells: Vec<u8>,
 }
 
-struct OneSlab(Option<Picture>, [u64; 3]);
+struct OneSlab(Option<ClassGrid>, [u64; 3]);
 
 impl Slabs for OneSlab {
     fn extent(&self) -> [u64; 3] {
@@ -26,19 +26,19 @@ impl Slabs for OneSlab {
     }
 
     fn next(&mut self, slab: &mut Slab) -> Result<bool> {
-        let Some(picture) = self.0.take() else { return Ok(false) };
-        *slab = Slab { origin: [0; 3], size: self.1, bytes: picture.cells, valid: None };
+        let Some(grid) = self.0.take() else { return Ok(false) };
+        *slab = Slab { origin: [0; 3], size: self.1, bytes: grid.cells, valid: None };
         Ok(true)
     }
 }
 
-impl Picture {
-    fn of(rows: &[&str]) -> Picture {
+impl ClassGrid {
+    fn of(rows: &[&str]) -> ClassGrid {
         let cells = rows.iter().flat_map(|row| row.bytes().map(|cell| cell.saturating_sub(b'0'))).collect();
-        Picture { size: [rows[0].len() as u64, rows.len() as u64], cells }
+        ClassGrid { size: [rows[0].len() as u64, rows.len() as u64], cells }
     }
 
-    fn random(seed: u64) -> Picture {
+    fn random(seed: u64) -> ClassGrid {
         let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) + 1;
         let mut next = |bound: u64| {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -50,11 +50,11 @@ impl Picture {
         let cells = (0..size[0] * size[1])
             .map(|cell| coarse[(cell / size[0] / block * 20 + cell % size[0] / block) as usize])
             .collect();
-        Picture { size, cells }
+        ClassGrid { size, cells }
     }
 
-    fn tree(&self, folder: &Path) -> Dataset {
-        let path = folder.join("picture.goblin");
+    fn tree(&self, directory: &Path) -> Dataset {
+        let path = directory.join("raster.goblin");
         let extent = [self.size[0], self.size[1], 1];
         let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
         let options = BuildOptions::new(DataKind::Categorical, depth_for(extent));
@@ -65,10 +65,10 @@ impl Picture {
     }
 
     /// The chain code file of the raster.
-    fn text(&self, folder: &Path, directions: ChainDirections, request: &PolygonRequest) -> String {
-        let path = folder.join("picture.chain");
+    fn text(&self, directory: &Path, directions: ChainDirections, request: &PolygonRequest) -> String {
+        let path = directory.join("raster.chain");
         let output = Output::create(&path).unwrap();
-        export_chain_code(&self.tree(folder), request, directions, output, &()).unwrap();
+        export_chain_code(&self.tree(directory), request, directions, output, &()).unwrap();
         std::fs::read_to_string(&path).unwrap()
     }
 }
@@ -78,15 +78,15 @@ fn body(text: &str) -> &str {
     &text[text.find("region").or(text.find("line")).unwrap()..]
 }
 
-fn write(folder: &Path, text: &str) -> PathBuf {
-    let path = folder.join("text.chain");
+fn write(directory: &Path, text: &str) -> PathBuf {
+    let path = directory.join("text.chain");
     std::fs::write(&path, text).unwrap();
     path
 }
 
 /// The raster read from a file, in bands of `rows` rows.
-fn read(folder: &Path, text: &str, memory: u64, rows: u64) -> Result<Picture> {
-    let path = write(folder, text);
+fn read(directory: &Path, text: &str, memory: u64, rows: u64) -> Result<ClassGrid> {
+    let path = write(directory, text);
     let mut raster = import::open(&path, &RasterOptions { memory, ..RasterOptions::default() })?;
     let size = [raster.info().width, raster.info().height];
     let (mut cells, mut pixels) = (Vec::new(), Pixels::default());
@@ -95,28 +95,28 @@ fn read(folder: &Path, text: &str, memory: u64, rows: u64) -> Result<Picture> {
         let valid = pixels.valid.clone().unwrap_or(vec![true; pixels.bytes.len()]);
         cells.extend(pixels.bytes.iter().zip(valid).map(|(class, valid)| if valid { *class } else { 0 }));
     }
-    Ok(Picture { size, cells })
+    Ok(ClassGrid { size, cells })
 }
 
 const BOTH: [ChainDirections; 2] = [ChainDirections::Four, ChainDirections::Eight];
 
-fn comes_back(picture: &Picture) {
-    let folder = tempfile::tempdir().unwrap();
+fn assert_round_trip(grid: &ClassGrid) {
+    let directory = tempfile::tempdir().unwrap();
     for directions in BOTH {
         for across_corners in [false, true] {
             let mut request = PolygonRequest::new();
             request.across_corners = across_corners;
-            let text = picture.text(folder.path(), directions, &request);
+            let text = grid.text(directory.path(), directions, &request);
             for (memory, rows) in [(1 << 10, 1), (1 << 20, 7)] {
-                let found = read(folder.path(), &text, memory, rows).unwrap();
-                assert_eq!(found, *picture, "{directions:?} {across_corners}\n{text}");
+                let found = read(directory.path(), &text, memory, rows).unwrap();
+                assert_eq!(found, *grid, "{directions:?} {across_corners}\n{text}");
             }
         }
     }
 }
 
 #[test]
-fn pictures_come_back() {
+fn rasters_survive_a_round_trip() {
     for rows in [
         &["1"][..],
         &["0"],
@@ -132,58 +132,59 @@ fn pictures_come_back() {
         // Lines of one cell, there and back.
         &["00000", "11110", "00010", "01110", "01000"],
     ] {
-        comes_back(&Picture::of(rows));
+        assert_round_trip(&ClassGrid::of(rows));
     }
 }
 
 #[test]
-fn random_pictures_come_back() {
-    (0..50).for_each(|seed| comes_back(&Picture::random(seed)));
+fn random_rasters_survive_a_round_trip() {
+    (0..50).for_each(|seed| assert_round_trip(&ClassGrid::random(seed)));
 }
 
 #[test]
 fn chains_are_counterclockwise_from_the_first_cell() {
-    let folder = tempfile::tempdir().unwrap();
-    let picture = Picture::of(&["00000", "01110", "01010", "01110", "00000"]);
+    let directory = tempfile::tempdir().unwrap();
+    let grid = ClassGrid::of(&["00000", "01110", "01010", "01110", "00000"]);
     let [four, eight] =
-        BOTH.map(|directions| picture.text(folder.path(), directions, &PolygonRequest::new()));
+        BOTH.map(|directions| grid.text(directory.path(), directions, &PolygonRequest::new()));
     assert_eq!(body(&four), "region 1 1 1\n333000111222\nhole 2 2\n0321\nend 1\n");
     // The hole's chain follows the cells around it. Those at its corners are not its 4-neighbours.
     assert_eq!(body(&eight), "region 1 1 1\n66002244\nhole 2 1\n7531\nend 1\n");
-    let single = Picture::of(&["02"]).text(folder.path(), ChainDirections::Eight, &PolygonRequest::new());
+    let single =
+        ClassGrid::of(&["02"]).text(directory.path(), ChainDirections::Eight, &PolygonRequest::new());
     assert_eq!(body(&single), "region 2 1 0\nend 1\n");
 }
 
 #[test]
-fn one_class_is_written_alone() {
-    let folder = tempfile::tempdir().unwrap();
-    let picture = Picture::of(&["123", "321"]);
+fn a_single_class_can_be_exported() {
+    let directory = tempfile::tempdir().unwrap();
+    let grid = ClassGrid::of(&["123", "321"]);
     let mut request = PolygonRequest::new();
     request.classes = Some(vec![3u64.into()]);
-    let text = picture.text(folder.path(), ChainDirections::Four, &request);
-    let found = read(folder.path(), &text, 1 << 20, 1).unwrap();
-    assert_eq!(found, Picture::of(&["003", "300"]));
+    let text = grid.text(directory.path(), ChainDirections::Four, &request);
+    let found = read(directory.path(), &text, 1 << 20, 1).unwrap();
+    assert_eq!(found, ClassGrid::of(&["003", "300"]));
     request.simplify = Some(1.0);
-    let output = Output::create(&folder.path().join("none.chain")).unwrap();
-    let error = export_chain_code(&picture.tree(folder.path()), &request, ChainDirections::Four, output, &());
+    let output = Output::create(&directory.path().join("none.chain")).unwrap();
+    let error = export_chain_code(&grid.tree(directory.path()), &request, ChainDirections::Four, output, &());
     assert!(error.unwrap_err().to_string().contains("simplif"));
 }
 
 #[test]
-fn outlines_of_textbooks_are_read() {
-    let folder = tempfile::tempdir().unwrap();
+fn textbook_chain_codes_are_read() {
+    let directory = tempfile::tempdir().unwrap();
     let head = "freeman-chain-code 1\ndirections";
     // Clockwise, with 8 directions, without a size: a triangle.
-    let found = read(folder.path(), &format!("{head} 8 region 1 2 0 77 4444 11 end"), 1 << 10, 9).unwrap();
-    assert_eq!(found, Picture::of(&["00100", "01110", "11111"]));
+    let found = read(directory.path(), &format!("{head} 8 region 1 2 0 77 4444 11 end"), 1 << 10, 9).unwrap();
+    assert_eq!(found, ClassGrid::of(&["00100", "01110", "11111"]));
     // Later regions cover earlier ones; chains continue across spaces and lines.
     let text = format!(
         "{head} 4\nsize 4 3\ntype u8\nregion 1 0 0 3330\n000 111 2222\nregion 5 1 1\n0 3 2 1\nend 2\n"
     );
-    assert_eq!(read(folder.path(), &text, 1 << 10, 2).unwrap(), Picture::of(&["1111", "1511", "1111"]));
+    assert_eq!(read(directory.path(), &text, 1 << 10, 2).unwrap(), ClassGrid::of(&["1111", "1511", "1111"]));
     // A line is open.
     let text = format!("{head} 8\r\nsize 5 2\r\nline 2 0 1\r\n0107\r\nend\r\n");
-    assert_eq!(read(folder.path(), &text, 1 << 10, 2).unwrap(), Picture::of(&["00220", "22002"]));
+    assert_eq!(read(directory.path(), &text, 1 << 10, 2).unwrap(), ClassGrid::of(&["00220", "22002"]));
 }
 
 #[test]
@@ -217,9 +218,9 @@ fn lines_are_chains_of_the_nearest_cells() {
                 cell = [cell[0] + step[0], cell[1] + step[1]];
                 let centre = [cell[0] as f64 + 0.5, cell[1] as f64 + 0.5];
                 let along = [b[0] - a[0], b[1] - a[1]];
-                let beside = (centre[0] - a[0]) * along[1] - (centre[1] - a[1]) * along[0];
+                let cross_product = (centre[0] - a[0]) * along[1] - (centre[1] - a[1]) * along[0];
                 let most = along[0].abs().max(along[1].abs());
-                assert!(beside.abs() <= 0.5 * most + 1e-9, "{a:?} to {b:?}: {cell:?}");
+                assert!(cross_product.abs() <= 0.5 * most + 1e-9, "{a:?} to {b:?}: {cell:?}");
             }
         }
         assert_eq!(cell, b.map(|at| at.floor() as i64));
@@ -227,60 +228,69 @@ fn lines_are_chains_of_the_nearest_cells() {
 }
 
 #[test]
-fn broken_texts_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
+fn malformed_files_are_rejected() {
+    let directory = tempfile::tempdir().unwrap();
     let head = "freeman-chain-code 1\ndirections 4\nsize 4 3\n";
     for (text, expected) in [
-        ("freeman-chain-codes 1".to_owned(), "line 1: found another word"),
+        (
+            "freeman-chain-codes 1".to_owned(),
+            "line 1: found `freeman-chain-codes`, expected `freeman-chain-code 1`",
+        ),
         ("freeman-chain-code 2".into(), "version `2`"),
-        ("freeman-chain-code".into(), "line 1: found the end of the text"),
+        ("freeman-chain-code".into(), "line 1: found the end of the file"),
         ("freeman-chain-code 1\n".into(), "expected chains"),
         ("freeman-chain-code 1\nregion 1 0 0 03".into(), "before chains"),
         ("freeman-chain-code 1\ndirections 6\n".into(), "line 2: found `6`, expected 4 or 8"),
         (head.replace("4 3", "4000000000 3"), "a number of columns, from 1 to 536870912"),
         (head.replace("4 3", "0 3"), "a number of columns"),
-        (format!("{head}size 1 1\n"), "line 4: found `size` once more"),
+        (format!("{head}size 1 1\n"), "line 4: found a second line `size`"),
         (format!("{head}type u7\n"), "line 4: found `u7`, expected a type: u8"),
-        (format!("{head}transform 0 0 0 0 0 0\n"), "has an inverse"),
+        (format!("{head}transform 0 0 0 0 0 0\n"), "an invertible map"),
         (format!("{head}transform 1 0 0 0 nan 0\n"), "six numbers"),
         (format!("{head}crs EPSG:x\n"), "a coordinate system"),
         (format!("{head}palette #112233\n"), "as in #ff8000ff"),
         (format!("{head}name 1 Wood\n"), "quotation marks"),
         (format!("{head}colour 1\n"), "line 4: found `colour`, expected directions, size"),
         (format!("{head}{}\n", "x".repeat(1000)), "expected a word or a number"),
-        (format!("{head}region 256 0 0 0321\nend"), "a class, a number that u8 can be"),
+        (format!("{head}region 256 0 0 0321\nend"), "a class of type u8"),
         (format!("{head}region 1 5 0 0321\nend"), "a column, from 0 to 4"),
         (format!("{head}region 1 0 99999999999999999999 0321\nend"), "a row, from 0 to 3"),
-        (format!("{head}region 1 4 0 03\nend"), "line 4: found a step to 5,0, expected columns from 0 to 4"),
-        (format!("{head}region 1 0 0\n0321\n1\nend"), "line 6: found a step to 0,-1"),
-        (format!("{head}region 1 0 0\n033\n21\nend"), "line 4: found a chain that ends in 0,1, expected 0,0"),
+        (
+            format!("{head}region 1 4 0 03\nend"),
+            "line 4: found a move to column 5, row 0, expected columns from 0 to 4",
+        ),
+        (format!("{head}region 1 0 0\n0321\n1\nend"), "line 6: found a move to column 0, row -1"),
+        (
+            format!("{head}region 1 0 0\n033\n21\nend"),
+            "line 4: found a chain that ends at column 0, row 1, expected column 0, row 0",
+        ),
         (format!("{head}region 1 0 0\n0341\nend"), "line 5: found `4`, expected codes from 0 to 3"),
         (format!("{head}region 1 0 0\n03x1\nend"), "line 5: found `x`"),
-        (format!("{head}hole 0 0 0321\nend"), "holes and parts behind their region"),
-        (format!("{head}line 1 0 0 00\nend"), "lines in texts of 8"),
-        (format!("{head}region 1 0 0 0321\n"), "the text is not whole"),
+        (format!("{head}hole 0 0 0321\nend"), "holes and parts after their region"),
+        (format!("{head}line 1 0 0 00\nend"), "8 directions for lines"),
+        (format!("{head}region 1 0 0 0321\n"), "the file is incomplete"),
         (format!("{head}region 1 0 0 0321\nregions\n"), "line 5: found `regions`"),
         (format!("{head}region 1 0 0 0321\nend 2\n"), "expected 1, the number of regions and lines"),
-        (format!("{head}region 1 0 0 0321\nend 1\nregion"), "the end of the text"),
+        (format!("{head}region 1 0 0 0321\nend 1\nregion"), "the end of the file"),
         ("freeman-chain-code 1\ndirections 4\nregion 1 0 0 02\nend".into(), "no cells"),
         (format!("{head}region 1 0 0 \u{e9}\u{e9}\nend"), "found `"),
     ] {
-        let error = read(folder.path(), &text, 1 << 20, 8).unwrap_err().to_string();
+        let error = read(directory.path(), &text, 1 << 20, 8).unwrap_err().to_string();
         assert!(
             error.contains(expected) && error.contains("text.chain"),
             "{text}\n{error}\nexpected: {expected}"
         );
     }
     let wide = format!("{}region 1 0 0 0321\nend", head.replace("4 3", "500000000 3"));
-    let error = read(folder.path(), &wide, 1 << 20, 1).unwrap_err().to_string();
+    let error = read(directory.path(), &wide, 1 << 20, 1).unwrap_err().to_string();
     assert!(error.contains("a row of 500000000 cells needs 1000000000 bytes"), "{error}");
     // Arbitrary bytes are rejected without a panic.
-    let whole = Picture::random(3).text(folder.path(), ChainDirections::Eight, &PolygonRequest::new());
-    for place in 0..whole.len() {
+    let whole = ClassGrid::random(3).text(directory.path(), ChainDirections::Eight, &PolygonRequest::new());
+    for offset in 0..whole.len() {
         for byte in [b' ', b'9', b'z', 0xff] {
             let mut bytes = whole.clone().into_bytes();
-            bytes[place] = byte;
-            let path = folder.path().join("changed.chain");
+            bytes[offset] = byte;
+            let path = directory.path().join("changed.chain");
             std::fs::write(&path, bytes).unwrap();
             if let Ok(mut raster) = import::open(&path, &RasterOptions::default()) {
                 let (width, height) = (raster.info().width, raster.info().height.min(64));

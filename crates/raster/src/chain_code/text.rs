@@ -80,14 +80,14 @@ impl Text {
         let mut rest = Vec::new();
         while let Some(byte) = self.peek()?.filter(|byte| *byte != b'\n') {
             if rest.len() == LONGEST_LINE {
-                return Err(self.wrong("more than a million letters", "a line of the head"));
+                return Err(self.wrong("more than a million characters", "a shorter header line"));
             }
             rest.push(byte);
             self.pass();
         }
         match String::from_utf8(rest) {
             Ok(rest) => Ok(rest.trim().to_owned()),
-            Err(_) => Err(self.wrong("bytes that are no letters", "text in UTF-8")),
+            Err(_) => Err(self.wrong("bytes that are not UTF-8", "text in UTF-8")),
         }
     }
 
@@ -100,7 +100,7 @@ impl Text {
         match word.as_deref().and_then(read) {
             Some(number) => Ok(number),
             None => Err(self
-                .wrong(&word.map_or("the end of the text".into(), |word| shown(word.as_bytes())), expected)),
+                .wrong(&word.map_or("the end of the file".into(), |word| shown(word.as_bytes())), expected)),
         }
     }
 

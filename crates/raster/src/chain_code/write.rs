@@ -33,8 +33,8 @@ const PART: usize = 1 << 16;
 /// use spinney::Output;
 /// use spinney::query::PolygonRequest;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let (text, again) = (folder.path().join("classes.chain"), folder.path().join("again.goblin"));
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let (text, again) = (directory.path().join("classes.chain"), directory.path().join("again.goblin"));
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;
 /// export_chain_code(
 ///     &map, &PolygonRequest::new(), ChainDirections::Eight, Output::create(&text)?, &())?;
@@ -56,14 +56,14 @@ pub fn export_chain_code(
     progress: &dyn Progress,
 ) -> Result<PolygonSummary> {
     if let Some(distance) = request.simplify {
-        let expected = "nothing: chains go along cells, and simplified borders do not";
+        let expected = "none: chain codes follow the borders of cells, and simplified borders do not";
         return Err(Error::invalid("simplify", distance.to_string(), expected));
     }
     let mut request = request.clone();
     request.in_cells = true;
-    if output.is_file() && request.folder.is_none() {
+    if output.is_file() && request.directory.is_none() {
         // Temporary files of unfinished borders are created next to the output.
-        request.folder = Some(PathBuf::from(spinney_base::io::folder(output.path())));
+        request.directory = Some(PathBuf::from(spinney_base::io::directory_of(output.path())));
     }
     let level = request.level.unwrap_or(tree.depth());
     let mut writer = ChainWriter::create(output, tree, level, directions, progress)?;
@@ -102,7 +102,11 @@ impl ChainWriter {
         let value = header.form.value;
         if header.form.axes() != 2 || value.channels != 1 {
             let found = format!("chain codes of {}", header.form);
-            return Err(Error::unsupported(tree.name(), found, "they are of quadtrees of one channel"));
+            return Err(Error::unsupported(
+                tree.name(),
+                found,
+                "write them from a quadtree with one channel",
+            ));
         }
         if level > tree.depth() {
             return Err(Error::invalid("level", level.to_string(), format!("0 to {}", tree.depth())));
@@ -162,11 +166,11 @@ impl ChainWriter {
             return Err(Error::invalid(
                 "number of directions",
                 "4",
-                "8 for lines, whose chains go from cell to cell",
+                "8, since chains of lines join cells in 8 directions",
             ));
         }
         if self.value.exact(&[class]).is_none() {
-            let expected = format!("a number that {} can be", self.value.sample.name());
+            let expected = format!("a class of type {}", self.value.sample.name());
             return Err(Error::invalid("class", class.to_string(), expected));
         }
         let chains = chains_of(corners, self.size);
@@ -240,18 +244,20 @@ fn place_lines(output: &Output, frame: &Frame, progress: &dyn Progress) -> Strin
     if let Some(crs) = &frame.crs {
         // GeoTIFF keys have no text form that is a complete definition: convert them to WKT 2.
         let own = crs.definition();
-        let told = match Crs::parse(&own) {
+        let definition = match Crs::parse(&own) {
             Ok(_) => Ok(own),
             Err(_) => crs.to_wkt2(),
         };
-        match told {
-            Ok(told) => {
-                let told: String =
-                    told.chars().map(|letter| if letter.is_control() { ' ' } else { letter }).collect();
-                text += &format!("crs {told}\n");
+        match definition {
+            Ok(definition) => {
+                let definition: String =
+                    definition.chars().map(|letter| if letter.is_control() { ' ' } else { letter }).collect();
+                text += &format!("crs {definition}\n");
             }
             Err(error) => {
-                let remark = format!("has not the coordinate system {crs}, which no text defines: {error}");
+                let remark = format!(
+                    "does not store the coordinate system {crs}, which has no text definition: {error}"
+                );
                 progress.warn(output.path(), &remark);
             }
         }

@@ -78,7 +78,7 @@ pub(super) struct Tables {
 }
 
 /// The beginning of the file.
-pub(super) struct Beginning {
+pub(super) struct FileStart {
     pub(super) big: bool,
     pub(super) bytes: Vec<u8>,
     /// End of the tile tables, which follow the directories: offset of the first tile.
@@ -94,7 +94,7 @@ pub(super) fn lay_out(
     side: u32,
     has_masks: bool,
     big: bool,
-) -> Beginning {
+) -> FileStart {
     let mut bytes = tiff_tags::header(big).0.to_vec();
     bytes.extend(ghost(has_masks).bytes());
     // Validators expect the first directory at the first even offset.
@@ -123,7 +123,7 @@ pub(super) fn lay_out(
     let lengths: Vec<u64> =
         directories.iter().map(|one| directory(one.tags(big, 0, 0), 0, 0, big).len() as u64).collect();
     let mut tables_at = (bytes.len() as u64 + lengths.iter().sum::<u64>()).next_multiple_of(8);
-    let mut places = Vec::new();
+    let mut table_positions = Vec::new();
     for (index, one) in directories.iter().enumerate() {
         let at = bytes.len() as u64;
         let next = if index + 1 < directories.len() { at + lengths[index] } else { 0 };
@@ -133,19 +133,19 @@ pub(super) fn lay_out(
         tables_at += (one.tiles * WordWidth::Four as u64).next_multiple_of(8);
         let tags = one.tags(big, offsets_at, lengths_at);
         // Tables that fit are in the directory itself.
-        let place = |number: u16, width: WordWidth, elsewhere: u64| {
+        let place = |number: u16, width: WordWidth, outside: u64| {
             let fits = one.tiles * width as u64 <= offset_width(big) as u64;
-            if fits { value_place(&tags, number, at, big) } else { elsewhere }
+            if fits { value_place(&tags, number, at, big) } else { outside }
         };
-        places.push(Table {
+        table_positions.push(Table {
             offsets: place(tag::TILE_OFFSETS, offset_width(big), offsets_at),
             lengths: place(tag::TILE_BYTE_COUNTS, WordWidth::Four, lengths_at),
         });
         bytes.extend(directory(tags, at, next, big));
     }
     let of_level = |tables: &[Table]| Tables { cells: tables[0], mask: tables.get(1).copied() };
-    let tables = places.chunks(if has_masks { 2 } else { 1 }).map(of_level).collect();
-    Beginning { big, bytes, end: tables_at, tables }
+    let tables = table_positions.chunks(if has_masks { 2 } else { 1 }).map(of_level).collect();
+    FileStart { big, bytes, end: tables_at, tables }
 }
 
 /// Text after the header by which GDAL's readers recognize the layout.
@@ -200,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn description_of_the_layout_has_the_size_that_it_says() {
+    fn layout_text_declares_its_own_size() {
         for (has_masks, size) in [(false, 140), (true, 174)] {
             let text = ghost(has_masks);
             assert!(text.starts_with(&format!("GDAL_STRUCTURAL_METADATA_SIZE=000{size} bytes\n")), "{text}");
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn tiles_are_counted_in_rows() {
+    fn tiles_are_numbered_row_by_row() {
         let level = LevelTiles { level: 9, width: 300, height: 129, side: 128 };
         assert_eq!(level.count(), 6);
         assert_eq!(level.corner(5), [256, 128]);

@@ -90,8 +90,8 @@ pub struct CogSummary {
 /// use spinney::export::{CogRequest, export_cog};
 /// use spinney::Output;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("map.tif");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("map.tif");
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;
 /// let summary = export_cog(&map, &CogRequest::new(), Output::create(&path)?, &())?;
 /// assert_eq!(summary.overviews, 0);
@@ -112,7 +112,7 @@ pub fn export_cog(
     progress: &dyn Progress,
 ) -> Result<CogSummary> {
     if tree.header().form.axes() != 2 {
-        let advice = "write slices of it with `spinney get`, or a mesh";
+        let advice = "export slices of it with `spinney get`, or a mesh";
         return Err(Error::unsupported(output.path(), "an octree as a cloud-optimized GeoTIFF", advice));
     }
     if !request.tile_size.is_multiple_of(16) || !(64..=4096).contains(&request.tile_size) {
@@ -121,7 +121,7 @@ pub fn export_cog(
     }
     let part = part_of_world(tree, request.tile_size)?;
     let tree = part.as_ref().unwrap_or(tree);
-    let (spec, void) = picture(tree, request)?;
+    let (spec, void) = deepest_image(tree, request)?;
     let has_masks = spec.needs_mask();
     void.check((output.path(), spec.value.sample), Format::Tiff, progress)?;
     let value = spec.value;
@@ -135,13 +135,13 @@ pub fn export_cog(
             what: format!("a tile of {side} x {side} cells"),
             needed,
             limit: request.memory,
-            advice: "ask for smaller tiles".into(),
+            advice: "request smaller tiles".into(),
         });
     }
     let coder = match request.compression {
         CogCompression::Deflate => Coder::Deflate { level: 6 },
         CogCompression::Zstd => Coder::Zstd { level: 6 },
-        CogCompression::None => Coder::Stored,
+        CogCompression::None => Coder::Uncompressed,
     };
     let has_labels = spec.metadata.palette.is_some() || tree.header().kind == DataKind::Categorical;
     let coding = Coding::new(value, side as usize * value.size(), has_labels, coder);
@@ -149,7 +149,7 @@ pub fn export_cog(
     let tiles: u64 = levels.iter().map(LevelTiles::count).sum();
     let most = tiles.saturating_mul(tile_bytes + tile_bytes / 64 + side * side / 8 + 4096);
     let file = lay_out(&spec, &coding, &levels, request.tile_size, has_masks, most > BIG_BYTES);
-    output.check_room(file.end)?;
+    output.check_space(file.end)?;
     let (path, access) = (output.path().to_path_buf(), output.access().clone());
     let mut writer = Writer {
         output: Seekable::new(output)?,
@@ -190,8 +190,8 @@ fn part_of_world(tree: &Dataset, tile_size: u32) -> Result<Option<Dataset>> {
 
 /// The image of a tree's deepest level, with the tree's statistics in its metadata, and the number
 /// for VOID.
-fn picture(tree: &Dataset, request: &CogRequest) -> Result<(ImageSpec, VoidCells)> {
-    let window = WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth()));
+fn deepest_image(tree: &Dataset, request: &CogRequest) -> Result<(ImageSpec, VoidCells)> {
+    let window = WindowRequest::new(tree.header().extent_bounds(), Detail::Level(tree.depth()));
     let grid = OutputGrid::of(tree, &window)?;
     let void = VoidCells::of(std::slice::from_ref(tree), window.bounds, request.nodata)?;
     let mut spec = image_spec(tree, &grid, &void);
@@ -213,8 +213,8 @@ fn add_statistics(metadata: &mut Metadata, tree: &Dataset) -> Result<()> {
         ];
         if numbers.iter().all(|(_, number)| number.is_finite()) {
             let scope = TagScope { channel: Some(number as u16), domain: String::new() };
-            let texts = numbers.map(|(name, number)| (name.into(), number.to_string()));
-            metadata.scoped_tags.entry(scope).or_default().extend(texts);
+            let tags = numbers.map(|(name, number)| (name.into(), number.to_string()));
+            metadata.scoped_tags.entry(scope).or_default().extend(tags);
         }
     }
     Ok(())
@@ -277,22 +277,22 @@ impl Writer<'_> {
                 self.progress.advance(level.cells_of(*number), self.cells);
                 Ok(tile)
             })?;
-            let (mut places, mut mask_places) = (Vec::new(), Vec::new());
+            let (mut locations, mut mask_locations) = (Vec::new(), Vec::new());
             for (number, tile) in numbers.iter().zip(&tiles) {
                 let stored = tile.as_ref().map(|tile| &tile.cells);
-                places.push(self.append(stored.map(|cells| cells.as_slice()))?);
+                locations.push(self.append(stored.map(|cells| cells.as_slice()))?);
                 let mask = tile.as_ref().and_then(|tile| tile.mask.as_ref());
                 if tables.mask.is_some() {
-                    mask_places.push(self.append(mask.map(|mask| mask.as_slice()))?);
+                    mask_locations.push(self.append(mask.map(|mask| mask.as_slice()))?);
                 }
                 if tile.is_some() {
                     self.stored += 1;
                     stored_tiles.insert(*number);
                 }
             }
-            self.enter(&places, tables.cells, first)?;
+            self.enter(&locations, tables.cells, first)?;
             if let Some(table) = tables.mask {
-                self.enter(&mask_places, table, first)?;
+                self.enter(&mask_locations, table, first)?;
             }
         }
         Ok(stored_tiles)

@@ -43,8 +43,8 @@ pub(super) fn metadata(metadata: &Metadata, with_classes: bool) -> Option<String
             push("OFFSET", &offset.to_string());
             push("SCALE", &scale.to_string());
         }
-        for (name, texts) in [("UNITTYPE", &metadata.units), ("DESCRIPTION", &metadata.band_names)] {
-            if let Some(text) = texts.get(channel).filter(|text| !text.is_empty()) {
+        for (name, strings) in [("UNITTYPE", &metadata.units), ("DESCRIPTION", &metadata.band_names)] {
+            if let Some(text) = strings.get(channel).filter(|text| !text.is_empty()) {
                 push(name, text);
             }
         }
@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn as_gdal_writes_it() {
+    fn metadata_equals_that_of_gdal() {
         let mut about = Metadata { band_names: vec!["".into(), "a<b".into()], ..Metadata::default() };
         about.units = vec!["m".into()];
         about.scale_offset = vec![(1.0, 0.0), (0.5, -1e-3)];
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_categories_where_values_can_be() {
+    fn class_names_of_small_values_are_categories() {
         let with =
             |value: Number| Metadata { class_names: [(value, "a & b".into())].into(), ..Metadata::default() };
         let lines =

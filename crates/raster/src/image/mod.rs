@@ -92,7 +92,7 @@ pub trait RowWriter {
 pub fn create(output: Output, format: Format, spec: &ImageSpec) -> Result<Box<dyn RowWriter>> {
     if spec.width == 0 || spec.height == 0 {
         let found = format!("{} x {} pixels", spec.width, spec.height);
-        return Err(Error::invalid("picture size", found, "at least one pixel"));
+        return Err(Error::invalid("image size", found, "at least one pixel"));
     }
     match format {
         Format::Png => png::create(output, spec),
@@ -101,8 +101,8 @@ pub fn create(output: Output, format: Format, spec: &ImageSpec) -> Result<Box<dy
         Format::Exr => exr::create(output, spec),
         Format::Npy => npy::create(output, spec),
         Format::Nrrd => {
-            let found = "a picture in an NRRD file";
-            Err(Error::unsupported(output.path(), found, "octrees are written so; write .npy, .raw or .tif"))
+            let found = "an image in an NRRD file";
+            Err(Error::unsupported(output.path(), found, "NRRD files have volumes; write .npy, .raw or .tif"))
         }
         Format::Raw => raw::create(output, spec),
     }
@@ -134,7 +134,7 @@ impl Rows {
         if self.missing == 0 {
             return Ok(());
         }
-        Err(Error::invalid("picture", format!("{} rows too few", self.missing), "all rows"))
+        Err(Error::invalid("rows to write", format!("{} too few", self.missing), "all rows"))
     }
 }
 

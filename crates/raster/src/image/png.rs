@@ -50,8 +50,8 @@ impl Shared {
     }
 
     /// Keeps the error of a failed write.
-    fn remember<T>(&self, answer: io::Result<T>) -> io::Result<T> {
-        answer.map_err(|failure| {
+    fn remember<T>(&self, result: io::Result<T>) -> io::Result<T> {
+        result.map_err(|failure| {
             let kind = failure.kind();
             *self.failure.borrow_mut() = Some(failure);
             kind.into()
@@ -85,10 +85,8 @@ pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWrit
         SampleType::U16 => BitDepth::Sixteen,
         other => {
             let advice = match other {
-                SampleType::F32 | SampleType::U32 => {
-                    "give a range to be stretched, or write .tif, .npy or .exr"
-                }
-                _ => "give a range to be stretched, or write .tif or .npy",
+                SampleType::F32 | SampleType::U32 => "give a range to stretch, or write .tif, .npy or .exr",
+                _ => "give a range to stretch, or write .tif or .npy",
             };
             return Err(Error::unsupported(
                 output.path(),
@@ -221,7 +219,7 @@ impl RowWriter for Png {
         stream.finish().map_err(|error| output.error(error))?;
         match Rc::try_unwrap(output.output) {
             Ok(output) => output.into_inner().commit(),
-            Err(_) => unreachable!("the encoder is gone, so nobody else has the output"),
+            Err(_) => unreachable!("the encoder is dropped, so this is the only owner"),
         }
     }
 }
@@ -231,7 +229,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn palettes() {
+    fn palettes_have_colours_and_opacities() {
         let palette = Palette { colours: vec![[1, 2, 3, 255], [4, 5, 6, 128]] };
         let (colours, opacities) = palette_chunks(&palette, None);
         assert_eq!((colours.len(), &colours[..7]), (768, &[1, 2, 3, 4, 5, 6, 0][..]));

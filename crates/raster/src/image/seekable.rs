@@ -20,8 +20,8 @@ impl Seekable {
         let spool = match output.is_file() {
             true => None,
             false => {
-                let file =
-                    tempfile::tempfile().map_err(Error::io(output.path(), "make a temporary file for"))?;
+                let file = tempfile::tempfile()
+                    .map_err(Error::io(output.path(), "create a temporary file for it"))?;
                 Some(BufWriter::with_capacity(1 << 20, file))
             }
         };
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn standard_output_waits_in_a_file() {
+    fn standard_output_is_buffered_in_a_file() {
         let mut output = Seekable::new(Output::create(Path::new("-")).unwrap()).unwrap();
         output.append(b"headbody").unwrap();
         output.patch(1, b"EA").unwrap();
@@ -93,9 +93,9 @@ mod tests {
     }
 
     #[test]
-    fn files_are_patched_in_place() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a");
+    fn output_files_are_patched_in_place() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a");
         let mut output = Seekable::new(Output::create(&path).unwrap()).unwrap();
         output.append(b"headbody").unwrap();
         output.patch(1, b"EA").unwrap();

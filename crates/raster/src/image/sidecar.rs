@@ -18,7 +18,7 @@ use spinney_container::Metadata;
 /// # Errors
 /// If it cannot be written.
 pub(crate) fn write(
-    (picture, access): (&Path, &FileAccess),
+    (image, access): (&Path, &FileAccess),
     format: Format,
     metadata: &Metadata,
     progress: &dyn Progress,
@@ -31,19 +31,19 @@ pub(crate) fn write(
         None => metadata.frame.crs.as_ref(),
     };
     let crs = crs.filter(|crs| geo_keys(crs).is_none());
-    if picture == Path::new("-") {
+    if image == Path::new("-") {
         if crs.is_some() {
-            let text = "has no coordinate system: GeoTIFF has no keys for its definition, and files beside standard \
-                        output there are none";
-            progress.warn(picture, text);
+            let text = "has no coordinate system: GeoTIFF has no keys for it, and standard output has no \
+                        sidecar file";
+            progress.warn(image, text);
         }
         return Ok(());
     }
-    let path = sidecar_of(picture);
+    let path = sidecar_of(image);
     let Some(xml) = gdal_xml::sidecar(metadata, crs) else {
         if path.exists() {
             std::fs::remove_file(&path).map_err(Error::io(&path, "remove"))?;
-            progress.warn(&path, "was of an earlier picture of that name, and is removed");
+            progress.warn(&path, "belonged to an earlier image of this name, and was removed");
         }
         return Ok(());
     };
@@ -51,7 +51,7 @@ pub(crate) fn write(
     output.write_all(xml.as_bytes()).map_err(Error::io(&path, "write"))?;
     output.commit()?;
     if crs.is_some() {
-        progress.warn(&path, "has the coordinate system of the picture, for which GeoTIFF has no keys");
+        progress.warn(&path, "stores the coordinate system of the image, for which GeoTIFF has no keys");
     }
     Ok(())
 }

@@ -313,9 +313,9 @@ mod tests {
     }
 
     #[test]
-    fn samples_come_back() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.tif");
+    fn samples_survive_a_round_trip() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.tif");
         for sample in SampleType::ALL {
             for (channels, big) in [(1, false), (2, true), (3, true), (4, false)] {
                 let spec = spec(sample, channels);
@@ -344,8 +344,8 @@ mod tests {
 
     #[test]
     fn many_strips_are_in_order() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.tif");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.tif");
         let mut spec = spec(SampleType::U16, 1);
         (spec.width, spec.height) = (70_000, 91);
         let bytes: Vec<u8> = (0..70_000 * 91u32).flat_map(|i| ((i / 251) as u16).to_le_bytes()).collect();
@@ -356,11 +356,11 @@ mod tests {
     }
 
     #[test]
-    fn too_wide() {
-        let folder = tempfile::tempdir().unwrap();
+    fn rows_of_4_gib_are_rejected() {
+        let directory = tempfile::tempdir().unwrap();
         let mut spec = spec(SampleType::F64, 4);
         spec.width = 1 << 40;
-        let output = Output::create(&folder.path().join("a.tif")).unwrap();
+        let output = Output::create(&directory.path().join("a.tif")).unwrap();
         assert!(matches!(create(output, &spec), Err(Error::Unsupported { .. })));
     }
 }

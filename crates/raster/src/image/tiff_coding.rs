@@ -11,7 +11,7 @@ use spinney_base::value::ValueType;
 /// Lossless compression of strips or tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Coder {
-    Stored,
+    Uncompressed,
     Deflate { level: u32 },
     Zstd { level: i32 },
 }
@@ -20,7 +20,7 @@ impl Coder {
     /// Value of the compression tag.
     pub(crate) fn number(self) -> u16 {
         match self {
-            Coder::Stored => tag_value::COMPRESSION_NONE,
+            Coder::Uncompressed => tag_value::COMPRESSION_NONE,
             Coder::Deflate { .. } => tag_value::COMPRESSION_DEFLATE,
             Coder::Zstd { .. } => tag_value::COMPRESSION_ZSTD,
         }
@@ -29,13 +29,18 @@ impl Coder {
     /// Compresses bytes.
     pub(crate) fn compress(self, bytes: Vec<u8>) -> Vec<u8> {
         match self {
-            Coder::Stored => bytes,
+            Coder::Uncompressed => bytes,
             Coder::Deflate { level } => {
-                let room = Vec::with_capacity(bytes.len() / 2);
-                let mut encoder = ZlibEncoder::new(room, DeflateLevel::new(level));
-                encoder.write_all(&bytes).and_then(|()| encoder.finish()).expect("a Vec takes all bytes")
+                let buffer = Vec::with_capacity(bytes.len() / 2);
+                let mut encoder = ZlibEncoder::new(buffer, DeflateLevel::new(level));
+                encoder
+                    .write_all(&bytes)
+                    .and_then(|()| encoder.finish())
+                    .expect("writing to a Vec cannot fail")
             }
-            Coder::Zstd { level } => zstd::bulk::compress(&bytes, level).expect("the room is as asked for"),
+            Coder::Zstd { level } => {
+                zstd::bulk::compress(&bytes, level).expect("the output buffer has the maximum size")
+            }
         }
     }
 }
@@ -65,7 +70,7 @@ impl Coding {
     /// differences mean nothing, or without compression.
     pub(crate) fn new(value: ValueType, row_bytes: usize, labels: bool, coder: Coder) -> Coding {
         let predictor = match value.sample {
-            _ if labels || coder == Coder::Stored => Predictor::None,
+            _ if labels || coder == Coder::Uncompressed => Predictor::None,
             sample if sample.is_float() => Predictor::Float,
             _ => Predictor::Horizontal,
         };

@@ -233,8 +233,8 @@ fn geo_key_tags(frame: &Frame) -> Vec<(u16, IfdField)> {
     if !keys.doubles().is_empty() {
         tags.push((tag::GEO_DOUBLE_PARAMS, IfdField::Double(keys.doubles().to_vec())));
     }
-    if !keys.texts().is_empty() {
-        tags.push((tag::GEO_ASCII_PARAMS, IfdField::Ascii(keys.texts().to_vec())));
+    if !keys.strings().is_empty() {
+        tags.push((tag::GEO_ASCII_PARAMS, IfdField::Ascii(keys.strings().to_vec())));
     }
     tags
 }
@@ -248,7 +248,7 @@ pub(super) fn nodata_tag(number: Number) -> (u16, IfdField) {
 }
 
 /// Text tags, by GDAL's names.
-pub(super) fn text_tags(texts: &BTreeMap<String, String>) -> Vec<(u16, IfdField)> {
+pub(super) fn text_tags(text_by_name: &BTreeMap<String, String>) -> Vec<(u16, IfdField)> {
     let tags = [
         (tag::DOCUMENT_NAME, "TIFFTAG_DOCUMENTNAME"),
         (tag::IMAGE_DESCRIPTION, "TIFFTAG_IMAGEDESCRIPTION"),
@@ -260,7 +260,7 @@ pub(super) fn text_tags(texts: &BTreeMap<String, String>) -> Vec<(u16, IfdField)
     ];
     tags.into_iter()
         .filter_map(|(tag, name)| {
-            Some((tag, IfdField::Ascii(texts.get(name)?.replace('\0', "").into_bytes())))
+            Some((tag, IfdField::Ascii(text_by_name.get(name)?.replace('\0', "").into_bytes())))
         })
         .collect()
 }
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_without_a_system() {
+    fn geo_keys_without_a_coordinate_system() {
         let mut frame = Frame::planar([1.0, 0.0, 7.5, 0.0, -1.0, 47.5]);
         frame.pixel_is_point = true;
         // No key states that these are points, so positions are written as those of areas.
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn long_values_stand_behind_the_directory() {
+    fn long_values_follow_the_directory() {
         let tags = vec![(300, IfdField::Short(vec![7, 8, 9])), (256, IfdField::Long(vec![5]))];
         let bytes = directory(tags, 100, 0, false);
         let expected: [&[u8]; 5] = [

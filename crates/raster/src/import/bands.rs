@@ -96,8 +96,12 @@ impl RasterInfo {
         let expected = |what: &str| format!("{what} of {}: {}", path.display(), self.listed_bands());
         match found[..] {
             [channel] => Ok(channel),
-            [] => Err(Error::invalid("bands", name, expected("bands"))),
-            _ => Err(Error::invalid("bands", format!("{name}, as several are named"), expected("numbers"))),
+            [] => Err(Error::invalid("bands", name, expected("a band"))),
+            _ => Err(Error::invalid(
+                "bands",
+                format!("{name}, which is the name of several bands"),
+                expected("a band number"),
+            )),
         }
     }
 
@@ -287,10 +291,10 @@ pub fn value_type(path: &Path, info: &RasterInfo) -> Result<ValueType> {
     if value.is_supported() {
         return Ok(value);
     }
-    let found = format!("{} bands of {} as one value", info.channels, info.sample.name());
+    let found = format!("a value of {} bands of type {}", info.channels, info.sample.name());
     let bands = info.listed_bands();
     let advice = format!(
-        "make a layer of each with --stack, or choose some with --band, such as --band 1, of {bands}"
+        "make a layer of each with --stack, or select some with --band, such as --band 1, from {bands}"
     );
     Err(Error::unsupported(path, found, advice))
 }
@@ -356,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn bands_have_names() {
+    fn bands_are_selected_by_name() {
         let mut info = RasterInfo::plain([2, 2], SampleType::U16, 5);
         info.band_names = ["B4, red", "B4", "665", "B5, x", "B5, y"].map(String::from).to_vec();
         let channel = |text: &str| info.channel_of(Path::new("x.tif"), &text.parse().unwrap());
@@ -370,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn bands_have_their_own() {
+    fn selected_bands_keep_their_properties() {
         let mut info = RasterInfo { nodata: Some(1.into()), ..RasterInfo::plain([2, 2], SampleType::U8, 3) };
         let bands = info.bands_mut();
         (bands[1].sample, bands[2].sample, bands[2].nodata) =

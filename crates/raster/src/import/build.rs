@@ -9,7 +9,7 @@ use super::spill::spill_wanted;
 use super::{Order, Raster, RasterInfo, RasterSlabs};
 
 use spinney_base::TreeType;
-use spinney_base::io::{Output, folder};
+use spinney_base::io::{Output, directory_of};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Progress, Result, SubProgress};
 use spinney_container::check_tree_name;
@@ -28,28 +28,39 @@ impl RasterImport {
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
         check_tree_name(output.path())?;
         self.options.packing.check_output(output.path())?;
-        let beside = folder(output.path()).to_path_buf();
+        let scratch_directory = directory_of(output.path()).to_path_buf();
         let mut file = TreeWriter::create(output, (Dimension::Quad, self.options.depth), 1)?;
-        self.write(&mut file, &beside, progress)?;
+        self.write(&mut file, &scratch_directory, progress)?;
         file.finish()
     }
 
     /// Writes the tree, or the requested range of it, as the next layer of a file. Temporary files
-    /// are created in the directory `beside`.
+    /// are created in the directory `scratch_directory`.
     ///
     /// # Errors
     /// Those of [`RasterImport::build`].
-    pub fn write(self, file: &mut TreeWriter, beside: &Path, progress: &dyn Progress) -> Result<()> {
+    pub fn write(
+        self,
+        file: &mut TreeWriter,
+        scratch_directory: &Path,
+        progress: &dyn Progress,
+    ) -> Result<()> {
         self.remarks.iter().for_each(|(path, remark)| progress.warn(path, remark));
         let form = TreeType::new(Dimension::Quad, self.value);
         if file.run().is_none() {
             let RasterInfo { width, height, .. } = self.raster.info();
-            return file.tell(form, [*width, *height, 1], &self.options);
+            return file.write_layer_header(form, [*width, *height, 1], &self.options);
         }
         let half = self.memory / 2;
-        let (size, room, depth) =
-            (self.value.size(), Room { bands: half, slabs: half / 2 }, self.options.depth);
-        let mut slabs = slabs_for(Asked::by(file, depth), self.raster, size, (beside, room), progress)?;
+        let (size, budget, depth) =
+            (self.value.size(), MemoryBudget { bands: half, slabs: half / 2 }, self.options.depth);
+        let mut slabs = slabs_for(
+            RequestedCells::by(file, depth),
+            self.raster,
+            size,
+            (scratch_directory, budget),
+            progress,
+        )?;
         let nodata = self.nodata.and_then(|number| self.value.splat(number));
         file.slabs(form, &mut slabs, nodata, &self.options, progress)
     }
@@ -75,7 +86,8 @@ impl RasterImport {
         let frame = self.options.metadata.frame.clone();
         let grid = match target {
             TargetGrid::WebMercator(zoom) => {
-                WarpGrid::web_mercator(*zoom, &frame, extent, options.allow_ballpark)?
+                WarpGrid::web_mercator(*zoom, &frame, extent, options.allow_ballpark)
+                    .map_err(|error| error.of_file(self.raster.path()))?
             }
             TargetGrid::Cells(grid) => (**grid).clone(),
             TargetGrid::Like(grid) => {
@@ -84,9 +96,9 @@ impl RasterImport {
                 grid_like(("the grid", grid), (&name, &own), options.allow_ballpark)?
             }
         };
-        let near = folder(output.path());
+        let near = directory_of(output.path());
         let temporary = tempfile::Builder::new().prefix(".spinney-").tempdir_in(near);
-        let temporary = temporary.map_err(Error::io(near, "make a temporary folder in"))?;
+        let temporary = temporary.map_err(Error::io(near, "create a temporary directory in it"))?;
         let native = temporary.path().join("native.goblin");
         // The temporary tree is neither packed nor rounded.
         (self.options.share, self.options.packing) = (false, Packing::default());
@@ -103,31 +115,31 @@ impl RasterImport {
 /// Memory budget in bytes for reading a raster: for bands of rows, if it is read in these, and for
 /// slabs.
 #[derive(Clone, Copy)]
-pub(super) struct Room {
+pub(super) struct MemoryBudget {
     pub(super) bands: u64,
     pub(super) slabs: u64,
 }
 
 /// Cells of a raster that a file requests.
 #[derive(Clone, Copy)]
-pub(super) enum Asked {
+pub(super) enum RequestedCells {
     /// None: only properties of the raster are needed.
     Nothing,
     /// All, in any order.
     All,
     /// The cells of a run, in FD order.
-    Run(WantedCells),
+    Range(WantedCells),
 }
 
-impl Asked {
+impl RequestedCells {
     /// The cells that a file requests for its next layer, whose tree has this depth.
-    pub(super) fn by(file: &TreeWriter, depth: u8) -> Asked {
+    pub(super) fn by(file: &TreeWriter, depth: u8) -> RequestedCells {
         match file.run() {
-            None => Asked::Nothing,
+            None => RequestedCells::Nothing,
             Some(run) if file.needs_order() => {
-                Asked::Run(WantedCells { dimension: Dimension::Quad, depth, run })
+                RequestedCells::Range(WantedCells { dimension: Dimension::Quad, depth, run })
             }
-            Some(_) => Asked::All,
+            Some(_) => RequestedCells::All,
         }
     }
 }
@@ -136,24 +148,24 @@ impl Asked {
 /// be read from the top down is first copied to a temporary file in a directory, if it takes too
 /// much memory or another order is requested.
 pub(super) fn slabs_for(
-    asked: Asked,
+    requested: RequestedCells,
     raster: Box<dyn Raster>,
     value_size: usize,
-    (folder, room): (&Path, Room),
+    (directory, budget): (&Path, MemoryBudget),
     progress: &dyn Progress,
 ) -> Result<RasterSlabs> {
-    let wanted = match asked {
-        Asked::Nothing => return Ok(RasterSlabs::new(raster, room.slabs)),
-        Asked::All => None,
-        Asked::Run(wanted) => Some(wanted),
+    let wanted = match requested {
+        RequestedCells::Nothing => return Ok(RasterSlabs::new(raster, budget.slabs)),
+        RequestedCells::All => None,
+        RequestedCells::Range(wanted) => Some(wanted),
     };
     let in_bands = raster.info().order == Order::Bands;
-    let is_spilled = in_bands && (wanted.is_some() || bands_memory(raster.info(), value_size) > room.bands);
+    let is_spilled = in_bands && (wanted.is_some() || bands_memory(raster.info(), value_size) > budget.bands);
     let raster = match is_spilled {
-        true => spill_wanted(raster, wanted, folder, room.slabs, progress)?,
+        true => spill_wanted(raster, wanted, directory, budget.slabs, progress)?,
         false => raster,
     };
-    let slabs = RasterSlabs::new(raster, room.slabs);
+    let slabs = RasterSlabs::new(raster, budget.slabs);
     Ok(match wanted {
         Some(wanted) => slabs.within(wanted),
         None => slabs,
@@ -220,17 +232,17 @@ mod tests {
             let pixel = |i: u64| ((i % width) * (i / width) / 900) as u8;
             Box::new(Fake::new(info, (0..width * height).map(pixel).collect()))
         };
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("t.goblin");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("t.goblin");
         let direct = bytes_of(fake(Order::Anywhere), 64 << 20, &path);
         for memory in [0, 1 << 20, 64 << 20] {
-            let spilled = spill(fake(Order::Bands), folder.path(), memory, &()).unwrap();
+            let spilled = spill(fake(Order::Bands), directory.path(), memory, &()).unwrap();
             assert!(bytes_of(spilled, memory, &path) == direct, "{memory}");
         }
     }
 
     #[test]
-    fn wide_pictures_need_more_than_narrow_ones() {
+    fn wide_rasters_need_more_memory_than_narrow_ones() {
         let needed = |width| bands_memory(&RasterInfo::plain([width, 10], SampleType::U8, 1), 1);
         assert_eq!(needed(256), 2 * 256 * 256 * 2 + 4 * 4096 * 8);
         assert!(needed(43200) < DEFAULT_MEMORY / 2 && needed(1 << 20) > DEFAULT_MEMORY / 2);

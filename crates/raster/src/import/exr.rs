@@ -134,18 +134,22 @@ fn choose_layer(path: &Path, headers: &[Header], wanted: Option<&str>) -> Result
             .ok_or_else(|| Error::invalid("layer", format!("`{wanted}`"), format!("one of {names}")))?,
     };
     let remark = (wanted.is_none() && layers.len() > 1).then(|| {
-        format!("has {} layers, {names}, of which the first is read; --layer NAME (in Python layer=) reads another", layers.len())
+        format!(
+            "has {} layers, {names}; the first is read, --layer NAME (in Python layer=) selects another",
+            layers.len()
+        )
     });
     if layers.is_empty() {
-        return Err(Error::corrupt(path, "EXR header", "no channels", "at least one"));
+        return Err(Error::corrupt(path, "EXR header", "no channels", "at least one channel"));
     }
     Ok((layers.swap_remove(found), remark))
 }
 
 fn check_supported(path: &Path, header: &Header) -> Result<()> {
     use exr::meta::attribute::Compression;
-    let refuse =
-        |found: &str| Err(Error::unsupported(path, found, "convert it with another program, to ZIP"));
+    let refuse = |found: &str| {
+        Err(Error::unsupported(path, found, "convert it to ZIP compression with another program"))
+    };
     if header.deep {
         return refuse("deep data");
     }
@@ -156,7 +160,7 @@ fn check_supported(path: &Path, header: &Header) -> Result<()> {
         return refuse("HTJ2K compression");
     }
     if header.layer_size.0 == 0 || header.layer_size.1 == 0 {
-        return Err(Error::corrupt(path, "EXR data window", "no pixels", "at least one"));
+        return Err(Error::corrupt(path, "EXR data window", "no pixels", "at least one pixel"));
     }
     Ok(())
 }
@@ -178,7 +182,7 @@ fn choose_channels(path: &Path, header: &Header, layer: &Layer) -> Result<(Sampl
         uints if uints == chosen.len() => SampleType::U32,
         _ => {
             let found = "an EXR layer with both uint and floating channels";
-            return Err(Error::unsupported(path, found, "put them into layers of their own"));
+            return Err(Error::unsupported(path, found, "store them in separate layers"));
         }
     };
     Ok((sample, chosen))
@@ -224,13 +228,13 @@ fn tags(header: &Header, layer: &str) -> BTreeMap<String, String> {
         ("data window".to_string(), window(own.layer_position, header.layer_size)),
         ("display window".to_string(), window(display.position, display.size)),
     ]);
-    let texts = [
+    let strings = [
         ("layer", Some(layer.to_string()).filter(|name| !name.is_empty())),
         ("owner", own.owner.as_ref().map(ToString::to_string)),
         ("comments", own.comments.as_ref().map(ToString::to_string)),
         ("capture date", own.capture_date.as_ref().map(ToString::to_string)),
     ];
-    tags.extend(texts.into_iter().filter_map(|(name, text)| Some((name.to_string(), text?))));
+    tags.extend(strings.into_iter().filter_map(|(name, text)| Some((name.to_string(), text?))));
     tags
 }
 
@@ -263,7 +267,10 @@ impl Exr {
             .map_err(|error| exr_error(&self.path, "EXR offset table", error.into()))?;
         let offset = u64::from_le_bytes(offset);
         if offset < self.table {
-            return Err(wrong(format!("offset {offset}"), "a block (was the file written to its end?)"));
+            return Err(wrong(
+                format!("offset {offset}"),
+                "a block after the offset table (the file may be incomplete)",
+            ));
         }
         self.file
             .seek(SeekFrom::Start(offset))
@@ -275,7 +282,10 @@ impl Exr {
             let fail = |error| exr_error(&self.path, &place, error);
             let chunk = Chunk::read(&mut self.file, &self.meta).map_err(fail)?;
             if chunk.layer_index != self.header {
-                return Err(wrong(format!("a block of part {}", chunk.layer_index), "one of the part's own"));
+                return Err(wrong(
+                    format!("a block of part {}", chunk.layer_index),
+                    "a block of the same part",
+                ));
             }
             UncompressedBlock::decompress_chunk(chunk, &self.meta, false).map_err(fail)
         })?;
@@ -284,12 +294,12 @@ impl Exr {
         if [at.0 as u64, at.1 as u64] != corner || !is_full {
             return Err(wrong(
                 format!("the block at ({}, {})", at.0, at.1),
-                "the block that the table promises",
+                "the block that the offset table lists",
             ));
         }
         let expected = self.block_columns(corner[0]) * self.block_rows(corner[1]) * self.pixel_bytes();
         if block.data.len() as u64 != expected {
-            return Err(wrong(format!("{} bytes", block.data.len()), "as many as its pixels need"));
+            return Err(wrong(format!("{} bytes", block.data.len()), "the bytes of its pixels"));
         }
         Ok(block.data)
     }
@@ -420,8 +430,7 @@ mod tests {
         assert_eq!((chosen.header, remark), (1, None));
         let (first, remark) = choose_layer(Path::new("a.exr"), &parts, None).unwrap();
         assert!(
-            first.header == 0
-                && remark.unwrap().contains("2 layers, `left`, `right.d`, of which the first is read")
+            first.header == 0 && remark.unwrap().contains("2 layers, `left`, `right.d`; the first is read")
         );
         let unknown = choose_layer(Path::new("a.exr"), &parts, Some("middle")).map(|(layer, _)| layer.name);
         assert!(unknown.unwrap_err().to_string().contains("one of `left`, `right.d`"));

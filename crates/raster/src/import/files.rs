@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::{RasterOptions, first_bytes, mask_file, vrt, worldfile};
 use spinney_base::Result;
-use spinney_base::io::{beside, sidecar_of};
+use spinney_base::io::{sibling_path, sidecar_of};
 
 /// Returns all files that reading a raster may access, whether they exist or not: the file, its
 /// possible sidecars, and the same for the sources of a virtual raster.
@@ -12,7 +12,7 @@ use spinney_base::io::{beside, sidecar_of};
 /// # Errors
 /// If the file, or a source, cannot be read.
 pub fn files_of(path: &Path, options: &RasterOptions) -> Result<Vec<PathBuf>> {
-    let mut files = vec![path.to_path_buf(), beside(path, sidecar_of), mask_file::mask_of(path)];
+    let mut files = vec![path.to_path_buf(), sibling_path(path, sidecar_of), mask_file::mask_of(path)];
     files.extend(worldfile::candidates(path));
     files.extend(worldfile::prj_files(path));
     if vrt::is_vrt(&first_bytes(path, &options.access)?) {

@@ -32,7 +32,7 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     let name = without_query(path).file_name().unwrap_or_default().to_string_lossy();
     let [west, south] = corner(&name).ok_or_else(|| {
         let advice = "rename it to its south-west corner, as in N46E008.hgt";
-        Error::unsupported(path, "an .hgt file whose name does not say where it lies", advice)
+        Error::unsupported(path, "an .hgt file without a position in its name", advice)
     })?;
 
     // Samples are points on a grid that includes both edges of the degree. The first pixel's area

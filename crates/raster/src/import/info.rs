@@ -64,7 +64,7 @@ impl RasterInfo {
         if Region::new(0, 0, self.width, self.height).contains(&region) {
             return Ok(());
         }
-        let size = format!("something within {} x {} pixels", self.width, self.height);
+        let size = format!("a region within {} x {} pixels", self.width, self.height);
         Err(Error::invalid("region to read", format!("{region:?}"), size))
     }
 }

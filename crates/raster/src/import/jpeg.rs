@@ -18,10 +18,10 @@ use spinney_base::{Error, Result};
 
 pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let bytes = options.access.input(path)?.len();
-    options.check_memory(path, "the compressed picture", bytes)?;
+    options.check_memory(path, "the compressed image", bytes)?;
     let info = with_jpeg((path, &options.access), |bytes, decoder| {
         let progressive = check_complete(path, bytes)?;
-        let image = decoder.info().ok_or_else(|| damaged(path, "no frame header"))?;
+        let image = decoder.info().ok_or_else(|| corrupt(path, "no frame header"))?;
         let channels = if decoder.input_colorspace() == Some(ColorSpace::Luma) { 1 } else { 3 };
         let size = [image.width.into(), image.height.into()];
         let layout = if progressive { "JPEG, progressive" } else { "JPEG" };
@@ -99,8 +99,8 @@ fn truncated(path: &Path, bytes: &[u8]) -> Error {
     )
 }
 
-fn damaged(path: &Path, found: impl Into<String>) -> Error {
-    Error::corrupt(path, "JPEG data", found, "a valid JPEG picture")
+fn corrupt(path: &Path, found: impl Into<String>) -> Error {
+    Error::corrupt(path, "JPEG data", found, "a valid JPEG image")
 }
 
 fn jpeg_error(path: &Path, error: &DecodeErrors) -> Error {
@@ -108,6 +108,6 @@ fn jpeg_error(path: &Path, error: &DecodeErrors) -> Error {
         DecodeErrors::Unsupported(scheme) => {
             Error::unsupported(path, format!("this kind of JPEG ({scheme:?})"), "convert it to PNG or TIFF")
         }
-        other => damaged(path, other.to_string()),
+        other => corrupt(path, other.to_string()),
     }
 }

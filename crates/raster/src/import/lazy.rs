@@ -21,11 +21,11 @@ pub(super) struct Pool {
     most: usize,
     next: AtomicU64,
     /// The least recently used come first.
-    open: Mutex<VecDeque<(u64, Opened)>>,
+    open: Mutex<VecDeque<(u64, OpenRaster)>>,
 }
 
 /// An open file, and its next row if rows must be read in sequence.
-struct Opened {
+struct OpenRaster {
     raster: Box<dyn Raster>,
     next_row: u64,
 }
@@ -36,18 +36,18 @@ impl Pool {
         Arc::new(Pool { most, next: AtomicU64::new(0), open: Mutex::default() })
     }
 
-    fn take(&self, id: u64) -> Option<Opened> {
+    fn take(&self, id: u64) -> Option<OpenRaster> {
         let mut open = self.open.lock().expect("no panic while held");
         let place = open.iter().position(|(other, _)| *other == id)?;
         open.remove(place).map(|(_, opened)| opened)
     }
 
-    fn put(&self, id: u64, opened: Opened) {
+    fn put(&self, id: u64, opened: OpenRaster) {
         let sequential = !opened.raster.reads_anywhere();
         let most = if sequential { MAX_SEQUENTIAL } else { self.most };
         let mut open = self.open.lock().expect("no panic while held");
         open.push_back((id, opened));
-        let alike = |(_, other): &(u64, Opened)| other.raster.reads_anywhere() != sequential;
+        let alike = |(_, other): &(u64, OpenRaster)| other.raster.reads_anywhere() != sequential;
         let oldest =
             open.iter().position(alike).filter(|_| open.iter().filter(|other| alike(other)).count() > most);
         let gone = oldest.and_then(|oldest| open.remove(oldest));
@@ -91,7 +91,10 @@ impl Lazy {
 
     /// The file, and the options to open it.
     pub(super) fn opened_as(&self) -> (&Path, RasterOptions) {
-        (&self.path, RasterOptions { nesting: self.options.nesting.anew(), ..self.options.clone() })
+        (
+            &self.path,
+            RasterOptions { nesting: self.options.nesting.with_fresh_budget(), ..self.options.clone() },
+        )
     }
 
     /// Another reader of the same file.
@@ -118,8 +121,8 @@ impl Lazy {
         self.info = info;
     }
 
-    fn reopen(&self) -> Result<Opened> {
-        let nesting = self.options.nesting.anew();
+    fn reopen(&self) -> Result<OpenRaster> {
+        let nesting = self.options.nesting.with_fresh_budget();
         let mut raster = open(&self.path, &RasterOptions { nesting, ..self.options.clone() })?;
         if let Some(chosen) = &self.chosen {
             if chosen.iter().any(|channel| *channel >= raster.info().channels) {
@@ -131,7 +134,7 @@ impl Lazy {
         if about(raster.info()) != about(&self.info) || raster.reads_anywhere() != self.anywhere {
             return Err(self.changed());
         }
-        Ok(Opened { raster, next_row: 0 })
+        Ok(OpenRaster { raster, next_row: 0 })
     }
 
     fn changed(&self) -> Error {
@@ -139,7 +142,7 @@ impl Lazy {
     }
 
     /// Reads a region, also of a raster that can only be read from the top down.
-    fn read_from(&self, opened: &mut Opened, region: Region, pixels: &mut Pixels) -> Result<()> {
+    fn read_from(&self, opened: &mut OpenRaster, region: Region, pixels: &mut Pixels) -> Result<()> {
         if self.anywhere {
             return opened.raster.read(region, pixels);
         }
@@ -233,12 +236,12 @@ mod tests {
 
     #[test]
     fn rows_from_the_top_are_read_in_any_order() {
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         let pool = Pool::new(2);
         let (width, height) = (9, 300);
         let mut lazies: Vec<Lazy> = (0..4)
             .map(|number| {
-                let path = folder.path().join(format!("{number}.png"));
+                let path = directory.path().join(format!("{number}.png"));
                 grey_png(&path, width, height, number);
                 Lazy::open(&path, &RasterOptions::default(), &pool).unwrap()
             })
@@ -257,9 +260,9 @@ mod tests {
     }
 
     #[test]
-    fn files_that_change_are_found_out() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.png");
+    fn changed_files_are_detected() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.png");
         grey_png(&path, 5, 5, 0);
         let mut lazy = Lazy::open(&path, &RasterOptions::default(), &Pool::new(1)).unwrap();
         grey_png(&path, 5, 6, 0);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use super::{Pixels, Raster, RasterInfo, RasterOptions, tiff};
-use spinney_base::io::beside;
+use spinney_base::io::sibling_path;
 use spinney_base::space::Region;
 use spinney_base::{Error, Result};
 
@@ -19,7 +19,7 @@ struct Masked {
 
 /// The mask file of a raster: `a.tif.msk` for `a.tif`.
 pub(super) fn mask_of(raster: &Path) -> PathBuf {
-    beside(raster, |path| {
+    sibling_path(raster, |path| {
         let mut name = path.as_os_str().to_owned();
         name.push(".msk");
         name.into()
@@ -43,7 +43,7 @@ pub(super) fn masked(raster: Box<dyn Raster>, options: &RasterOptions) -> Result
     if (info.width, info.height) != (found.width, found.height) {
         let size = format!("{} x {} pixels", found.width, found.height);
         let expected = format!(
-            "the size of the raster next to it, {} x {} (or move the mask file away)",
+            "the size of its raster, {} x {} (to read it without the mask, move the mask file away)",
             info.width, info.height
         );
         return Err(Error::corrupt(&path, "mask file", size, expected));

@@ -234,7 +234,7 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
         }
         start => match whole_image::format_of(path, start) {
             Some(format) => whole_image::open(path, format, start, options),
-            None => Err(OtherFormat::refuse_source(path, start)),
+            None => Err(OtherFormat::refuse_source(path, start, "a raster")),
         },
     };
     let raster = mask_file::masked(raster?, options)?;
@@ -246,11 +246,10 @@ fn first_bytes(path: &Path, access: &FileAccess) -> Result<Vec<u8>> {
     if path.is_dir() {
         // Some formats are directories.
         if OtherFormat::of(path, &[]).is_some() {
-            return Err(OtherFormat::refuse_source(path, &[]));
+            return Err(OtherFormat::refuse_source(path, &[], "a raster"));
         }
         let name = path.display();
-        let advice =
-            format!("name its files, as in {name}/*.tif; or, if they are sections of a volume: --pages z");
+        let advice = format!("give its files, as in {name}/*.tif, or --pages z for sections of a volume");
         return Err(Error::unsupported(path, "a directory", advice));
     }
     let file = access.input(path)?;

@@ -160,7 +160,7 @@ fn same_number(a: Option<Number>, b: Option<Number>) -> bool {
 
 /// Offset of a raster's first pixel in pixels of another raster.
 fn offset(first: &dyn Raster, other: &dyn Raster) -> Result<[i64; 2]> {
-    let both = || format!("{} and {} for one mosaic", first.path().display(), other.path().display());
+    let both = || format!("mosaic of {} and {}", first.path().display(), other.path().display());
     let (a, b) = (first.info(), other.info());
     let pixels = |info: &RasterInfo| (info.sample, info.channels, info.alpha);
     if pixels(a) != pixels(b) || a.scale_offset != b.scale_offset {
@@ -172,7 +172,7 @@ fn offset(first: &dyn Raster, other: &dyn Raster) -> Result<[i64; 2]> {
             both(),
             format!("{} and {}", name(a), name(b)),
             format!(
-                "the same kind of pixels; a tree of each is brought to the first's: `spinney build {} -o below.goblin`, \
+                "equal pixel types and scales; to convert the second, combine trees: `spinney build {} -o below.goblin`, \
                  `spinney build {} -o above.goblin`, `spinney combine over above.goblin below.goblin -o both.goblin`",
                 first.path().display(),
                 other.path().display()
@@ -198,7 +198,7 @@ fn offset(first: &dyn Raster, other: &dyn Raster) -> Result<[i64; 2]> {
         Some(shift) => Ok(shift.map(|pixels| pixels as i64)),
         None => {
             let found = format!("transforms {:?} and {:?}", a.frame.affine(), b.frame.affine());
-            Err(Error::invalid(both(), found, "pixels of one size, a whole number of pixels apart"))
+            Err(Error::invalid(both(), found, "pixels of one size, an integer number of pixels apart"))
         }
     }
 }
@@ -291,9 +291,9 @@ mod tests {
 
     /// A raster at an offset with pixels from 0 (VOID) to 3, whether it requires bands, and whether
     /// it has another nodata number.
-    type Picture = ([i64; 2], [u64; 2], Vec<u8>, bool, bool);
+    type TestImage = ([i64; 2], [u64; 2], Vec<u8>, bool, bool);
 
-    fn picture() -> impl Strategy<Value = Picture> {
+    fn image() -> impl Strategy<Value = TestImage> {
         let size = (1u64..9, 1u64..9);
         let offset = (-6i64..6, -6i64..6);
         (offset, size, any::<bool>(), any::<bool>()).prop_flat_map(
@@ -306,22 +306,22 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_mosaic_is_what_overlaying_gives(pictures in prop::collection::vec(picture(), 1..5), band in 1u64..5) {
-            let raster = |(at, size, pixels, bands, other): &Picture| -> Box<dyn Raster> {
+        fn a_mosaic_is_what_overlaying_gives(images in prop::collection::vec(image(), 1..5), band in 1u64..5) {
+            let raster = |(at, size, pixels, bands, other): &TestImage| -> Box<dyn Raster> {
                 let mut info = info(*at, *size);
                 info.order = if *bands { Order::Bands } else { Order::Anywhere };
                 info.nodata = Some(if *other { 3.into() } else { 0.into() });
                 Box::new(Fake::new(info, pixels.clone()))
             };
-            let mut mosaic = mosaic(pictures.iter().map(raster).collect()).unwrap();
+            let mut mosaic = mosaic(images.iter().map(raster).collect()).unwrap();
             let info = mosaic.info().clone();
-            let [west, north] = [0, 1].map(|axis| pictures.iter().map(|picture| picture.0[axis]).min().unwrap());
+            let [west, north] = [0, 1].map(|axis| images.iter().map(|image| image.0[axis]).min().unwrap());
             prop_assert_eq!(info.frame.to_world([0.0; 3])[..2].to_vec(), vec![
                 100.0 + 0.5 * west as f64,
                 50.0 - 0.5 * north as f64,
             ]);
             let expected = |x: i64, y: i64| {
-                pictures.iter().rev().find_map(|(at, size, pixels, _, other)| {
+                images.iter().rev().find_map(|(at, size, pixels, _, other)| {
                     let (x, y) = ((x - at[0]) as u64, (y - at[1]) as u64);
                     let inside = x < size[0] && y < size[1];
                     let pixel = inside.then(|| pixels[(y * size[0] + x) as usize]);
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn rasters_that_do_not_fit_are_refused() {
+    fn incompatible_rasters_are_rejected() {
         let refused = |change: &dyn Fn(&mut RasterInfo)| {
             let mut other = info([5, 0], [4, 4]);
             change(&mut other);

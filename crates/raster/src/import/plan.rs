@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::lazy::{Lazy, Pool};
 use super::mosaic::{Mosaic, MosaicPlan};
-use super::sidecar::Described;
+use super::sidecar::DescribedRaster;
 use super::validity::as_stored;
 use super::{Band, Raster, RasterInfo, RasterOptions, Transparent, bands, mosaic, open};
 use serde::{Deserialize, Serialize};
@@ -136,8 +136,8 @@ impl RasterImport {
 /// use spinney::import::raster::{ImportOptions, plan};
 /// use spinney::Output;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("island.goblin");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("island.goblin");
 /// let import = plan(&["fixtures/island_elevation.tif".into()], &ImportOptions::default())?;
 /// import.build(Output::create(&path)?, &())?;
 /// assert_eq!(spinney::open(&path)?.depth(), 8);
@@ -170,9 +170,11 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
     let frame = frame(info, options)?;
     let (kind, kind_reason) = kind(info, options);
     let rule = options.rule.unwrap_or(kind.default_rule());
+    kind.check_rule(rule, raster.path())?;
     let size = format!("{} x {} pixels", info.width, info.height);
-    let depth = depth_of(Dimension::Quad, [info.width, info.height, 1], &size, options.depth)?;
-    let choices = Choices { value, kind, kind_reason, rule, depth };
+    let depth =
+        depth_of(Dimension::Quad, [info.width, info.height, 1], (raster.path(), &size), options.depth)?;
+    let choices = TreeProperties { value, kind, kind_reason, rule, depth };
     let metadata = metadata(frame, inputs, info, options);
     let description = describe(inputs, info, options, &choices, &metadata, overruled);
     let nodata = info.nodata;
@@ -218,10 +220,10 @@ pub fn plan_part(
 
 /// Files with content that is not read, and a description of that.
 fn remarks(rasters: &[Box<dyn Raster>]) -> Vec<(PathBuf, String)> {
-    let told = rasters
+    let found = rasters
         .iter()
         .filter_map(|raster| Some((raster.path().to_path_buf(), raster.info().remark.clone()?)));
-    told.collect()
+    found.collect()
 }
 
 /// Opens inputs with the user's channels, nodata number and coordinate system. With `are_several`
@@ -258,12 +260,12 @@ fn open_inputs(
             None => raster,
         };
         let mut info = raster.info().clone();
-        tell(&mut info, options, overruled);
+        apply_options(&mut info, options, overruled);
         if are_several && info.transparent == Transparent::Masked {
             // Images below are visible through transparent pixels.
             info.transparent = Transparent::Void;
         }
-        Ok(Box::new(Described { raster, info }))
+        Ok(Box::new(DescribedRaster { raster, info }))
     };
     inputs.iter().map(open_one).collect()
 }
@@ -280,15 +282,15 @@ fn transparent(info: &RasterInfo, options: &ImportOptions) -> Transparent {
 
 /// Overrides properties of a file by the user's options. `overruled` is set to the first coordinate
 /// system of a file that differs from the user's.
-pub(super) fn tell(info: &mut RasterInfo, options: &ImportOptions, overruled: &mut Option<Crs>) {
+pub(super) fn apply_options(info: &mut RasterInfo, options: &ImportOptions, overruled: &mut Option<Crs>) {
     info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
     info.transparent = transparent(info, options);
     if let Some(chosen) = &options.crs {
-        let told = match &mut info.control_points {
+        let replaced = match &mut info.control_points {
             Some(points) => points.crs.replace(chosen.clone()),
             None => info.frame.crs.replace(chosen.clone()),
         };
-        *overruled = overruled.take().or(told.filter(|told| !told.is_same(chosen)));
+        *overruled = overruled.take().or(replaced.filter(|crs| !crs.is_same(chosen)));
     }
 }
 
@@ -297,15 +299,15 @@ pub(super) fn check_pages(raster: &dyn Raster) -> Result<()> {
     match raster.info().pages {
         0 | 1 => Ok(()),
         pages => {
-            let advice = "say which with --pages (in Python pages=): a number from 0 for one of them, layers for a layer of each, z \
-                          for a volume";
-            Err(Error::unsupported(raster.path(), format!("{pages} pages"), advice))
+            let advice = "select with --pages (in Python pages=): a page number from 0, layers for a layer of each page, z for a \
+                          volume";
+            Err(Error::unsupported(raster.path(), format!("a raster of {pages} pages"), advice))
         }
     }
 }
 
 /// Properties of the tree that follow from the raster and the options.
-struct Choices {
+struct TreeProperties {
     value: ValueType,
     kind: DataKind,
     /// Reason for the kind, for messages.
@@ -355,18 +357,18 @@ fn describe(
     inputs: &[PathBuf],
     info: &RasterInfo,
     options: &ImportOptions,
-    choices: &Choices,
+    choices: &TreeProperties,
     metadata: &Metadata,
     overruled: Option<Crs>,
 ) -> Vec<(&'static str, String)> {
-    let Choices { value, kind, kind_reason, rule, depth } = choices;
+    let TreeProperties { value, kind, kind_reason, rule, depth } = choices;
     let plural = if value.channels == 1 { "" } else { "s" };
     let stored = &info.stored_sample;
     let nodata = nodata_text(options.nodata, info.nodata, value.sample);
     let crs = match (&metadata.frame.crs, overruled) {
         (None, _) => "none".into(),
         (Some(crs), None) => crs.to_string(),
-        (Some(crs), Some(told)) => format!("{crs}, as you said; the input says {told}"),
+        (Some(crs), Some(input)) => format!("{crs}, as requested; the input has {input}"),
     };
     let affine = metadata.frame.affine().map(|number| number.to_string()).join(", ");
     let mut lines = vec![
@@ -389,7 +391,7 @@ fn describe(
         lines.push(("palette", format!("{} colours", palette.colours.len())));
     }
     lines.push(("kind", format!("{kind}: {kind_reason}")));
-    let default = if options.rule.is_some() { "as you said".into() } else { format!("usual for {kind}") };
+    let default = if options.rule.is_some() { "as requested".into() } else { format!("default for {kind}") };
     lines.push(("rule", format!("{rule}, {default}")));
     lines.push(("depth", format!("{depth} levels, {0} x {0} cells", 1u64 << depth)));
     lines
@@ -421,37 +423,43 @@ pub(super) fn kind(info: &RasterInfo, options: &ImportOptions) -> (DataKind, &'s
     let small = matches!(info.sample, SampleType::U8) && info.channels == 1;
     let has_classes = info.channels == 1 && !info.sample.is_float() && !info.class_names.is_empty();
     match (options.kind, info.kind) {
-        (Some(kind), _) => (kind, "as you said"),
+        (Some(kind), _) => (kind, "as requested"),
         (None, Some(kind @ DataKind::Categorical)) if info.palette.is_some() => (kind, "it has a palette"),
         (None, _) if has_classes => (DataKind::Categorical, "its values have names"),
-        (None, Some(kind)) => (kind, "as the file's samples tell"),
-        (None, None) if small => (DataKind::Continuous, "8-bit grey; for classes say --kind categorical"),
-        (None, None) => (DataKind::Continuous, "the usual for such samples"),
+        (None, Some(kind)) => (kind, "declared by the file"),
+        (None, None) if small => (DataKind::Continuous, "8-bit grey; for classes use --kind categorical"),
+        (None, None) => (DataKind::Continuous, "default for such samples"),
     }
 }
 
 /// Describes the nodata number: the requested one, or the file's, as far as samples of the tree's
 /// type can hold it.
-pub(crate) fn nodata_text(asked: Option<Number>, held: Option<Number>, sample: SampleType) -> String {
-    match (asked, held) {
+pub(crate) fn nodata_text(requested: Option<Number>, held: Option<Number>, sample: SampleType) -> String {
+    match (requested, held) {
         (Some(number), None) => format!("none: {} cannot hold {number}", sample.name()),
-        (Some(_), Some(number)) => format!("{number}, as you said"),
+        (Some(_), Some(number)) => format!("{number}, as requested"),
         (None, Some(number)) => number.to_string(),
         (None, None) => "none".into(),
     }
 }
 
 /// Returns the depth of a tree: the requested one, or the minimum that holds its cells. `size` is
-/// their size, for messages.
+/// their size, and `path` the file, for messages.
 ///
 /// # Errors
 /// If no tree is that large, or the requested depth is too small or too large.
-pub(crate) fn depth_of(dimension: Dimension, extent: [u64; 3], size: &str, asked: Option<u8>) -> Result<u8> {
+pub(crate) fn depth_of(
+    dimension: Dimension,
+    extent: [u64; 3],
+    (path, size): (&Path, &str),
+    requested: Option<u8>,
+) -> Result<u8> {
     let (least, most) = (depth_for(extent), dimension.max_depth());
     if least > most {
-        return Err(Error::invalid("size", size, format!("at most 2^{most} cells along a side")));
+        let what = format!("{}: size", path.display());
+        return Err(Error::invalid(what, size, format!("at most 2^{most} cells per side")));
     }
-    match asked {
+    match requested {
         None => Ok(least),
         Some(depth) if (least..=most).contains(&depth) => Ok(depth),
         Some(depth) => {

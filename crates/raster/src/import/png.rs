@@ -44,17 +44,17 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
         let bits = u64::from(header.width) * header.bits_per_pixel() as u64;
         let row_bytes = bits.div_ceil(8);
         // Both the decoder and this reader hold a few rows.
-        options.check_memory(path, "a few rows of the picture", row_bytes.saturating_mul(4))?;
+        options.check_memory(path, "a few rows of the image", row_bytes.saturating_mul(4))?;
         if header.interlaced {
             let all = row_bytes.saturating_mul(header.height.into());
-            options.check_memory(path, "an interlaced picture", all)?;
+            options.check_memory(path, "an interlaced image", all)?;
         }
         Ok((decoder.read_info().map_err(|error| png_error(path, error))?, row_bytes as usize))
     })?;
 
     let header = reader.info();
     if header.frame_control.is_some_and(|frame| (frame.width, frame.height) != header.size()) {
-        return Err(damaged(path, "the first picture of an animation that does not fill it"));
+        return Err(corrupt(path, "a first animation frame that is smaller than the image"));
     }
     let depth = header.bit_depth as u8;
     let info = describe(header);
@@ -68,10 +68,10 @@ fn describe(header: &Info) -> RasterInfo {
     let channels = header.color_type.samples();
     let size = [header.width.into(), header.height.into()];
     let palette = (header.color_type == ColorType::Indexed).then(|| palette(header));
-    let (tags, left_out) = texts(header);
+    let (tags, left_out) = strings(header);
     let without = match left_out {
         0 => String::new(),
-        count => format!(", without texts that are damaged or longer than {} MiB: {count}", MAX_TEXT >> 20),
+        count => format!(", without strings that are corrupt or longer than {} MiB: {count}", MAX_TEXT >> 20),
     };
     let rows = if header.interlaced { "interlaced" } else { "rows" };
     RasterInfo {
@@ -98,16 +98,16 @@ fn describe(header: &Info) -> RasterInfo {
 const MAX_TEXT: usize = 8 << 20;
 
 /// A text decoded from its chunk.
-type Unpacked = std::result::Result<String, DecodingError>;
+type TextResult = std::result::Result<String, DecodingError>;
 
 /// Decodes text chunks by their keywords, and counts those that cannot be decompressed or are too
 /// long: a few bytes may expand to gigabytes.
-fn texts(header: &Info) -> (BTreeMap<String, String>, usize) {
-    let (mut texts, mut left_out, mut room) = (BTreeMap::new(), 0, MAX_TEXT);
-    let mut add = |name: &str, unpack: &dyn Fn(usize) -> Unpacked| match unpack(room) {
-        Ok(text) if text.len() <= room => {
-            room -= text.len();
-            texts.insert(name.to_string(), text);
+fn strings(header: &Info) -> (BTreeMap<String, String>, usize) {
+    let (mut strings, mut left_out, mut budget) = (BTreeMap::new(), 0, MAX_TEXT);
+    let mut add = |name: &str, unpack: &dyn Fn(usize) -> TextResult| match unpack(budget) {
+        Ok(text) if text.len() <= budget => {
+            budget -= text.len();
+            strings.insert(name.to_string(), text);
         }
         _ => left_out += 1,
     };
@@ -115,20 +115,20 @@ fn texts(header: &Info) -> (BTreeMap<String, String>, usize) {
         add(&chunk.keyword, &|_| Ok(chunk.text.clone()));
     }
     for chunk in &header.compressed_latin1_text {
-        add(&chunk.keyword, &|room| {
+        add(&chunk.keyword, &|budget| {
             let mut chunk = chunk.clone();
-            chunk.decompress_text_with_limit(room)?;
+            chunk.decompress_text_with_limit(budget)?;
             chunk.get_text()
         });
     }
     for chunk in &header.utf8_text {
-        add(&chunk.keyword, &|room| {
+        add(&chunk.keyword, &|budget| {
             let mut chunk = chunk.clone();
-            chunk.decompress_text_with_limit(room)?;
+            chunk.decompress_text_with_limit(budget)?;
             chunk.get_text()
         });
     }
-    (texts, left_out)
+    (strings, left_out)
 }
 
 fn palette(header: &Info) -> Palette {
@@ -145,7 +145,7 @@ fn void_rule(path: &Path, header: &Info, palette: Option<&Palette>) -> Result<Vo
     }
     let pixel_bytes = header.color_type.samples() * if header.bit_depth == BitDepth::Sixteen { 2 } else { 1 };
     let mut colour =
-        transparent.get(..pixel_bytes).ok_or_else(|| damaged(path, "a short tRNS chunk"))?.to_vec();
+        transparent.get(..pixel_bytes).ok_or_else(|| corrupt(path, "a short tRNS chunk"))?.to_vec();
     if header.bit_depth == BitDepth::Sixteen {
         colour.as_chunks_mut::<2>().0.iter_mut().for_each(|sample| sample.reverse());
     }
@@ -159,7 +159,7 @@ impl Png {
         guard(path, &format!("PNG row {next_row}"), || {
             if !reader.info().interlaced {
                 let row = reader.read_row(raw).map_err(|error| png_error(path, error))?;
-                row.ok_or_else(|| damaged(path, "too few rows"))?;
+                row.ok_or_else(|| corrupt(path, "too few rows"))?;
             } else if *next_row == 0 {
                 reader.next_frame(raw).map_err(|error| png_error(path, error))?;
             }
@@ -185,7 +185,7 @@ impl Raster for Png {
         self.info.check(region)?;
         if region.x != 0 || region.width != self.info.width || region.y != self.next_row {
             let expected = format!("full-width rows from row {}", self.next_row);
-            return Err(Error::invalid("region to read of a PNG", format!("{region:?}"), expected));
+            return Err(Error::invalid("region of a PNG image", format!("{region:?}"), expected));
         }
         let samples = self.info.width as usize * self.info.channels;
         let row_bytes = (samples * usize::from(self.depth)).div_ceil(8);
@@ -225,20 +225,20 @@ fn unpack(raw: &[u8], depth: u8, samples: usize, out: &mut Vec<u8>) {
     }
 }
 
-fn damaged(path: &Path, found: impl Into<String>) -> Error {
-    Error::corrupt(path, "PNG data", found, "a valid PNG picture")
+fn corrupt(path: &Path, found: impl Into<String>) -> Error {
+    Error::corrupt(path, "PNG data", found, "a valid PNG image")
 }
 
 fn png_error(path: &Path, error: DecodingError) -> Error {
     match error {
         DecodingError::IoError(error) if error.kind() == ErrorKind::UnexpectedEof => {
-            damaged(path, "the end of the file")
+            corrupt(path, "the end of the file")
         }
         DecodingError::IoError(error) => Error::io(path, "read")(error),
         DecodingError::LimitsExceeded => {
             Error::unsupported(path, "a chunk larger than the memory limit", "allow more with --memory")
         }
-        other => damaged(path, other.to_string()),
+        other => corrupt(path, other.to_string()),
     }
 }
 
@@ -247,7 +247,7 @@ mod tests {
     use super::unpack;
 
     #[test]
-    fn unpacking() {
+    fn packed_samples_are_unpacked() {
         let cases: [(&[u8], u8, usize, &[u8]); 4] = [
             (&[0b1010_0000], 1, 3, &[1, 0, 1]),
             (&[0b1101_1000], 2, 3, &[3, 1, 2]),

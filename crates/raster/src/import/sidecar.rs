@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::xml::XmlElement;
 use super::{Pixels, Raster, RasterInfo, gdal, worldfile};
-use spinney_base::io::{FileAccess, beside, sidecar_of};
+use spinney_base::io::{FileAccess, sibling_path, sidecar_of};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Number, Palette};
 use spinney_base::{Error, Result};
@@ -15,12 +15,12 @@ use spinney_crs::{ControlPoint, ControlPoints, Crs, Frame, Transformation};
 const MAX_BYTES: u64 = 16 << 20;
 
 /// A raster with properties from other sources than its file.
-pub(super) struct Described {
+pub(super) struct DescribedRaster {
     pub(super) raster: Box<dyn Raster>,
     pub(super) info: RasterInfo,
 }
 
-impl Raster for Described {
+impl Raster for DescribedRaster {
     fn info(&self) -> &RasterInfo {
         &self.info
     }
@@ -43,7 +43,7 @@ impl Raster for Described {
 
     fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
         let raster = self.raster.separate_channels(channels)?;
-        Some(Box::new(Described { raster, info: self.info.of_channels(channels) }))
+        Some(Box::new(DescribedRaster { raster, info: self.info.of_channels(channels) }))
     }
 
     fn reads_anywhere(&self) -> bool {
@@ -56,9 +56,9 @@ impl Raster for Described {
 /// read from a sidecar or world file only if the file has none.
 pub(super) fn describe(raster: Box<dyn Raster>, access: &FileAccess) -> Result<Box<dyn Raster>> {
     let mut info = raster.info().clone();
-    apply_sidecar(beside(raster.path(), sidecar_of), access, &mut info)?;
-    worldfile::place(raster.path(), access, &mut info.frame)?;
-    Ok(Box::new(Described { raster, info }))
+    apply_sidecar(sibling_path(raster.path(), sidecar_of), access, &mut info)?;
+    worldfile::complete_frame(raster.path(), access, &mut info.frame)?;
+    Ok(Box::new(DescribedRaster { raster, info }))
 }
 
 /// Applies a sidecar, if it exists.
@@ -66,12 +66,12 @@ fn apply_sidecar(path: PathBuf, access: &FileAccess, info: &mut RasterInfo) -> R
     let Some(file) = access.find_companion(&path)? else { return Ok(()) };
     let mut bytes = Vec::new();
     file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(Error::io(&path, "read"))?;
-    let found = if bytes.len() as u64 > MAX_BYTES { "more than 16 MiB" } else { "something else" };
+    let found = if bytes.len() as u64 > MAX_BYTES { "more than 16 MiB" } else { "no such element" };
     let text = String::from_utf8_lossy(&bytes);
     let root = XmlElement::document(&text).named("PAMDataset").next();
     let Some(root) = root.filter(|_| bytes.len() as u64 <= MAX_BYTES) else {
         let expected =
-            "GDAL's metadata in XML, <PAMDataset>; move the file away to read the picture without it";
+            "GDAL's metadata in XML, <PAMDataset>; to read the image without it, move the file away";
         return Err(Error::corrupt(path, "sidecar", found, expected));
     };
     apply(&path, &root, info)
@@ -120,7 +120,7 @@ fn apply(path: &Path, root: &XmlElement<'_>, info: &mut RasterInfo) -> Result<()
     if let (Some(own), Some(other)) = (own.1, info.nodata)
         && own != other
     {
-        found.push(format!("the nodata number {other}, which is used in place of {own} of the file"));
+        found.push(format!("the nodata number {other}, which replaces {own} of the file"));
     }
     if !found.is_empty() {
         let name = path.file_name().unwrap_or_default().display();
@@ -239,7 +239,7 @@ pub(super) fn geo_transform(path: &Path, text: &str) -> Result<Frame> {
             frame.affine().iter().all(|number| number.is_finite()) && frame.to_cells([0.0; 3]).is_some()
         })
         .ok_or_else(|| {
-            Error::corrupt(path, "GeoTransform", "something else", "six numbers that make an invertible map")
+            Error::corrupt(path, "GeoTransform", "other numbers or text", "six numbers of an invertible map")
         })
 }
 
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_that_gdal_keeps_beside_a_picture() {
+    fn all_metadata_of_gdal_sidecars_is_read() {
         let info = described(
             "<PAMDataset>
               <GCPList Projection=\"GEOGCS[&quot;WGS 84&quot;,DATUM[&quot;WGS_1984&quot;,AUTHORITY[&quot;EPSG&quot;,&quot;6326&quot;]],AUTHORITY[&quot;EPSG&quot;,&quot;4326&quot;]]\">
@@ -348,7 +348,7 @@ mod tests {
             remark.unwrap(),
             "a.tif.aux.xml has another coordinate system (EPSG:25832), which is not used; \
              a.tif.aux.xml has another geotransform (500005, 10, 0, 5600000, 0, -10), which is not used; \
-             a.tif.aux.xml has the nodata number 0, which is used in place of -9999 of the file"
+             a.tif.aux.xml has the nodata number 0, which replaces -9999 of the file"
         );
         assert_eq!(nodata, Some(0.into()));
     }

@@ -5,7 +5,7 @@ use std::mem;
 use super::validity::Validity;
 use super::{Order, Pixels, Raster};
 use spinney_base::Result;
-use spinney_base::space::{CodeRun, Dimension, Region};
+use spinney_base::space::{CodeRange, Dimension, Region};
 use spinney_engine::store::{Slab, SlabBoxes, Slabs, WantedCells, depth_for};
 
 /// Cells per side of the builder's blocks.
@@ -37,7 +37,7 @@ impl RasterSlabs {
         }
         let opacity = Validity::by_opacity(info);
         let extent = [info.width, info.height, 1];
-        let all = WantedCells { dimension: Dimension::Quad, depth: depth_for(extent), run: CodeRun::ALL };
+        let all = WantedCells { dimension: Dimension::Quad, depth: depth_for(extent), run: CodeRange::ALL };
         RasterSlabs { raster, opacity, squares: SlabBoxes::new(extent, all, side), side, next_row: 0 }
     }
 

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 
 use super::slabs::BLOCK;
 use super::{Order, Pixels, Raster, RasterInfo};
-use spinney_base::space::{CodeRun, Dimension, Region};
+use spinney_base::space::{CodeRange, Dimension, Region};
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::store::{SlabBoxes, WantedCells, depth_for};
 
@@ -20,7 +20,7 @@ const SIDE: u64 = 1024;
 /// The samples may be followed by one byte per pixel, 1 where a mask makes it VOID.
 struct SpillFile {
     file: Mutex<File>,
-    folder: PathBuf,
+    directory: PathBuf,
     size: [u64; 2],
     /// File offset of the mask.
     mask: u64,
@@ -56,11 +56,11 @@ struct Spilled {
 /// If the raster cannot be read, the file cannot be written, or on cancellation.
 pub fn spill(
     raster: Box<dyn Raster>,
-    folder: &Path,
+    directory: &Path,
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Box<dyn Raster>> {
-    spill_wanted(raster, None, folder, memory, progress)
+    spill_wanted(raster, None, directory, memory, progress)
 }
 
 /// Like [`spill`], but only for the wanted cells. Blocks without wanted cells are not written, and
@@ -68,12 +68,12 @@ pub fn spill(
 pub(super) fn spill_wanted(
     raster: Box<dyn Raster>,
     wanted: Option<WantedCells>,
-    folder: &Path,
+    directory: &Path,
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Box<dyn Raster>> {
     let all = (0..raster.info().channels).collect();
-    Ok(spill_channels(raster, vec![all], wanted, folder, memory, progress)?.group(0))
+    Ok(spill_channels(raster, vec![all], wanted, directory, memory, progress)?.group(0))
 }
 
 /// Copies a raster once into a temporary file with separate groups of channels: see
@@ -85,15 +85,15 @@ pub(super) fn spill_channels(
     mut raster: Box<dyn Raster>,
     groups: Vec<Vec<usize>>,
     wanted: Option<WantedCells>,
-    folder: &Path,
+    directory: &Path,
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<SpilledChannels> {
     let info = RasterInfo { order: Order::Anywhere, ..raster.info().clone() };
-    let file = tempfile::tempfile_in(folder).map_err(failed(folder))?;
+    let file = tempfile::tempfile_in(directory).map_err(failed(directory))?;
     let mut spilled = SpillFile {
         file: Mutex::new(file),
-        folder: folder.into(),
+        directory: directory.into(),
         size: [info.width, info.height],
         mask: 0,
         has_mask: false,
@@ -111,12 +111,12 @@ pub(super) fn spill_channels(
     spilled.mask = start;
     // Unwritten ranges read as zeros, such as those of a mask without VOID.
     let file = spilled.file.get_mut().expect("no panic while held");
-    file.set_len(start + pixels).map_err(failed(folder))?;
+    file.set_len(start + pixels).map_err(failed(directory))?;
     let (mut part, mut buffer) = (Pixels::default(), Vec::new());
     for region in regions(&*raster, wanted, memory) {
         progress.check()?;
         raster.read(region, &mut part)?;
-        spilled.write(region, (wanted, &groups), &info, &part, &mut buffer).map_err(failed(folder))?;
+        spilled.write(region, (wanted, &groups), &info, &part, &mut buffer).map_err(failed(directory))?;
     }
     let path = raster.path().to_path_buf();
     Ok(SpilledChannels { file: Arc::new(spilled), path, info, groups })
@@ -132,7 +132,7 @@ fn regions(raster: &dyn Raster, wanted: Option<WantedCells>, memory: u64) -> Vec
     let mut regions = Vec::new();
     if info.order == Order::Anywhere {
         let extent = [width, height, 1];
-        let all = WantedCells { dimension: Dimension::Quad, depth: depth_for(extent), run: CodeRun::ALL };
+        let all = WantedCells { dimension: Dimension::Quad, depth: depth_for(extent), run: CodeRange::ALL };
         let mut side = SIDE;
         while side > BLOCK && side * side * pixel > memory {
             side /= 2;
@@ -182,8 +182,8 @@ fn divide(region: Region, pixel: u64, memory: u64, regions: &mut Vec<Region>) {
     }
 }
 
-fn failed(folder: &Path) -> impl FnOnce(io::Error) -> Error {
-    Error::io(folder, "use a temporary file for the picture")
+fn failed(directory: &Path) -> impl FnOnce(io::Error) -> Error {
+    Error::io(directory, "use a temporary file for the image")
 }
 
 /// A range of bytes of each row; rows have `row` bytes.
@@ -343,7 +343,7 @@ impl Raster for Spilled {
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
         self.info.check(region)?;
         let (file, buffer, size) = (&self.file, &mut self.buffer, self.info.pixel_bytes());
-        let failed = || failed(&file.folder);
+        let failed = || failed(&file.directory);
         pixels.bytes.resize(region.area() as usize * size, 0);
         file.read_all(self.start, region, &mut pixels.bytes, size, buffer).map_err(failed())?;
         pixels.valid = None;
@@ -360,17 +360,17 @@ impl Raster for Spilled {
 mod tests {
     use super::super::fake::Fake;
     use super::*;
-    use spinney_base::space::{Code, CodeRun, Dimension};
+    use spinney_base::space::{Code, CodeRange, Dimension};
     use spinney_base::value::SampleType;
 
     #[test]
-    fn any_region_comes_back() {
+    fn spilled_regions_equal_the_input() {
         let (width, height) = (700, 520);
         let info = RasterInfo::plain([width, height], SampleType::I16, 1);
         let bytes: Vec<u8> = (0..width * height * 2).map(|i| (i * i / 7) as u8).collect();
         // The mask has gaps only far down, so the first bands have none.
         let valid: Vec<bool> = (0..width * height).map(|i| i < 500 * width || i % 3 > 0).collect();
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         for (memory, mask) in [(0, None), (30_000, Some(&valid)), (1 << 30, Some(&valid))] {
             let fake = |order| {
                 let fake = Fake::new(RasterInfo { order, ..info.clone() }, bytes.clone());
@@ -380,7 +380,7 @@ mod tests {
                 }
             };
             let (source, mut direct) = (fake(Order::Bands), fake(Order::Anywhere));
-            let mut spilled = spill(Box::new(source), folder.path(), memory, &()).unwrap();
+            let mut spilled = spill(Box::new(source), directory.path(), memory, &()).unwrap();
             assert_eq!(spilled.info().order, Order::Anywhere);
             let (mut found, mut expected) = (Pixels::default(), Pixels::default());
             for region in [[0, 0, width, height], [256, 256, 256, 256], [699, 519, 1, 1], [200, 490, 400, 30]]
@@ -393,21 +393,21 @@ mod tests {
                 assert!(found == expected, "{region:?}");
             }
         }
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
     }
 
     #[test]
-    fn what_is_wanted_comes_back() {
+    fn spilled_wanted_cells_equal_the_input() {
         let info = RasterInfo::plain([1000, 700], SampleType::U8, 1);
         let bytes: Vec<u8> = (0..700_000u64).map(|i| (i * i / 7) as u8).collect();
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         let root = Code::root(Dimension::Quad);
         // The blocks at 256, 256 and from 512, 0 to 767, 511.
-        let run = CodeRun::of(root.child(0).child(3), root.child(1).child(2)).unwrap();
+        let run = CodeRange::of(root.child(0).child(3), root.child(1).child(2)).unwrap();
         for order in [Order::Bands, Order::Anywhere] {
             let fake = Fake::new(RasterInfo { order, ..info.clone() }, bytes.clone());
             let wanted = Some(WantedCells { dimension: Dimension::Quad, depth: 10, run });
-            let mut spilled = spill_wanted(Box::new(fake), wanted, folder.path(), 100_000, &()).unwrap();
+            let mut spilled = spill_wanted(Box::new(fake), wanted, directory.path(), 100_000, &()).unwrap();
             let mut direct = Fake::new(RasterInfo { order: Order::Anywhere, ..info.clone() }, bytes.clone());
             let (mut found, mut expected) = (Pixels::default(), Pixels::default());
             for (x, y) in [(256, 256), (512, 0), (512, 256), (768, 0)] {
@@ -417,17 +417,17 @@ mod tests {
                 assert!(found == expected, "{region:?}");
             }
             spilled.read(Region::new(0, 512, 256, 100), &mut found).unwrap();
-            assert!(found.bytes.iter().all(|byte| *byte == 0), "nobody has asked for it");
+            assert!(found.bytes.iter().all(|byte| *byte == 0), "these cells were not requested");
         }
     }
 
     #[test]
-    fn channels_come_back_alone_and_are_read_once() {
+    fn channels_are_spilled_separately_in_one_pass() {
         let (width, height, channels) = (600, 300, 5);
         let info = RasterInfo::plain([width, height], SampleType::I16, channels);
         let bytes: Vec<u8> = (0..width * height * channels as u64 * 2).map(|i| (i * i / 7) as u8).collect();
         let valid: Vec<bool> = (0..width * height).map(|i| i % 1000 > 0).collect();
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         let groups = [vec![3], vec![4, 0], vec![1, 2, 3]];
         for memory in [0, 1000, 100_000, 1 << 30] {
             for order in [Order::Bands, Order::Anywhere] {
@@ -435,8 +435,14 @@ mod tests {
                     let info = RasterInfo { order, ..info.clone() };
                     Fake::new(info, bytes.clone()).with_mask(valid.clone())
                 };
-                let spilled =
-                    spill_channels(Box::new(fake(order)), groups.to_vec(), None, folder.path(), memory, &());
+                let spilled = spill_channels(
+                    Box::new(fake(order)),
+                    groups.to_vec(),
+                    None,
+                    directory.path(),
+                    memory,
+                    &(),
+                );
                 let spilled = spilled.unwrap();
                 let read = regions(&fake(order), None, memory);
                 assert_eq!(read.iter().map(Region::area).sum::<u64>(), width * height, "{memory}");

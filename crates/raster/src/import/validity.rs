@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn opacity_nodata_nan_and_masks() {
+    fn opacity_nodata_nan_and_masks_make_pixels_invalid() {
         let grey = RasterInfo::plain([2, 1], SampleType::U8, 1);
         assert_eq!(flags(&grey, vec![0, 7], None), None);
         let nodata = RasterInfo { nodata: Some(7.into()), ..grey.clone() };

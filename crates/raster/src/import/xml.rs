@@ -42,8 +42,8 @@ impl<'a> XmlElement<'a> {
                 match markup {
                     Markup::Empty(tag) => return Some(XmlElement::new(tag, "")),
                     Markup::Start(tag) => {
-                        let (last, behind) = end_of_element(content, end)?;
-                        at = behind;
+                        let (last, after) = end_of_element(content, end)?;
+                        at = after;
                         return Some(XmlElement::new(tag, &content[end..last]));
                     }
                     _ => {}
@@ -68,11 +68,11 @@ impl<'a> XmlElement<'a> {
             let (key, value) = rest.split_once('=')?;
             let value = value.trim_start();
             let quote = value.chars().next().filter(|c| matches!(c, '"' | '\''))?;
-            let (value, behind) = value[1..].split_once(quote)?;
+            let (value, after) = value[1..].split_once(quote)?;
             if key.trim() == name {
                 return Some(unescaped(value));
             }
-            rest = behind;
+            rest = after;
         }
     }
 
@@ -190,7 +190,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn elements_attributes_and_texts() {
+    fn elements_attributes_and_strings() {
         let text = "<?xml version=\"1.0\"?><!-- <A>no</A> --><A b = 'x > \"y\"' c=\"&lt;&#xe9;&#65;\">
             t &amp; u<B/><C><B>inner</B></C><![CDATA[<&amp;>]]><B d=\"1\">last &unknown; &amp</B></A>";
         let root = XmlElement::document(text).children().next().unwrap();
@@ -200,13 +200,13 @@ mod tests {
         assert_eq!(root.attribute("d"), None);
         let names: Vec<&str> = root.children().map(|child| child.name).collect();
         assert_eq!(names, ["B", "C", "B"]);
-        let texts: Vec<String> = root.named("B").map(|child| child.text()).collect();
-        assert_eq!(texts, ["", "last &unknown; &amp"]);
+        let strings: Vec<String> = root.named("B").map(|child| child.text()).collect();
+        assert_eq!(strings, ["", "last &unknown; &amp"]);
         assert_eq!(root.text().trim(), "t & uinner<&amp;>last &unknown; &amp");
     }
 
     #[test]
-    fn what_is_not_closed_is_not_there() {
+    fn unclosed_elements_are_omitted() {
         for text in
             ["<A", "<A>", "<A><B></B>", "<A b=\"></A>", "<!-- <A></A>", "</A>", "<", "a", "<![CDATA[<A/>"]
         {
@@ -219,7 +219,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn nothing_panics(text in "[<>/!?&;#xA\"'= \\-\\[\\]é]{0,60}") {
+        fn malformed_xml_does_not_panic(text in "[<>/!?&;#xA\"'= \\-\\[\\]é]{0,60}") {
             let mut pending = vec![XmlElement::document(&text)];
             while let Some(element) = pending.pop() {
                 element.text();

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::png::{PngEncoder, PngPixels};
-use super::walk::TileRun;
+use super::walk::TileSpan;
 use crate::image::array_header;
 use spinney_base::parallel::Pool;
 use spinney_base::value::{Number, Value, ValueType};
@@ -56,7 +56,7 @@ impl FromStr for TileFormat {
             "jpg" | "jpeg" => TileFormat::Jpeg,
             "npy" => TileFormat::Npy,
             "tif" | "tiff" => TileFormat::Tiff,
-            _ => return Err(Error::invalid("format of tiles", name, "png, webp, jpg, npy or tif")),
+            _ => return Err(Error::invalid("tile format", name, "png, webp, jpg, npy or tif")),
         })
     }
 }
@@ -120,7 +120,7 @@ impl<'a> TileEncoder<'a> {
         void: Option<Number>,
     ) -> Result<TileEncoder<'a>> {
         if encoding.format == TileFormat::Webp && encoding.quality.is_some() && !cfg!(feature = "libwebp") {
-            let expected = "none: this build writes lossless WebP only; JPEG has a quality";
+            let expected = "none: this build writes lossless WebP only; JPEG tiles have a quality";
             return Err(Error::invalid("quality of WebP", "one", expected));
         }
         let void = void.map(|void| source.value_type().nearest_numbers(|_| void));
@@ -134,8 +134,8 @@ impl<'a> TileEncoder<'a> {
     }
 
     /// Encodes the tile of a run, or returns `None` if it is empty, which only drawing shows.
-    pub(super) fn encode(&self, run: &TileRun) -> Result<Option<Arc<Encoded>>> {
-        let tile = TileId::from_number(run.first).expect("a run of tiles");
+    pub(super) fn encode(&self, run: &TileSpan) -> Result<Option<Arc<Encoded>>> {
+        let tile = TileId::from_number(run.first).expect("spans have valid tile numbers");
         let Some(value) = run.uniform else {
             return Ok(self.with_scratch(|scratch| self.drawn(tile, scratch))?.map(Arc::new));
         };
@@ -209,7 +209,7 @@ impl<'a> TileEncoder<'a> {
                     TileFormat::Jpeg => jpeg(&pixels.colours, side, quality.unwrap_or(QUALITY)),
                     _ => webp(&pixels.colours, side, quality),
                 }
-                .map_err(|cause| Error::invalid("tile", cause, "one that can be encoded"))?;
+                .map_err(|cause| Error::invalid("tile", cause, "a tile that can be encoded"))?;
             }
         }
         Ok(Encoded::new(bytes))
@@ -241,18 +241,18 @@ pub fn encode_tile(
 fn jpeg(pixels: &[[u8; 4]], side: usize, quality: u8) -> Result<Vec<u8>, String> {
     let mut out = Vec::new();
     let encoder = jpeg_encoder::Encoder::new(&mut out, quality);
-    encoder.encode_image(BeforeWhite { pixels, side }).map_err(|error| error.to_string())?;
+    encoder.encode_image(OpaqueImage { pixels, side }).map_err(|error| error.to_string())?;
     Ok(out)
 }
 
 /// Pixels blended with white. (The image types of the JPEG crate would have its encoder compiled
 /// for each colour type.)
-struct BeforeWhite<'a> {
+struct OpaqueImage<'a> {
     pixels: &'a [[u8; 4]],
     side: usize,
 }
 
-impl jpeg_encoder::ImageBuffer for BeforeWhite<'_> {
+impl jpeg_encoder::ImageBuffer for OpaqueImage<'_> {
     fn get_jpeg_color_type(&self) -> jpeg_encoder::JpegColorType {
         jpeg_encoder::JpegColorType::Ycbcr
     }
@@ -305,9 +305,9 @@ fn webp(pixels: &[[u8; 4]], side: usize, quality: Option<u8>) -> Result<Vec<u8>,
 /// The error for tiles of samples with VOID cells that have no number.
 pub(super) fn no_number(value: ValueType) -> Error {
     let found = format!(
-        "VOID cells where every number of {} is a value, in files without a mask",
+        "VOID cells in files without a mask, where every number of type {} is a value,",
         value.sample.name()
     );
-    let advice = "make png or webp tiles, which have opacity, or one .tif file, which gets a mask";
+    let advice = "write png or webp tiles, which have opacity, or one .tif file, which has a mask";
     Error::unsupported("tiles of samples", found, advice)
 }

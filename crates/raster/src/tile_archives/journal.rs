@@ -45,22 +45,23 @@ pub(super) struct Journal {
 
 impl Journal {
     /// A temporary journal in a directory, removed when the process ends.
-    pub(super) fn temporary(folder: &Path) -> Result<Journal> {
-        let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "make a temporary file"))?;
+    pub(super) fn temporary(directory: &Path) -> Result<Journal> {
+        let file =
+            tempfile::tempfile_in(directory).map_err(Error::io(directory, "create a temporary file"))?;
         let out = BufWriter::with_capacity(1 << 16, file);
-        Ok(Journal { path: folder.to_path_buf(), out, start: 0, records: 0, is_kept: false })
+        Ok(Journal { path: directory.to_path_buf(), out, start: 0, records: 0, is_kept: false })
     }
 
     /// Starts the journal of an export that `making` describes, or resumes an existing one. Passes
-    /// the entries up to the last checkpoint to `entry`, and returns that checkpoint. With `anew`,
-    /// the existing journal is overwritten, also if it belongs to another export.
+    /// the entries up to the last checkpoint to `entry`, and returns that checkpoint. With
+    /// `restart`, the existing journal is overwritten, also if it belongs to another export.
     ///
     /// # Errors
     /// If the existing file is the journal of another export, or no journal.
     pub(super) fn resumable(
         path: &Path,
         making: &str,
-        anew: bool,
+        restart: bool,
         entry: &mut dyn FnMut(Entry),
     ) -> Result<(Journal, Checkpoint)> {
         let failed = || Error::io(path, "use the journal");
@@ -77,10 +78,10 @@ impl Journal {
             return Err(not_ours(path));
         }
         let is_same = head.starts_with(&found);
-        if !is_same && !anew {
+        if !is_same && !restart {
             return Err(other_export(path));
         }
-        if is_same && length >= start && !anew {
+        if is_same && length >= start && !restart {
             // Records after the last checkpoint are dropped.
             let mut input = BufReader::new(&file);
             let mut all = 0;
@@ -167,14 +168,14 @@ impl Journal {
 
 /// The error if the file belongs to another export.
 pub(super) fn other_export(path: &Path) -> Error {
-    let advice = "remove it to start anew, or give the source and the options with which it was started";
-    Error::unsupported(path, "going on with an export of another source or with other options", advice)
+    let advice = "remove it to start again, or give the source and options that it was started with";
+    Error::unsupported(path, "resuming an export of another source or with other options", advice)
 }
 
 /// The error if the file was not left by an export, so that it is not overwritten.
 pub(super) fn not_ours(path: &Path) -> Error {
-    let advice = "no export has left it, and it stays as it is; move it away, or choose another name";
-    Error::unsupported(path, "going on with what is in the place of an export that was interrupted", advice)
+    let advice = "move it away, or choose another name; it was not changed";
+    Error::unsupported(path, "resuming from a file that is not an interrupted export", advice)
 }
 
 fn number(bytes: &[u8]) -> u64 {

@@ -8,9 +8,9 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
 
 use super::encode::Encoded;
 use super::journal::{not_ours, other_export};
-use super::provenance::{About, Digest, Own};
+use super::provenance::{Digest, SpinneyMetadata, TilesetMetadata};
 use super::sink::{TileArchiveSummary, TileEdit, TileSink};
-use super::walk::TileRun;
+use super::walk::TileSpan;
 use spinney_base::io::{FileAccess, Output};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;
@@ -68,7 +68,7 @@ impl MbtilesSink {
     ) -> Result<MbtilesSink> {
         let output = if resume { Output::resumable(path)?.0 } else { access.create(path)? };
         let Some(place) = output.unfinished_path().map(Path::to_path_buf) else {
-            let advice = "give the name of a file: it is a database";
+            let advice = "give a file name, since MBTiles are a database";
             return Err(Error::unsupported(path, "writing MBTiles to a stream", advice));
         };
         let connection = Connection::open(&place).map_err(failed(&place, "open"))?;
@@ -85,7 +85,7 @@ impl MbtilesSink {
         let set = connection.execute_batch(&settings);
         set.map_err(failed(&place, "start"))?;
         let mut sink = MbtilesSink { output, path: place, connection, runs: 0, is_kept: resume };
-        let tables: i64 = sink.ask("SELECT count(*) FROM sqlite_master")?;
+        let tables: i64 = sink.read_number("SELECT count(*) FROM sqlite_master")?;
         if tables == 0 {
             sink.run(&format!("BEGIN; {SCHEMA}"))?;
             sink.insert_metadata(PARTIAL, provenance)?;
@@ -99,7 +99,7 @@ impl MbtilesSink {
             if found.as_deref() != Some(provenance) {
                 return Err(other_export(&sink.path));
             }
-            sink.runs = sink.ask::<i64>("PRAGMA user_version")?.max(0) as u64;
+            sink.runs = sink.read_number::<i64>("PRAGMA user_version")?.max(0) as u64;
         }
         sink.run("BEGIN")?;
         Ok(sink)
@@ -109,8 +109,8 @@ impl MbtilesSink {
         self.connection.execute_batch(statements).map_err(failed(&self.path, "write"))
     }
 
-    fn ask<T: rusqlite::types::FromSql>(&self, question: &str) -> Result<T> {
-        self.connection.query_row(question, [], |row| row.get(0)).map_err(failed(&self.path, "read"))
+    fn read_number<T: rusqlite::types::FromSql>(&self, sql: &str) -> Result<T> {
+        self.connection.query_row(sql, [], |row| row.get(0)).map_err(failed(&self.path, "read"))
     }
 
     fn insert_metadata(&self, name: &str, value: &str) -> Result<()> {
@@ -121,10 +121,10 @@ impl MbtilesSink {
 
 /// Fails without changing anything unless a database is empty or has an interrupted export.
 fn check_own(connection: &Connection, path: &Path) -> Result<()> {
-    let ask = |question: &str| connection.query_row(question, [], |row| row.get::<_, i64>(0));
-    let is_empty = ask("PRAGMA page_count") == Ok(0);
+    let read_number = |sql: &str| connection.query_row(sql, [], |row| row.get::<_, i64>(0));
+    let is_empty = read_number("PRAGMA page_count") == Ok(0);
     let rows = format!("SELECT count(*) FROM metadata WHERE name = '{PARTIAL}'");
-    if is_empty || ask(&rows) == Ok(1) { Ok(()) } else { Err(not_ours(path)) }
+    if is_empty || read_number(&rows) == Ok(1) { Ok(()) } else { Err(not_ours(path)) }
 }
 
 /// Key of a content in `images`.
@@ -186,11 +186,11 @@ impl TileSink for MbtilesSink {
         self.runs
     }
 
-    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()> {
+    fn push(&mut self, run: &TileSpan, tile: Option<&Encoded>) -> Result<()> {
         self.runs += 1;
         let Some(tile) = tile else { return Ok(()) };
         let tiles = (run.first..run.first + run.count)
-            .map(|number| TileId::from_number(number).expect("a run of tiles"));
+            .map(|number| TileId::from_number(number).expect("spans have valid tile numbers"));
         insert(&self.connection, tiles, tile).map_err(failed(&self.path, "write"))
     }
 
@@ -203,7 +203,7 @@ impl TileSink for MbtilesSink {
         self.run(&format!("PRAGMA user_version = {runs}; COMMIT; BEGIN"))
     }
 
-    fn finish(self: Box<Self>, about: &About) -> Result<TileArchiveSummary> {
+    fn finish(self: Box<Self>, about: &TilesetMetadata) -> Result<TileArchiveSummary> {
         let (mut stored, mut digest) = (TileArchiveSummary::default(), Digest::default());
         each_tile(
             &self.connection,
@@ -214,7 +214,7 @@ impl TileSink for MbtilesSink {
             },
             &self.path,
         )?;
-        stored.contents = self.ask::<i64>("SELECT count(*) FROM images")?.max(0) as u64;
+        stored.contents = self.read_number::<i64>("SELECT count(*) FROM images")?.max(0) as u64;
         self.run(&format!("DELETE FROM metadata WHERE name = '{PARTIAL}'"))?;
         for (name, value) in about.mbtiles_rows(stored.tiles, digest) {
             self.insert_metadata(&name, &value)?;
@@ -238,7 +238,7 @@ impl TileSink for MbtilesSink {
 pub(super) struct MbtilesEdit {
     path: PathBuf,
     connection: Connection,
-    own: Own,
+    own: SpinneyMetadata,
     digest: Digest,
 }
 
@@ -252,13 +252,13 @@ impl MbtilesEdit {
         let own = own(&connection, path)?;
         let digest = Digest::parse(&own.digest);
         let digest =
-            digest.ok_or_else(|| Error::corrupt(path, "metadata", "no hash", "that of all tiles"))?;
+            digest.ok_or_else(|| Error::corrupt(path, "metadata", "no hash", "the hash of all tiles"))?;
         Ok(MbtilesEdit { path: path.to_path_buf(), connection, own, digest })
     }
 }
 
 impl TileEdit for MbtilesEdit {
-    fn own(&self) -> &Own {
+    fn own(&self) -> &SpinneyMetadata {
         &self.own
     }
 
@@ -284,7 +284,7 @@ impl TileEdit for MbtilesEdit {
         Ok(())
     }
 
-    fn finish(self: Box<Self>, about: &About, _: &dyn Progress) -> Result<TileArchiveSummary> {
+    fn finish(self: Box<Self>, about: &TilesetMetadata, _: &dyn Progress) -> Result<TileArchiveSummary> {
         let wrong = || failed(&self.path, "write");
         let run = |statements: &str| self.connection.execute_batch(statements).map_err(wrong());
         // Contents that no tile refers to any more.
@@ -304,15 +304,15 @@ impl TileEdit for MbtilesEdit {
 }
 
 /// Reads Spinney's own metadata of an archive.
-fn own(connection: &Connection, path: &Path) -> Result<Own> {
+fn own(connection: &Connection, path: &Path) -> Result<SpinneyMetadata> {
     let text: Option<String> = connection
         .query_row("SELECT value FROM metadata WHERE name = 'spinney'", [], |row| row.get(0))
         .optional()
         .map_err(failed(path, "read"))?;
     let own = text.and_then(|text| serde_json::from_str(&text).ok());
     own.ok_or_else(|| {
-        let advice = "only archives that `spinney export` wrote say how they were made";
-        Error::unsupported(path, "an archive of another program", advice)
+        let advice = "only archives by `spinney export` record how they were made";
+        Error::unsupported(path, "an archive by another program", advice)
     })
 }
 
@@ -332,7 +332,7 @@ pub(super) fn verify(path: &Path, progress: &dyn Progress) -> Result<Vec<Finding
     set.map_err(failed(path, "read"))?;
     let own = own(&connection, path)?;
     let mut findings = Vec::new();
-    let mut tell = |place: String, problem: String| {
+    let mut report = |place: String, problem: String| {
         if findings.len() < MAX_FINDINGS {
             findings.push(Finding { place, problem });
         }
@@ -340,7 +340,7 @@ pub(super) fn verify(path: &Path, progress: &dyn Progress) -> Result<Vec<Finding
     let sound: String =
         connection.query_row("PRAGMA quick_check(1)", [], |row| row.get(0)).map_err(failed(path, "read"))?;
     if sound != "ok" {
-        tell("database".into(), sound);
+        report("database".into(), sound);
     }
     let mut statement =
         connection.prepare("SELECT tile_id, tile_data FROM images").map_err(failed(path, "read"))?;
@@ -351,9 +351,9 @@ pub(super) fn verify(path: &Path, progress: &dyn Progress) -> Result<Vec<Finding
         let bytes = row.get_ref(1).map_err(failed(path, "read"))?;
         let hash = bytes.as_blob().ok().map(xxhash_rust::xxh3::xxh3_128);
         if hash.is_none_or(|hash| name != name_of(hash)) {
-            tell(
+            report(
                 format!("image {name:.40}"),
-                "not the bytes that were written: their hash is another one".into(),
+                "the hash of its bytes differs from that of the export".into(),
             );
         }
     }
@@ -371,13 +371,13 @@ pub(super) fn verify(path: &Path, progress: &dyn Progress) -> Result<Vec<Finding
     );
     match walked {
         Ok(()) => {}
-        Err(Error::Corrupt { place, found, .. }) => tell(place, found),
+        Err(Error::Corrupt { location: place, found, .. }) => report(place, found),
         Err(error) => return Err(error),
     }
     if (tiles, Some(digest)) != (own.tiles, Digest::parse(&own.digest)) {
-        tell(
+        report(
             "tiles".into(),
-            format!("not those that were written: {tiles}, there were {}, or others", own.tiles),
+            format!("found {tiles} tiles, the export wrote {}, or their images differ", own.tiles),
         );
     }
     let lost: i64 = connection
@@ -386,7 +386,7 @@ pub(super) fn verify(path: &Path, progress: &dyn Progress) -> Result<Vec<Finding
         })
         .map_err(failed(path, "read"))?;
     if lost > 0 {
-        tell("tiles".into(), format!("{lost} of them have no content"));
+        report("tiles".into(), format!("{lost} of them have no image"));
     }
     Ok(findings)
 }

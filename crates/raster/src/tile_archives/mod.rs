@@ -15,23 +15,23 @@
 //! use spinney::Output;
 //! use spinney::style::Style;
 //!
-//! # let folder = tempfile::tempdir().unwrap();
-//! # let path = folder.path().join("island.goblin");
+//! # let directory = tempfile::tempdir().unwrap();
+//! # let path = directory.path().join("island.goblin");
 //! plan(&["fixtures/island_classes.tif".into()], &ImportOptions::default())?
 //!     .build(Output::create(&path)?, &())?;
 //! let map = spinney::open(&path)?;
 //! let source = map.whole_source().expect("it is no view");
 //! let tiles = WarpedTiles::new(source, &map.metadata().frame, 256, Some(9), &Default::default())?;
 //! let painter = TilePainter::new(&Style::default_for(&map), &map, &())?;
-//! let archive = folder.path().join("island.pmtiles");
+//! let archive = directory.path().join("island.pmtiles");
 //! export_tiles(
 //!     &tiles, &painter, &TileRequest::new(&map)?, &TileTarget::Pmtiles(archive.clone()), &())?;
 //! assert!(Pmtiles::open(&archive)?.tile(TileId { zoom: 0, column: 0, row: 0 })?.is_some());
 //! # Ok::<(), spinney::Error>(())
 //! ```
 
+mod directory;
 mod encode;
-mod folder;
 mod journal;
 #[cfg(feature = "mbtiles")]
 mod mbtiles;
@@ -53,9 +53,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+pub use directory::{TileDirectory, is_tile_directory};
 pub use encode::{TileEncoding, TileFormat, encode_tile};
-pub use folder::{TileFolder, is_tile_folder};
-pub use parts::TilePart;
+pub use parts::TileShard;
 pub use pmtiles::Pmtiles;
 pub use provenance::{SourceState, TileProvenance};
 pub use sink::TileArchiveSummary;
@@ -63,11 +63,11 @@ pub use target::TileTarget;
 pub use update::{TileUpdate, UpdateOptions, draw_tiles};
 
 use self::encode::{Encoded, TileEncoder};
-use self::parts::Parts;
+use self::parts::ShardArchives;
 use self::pmtiles::PmtilesSink;
-use self::provenance::About;
+use self::provenance::TilesetMetadata;
 use self::sink::TileSink;
-use self::walk::{TileExtent, TileRun, TileWalk};
+use self::walk::{TileExtent, TileSpan, TileTraversal};
 use crate::window::void_number;
 use spinney_base::io::{FileAccess, Output, without_query};
 use spinney_base::parallel;
@@ -107,7 +107,7 @@ pub struct TileRequest {
     /// The number for VOID cells of arrays; by default [`draw_tiles`] chooses one.
     pub void: Option<Number>,
     /// Restricts the export to this share of the tiles, so that other processes write the others.
-    pub part: Option<TilePart>,
+    pub part: Option<TileShard>,
     /// Archives of all shares of this export, in any order. They are merged into the same bytes as
     /// an export by a single process.
     pub parts: Vec<PathBuf>,
@@ -150,7 +150,7 @@ pub fn is_tile_archive(path: &Path) -> bool {
     let is_archive = path.is_file()
         && File::open(path).and_then(read).is_ok()
         && (start.starts_with(b"PMTiles") || start == *b"SQLite format 3\0");
-    is_archive || is_tile_folder(path)
+    is_archive || is_tile_directory(path)
 }
 
 /// Verifies an exported archive or directory of tiles: all tiles exist, in order, with the bytes
@@ -159,8 +159,8 @@ pub fn is_tile_archive(path: &Path) -> bool {
 /// # Errors
 /// If it cannot be read or is not such an export, or on cancellation.
 pub fn verify_tiles(path: &Path, progress: &dyn Progress) -> Result<Vec<Finding>> {
-    if is_tile_folder(path) {
-        return folder::verify(path, progress);
+    if is_tile_directory(path) {
+        return directory::verify(path, progress);
     }
     let extension = path.extension().and_then(|end| end.to_str()).unwrap_or_default();
     #[cfg(feature = "mbtiles")]
@@ -193,17 +193,17 @@ pub fn export_tiles(
     progress: &dyn Progress,
 ) -> Result<TileArchiveSummary> {
     let (mut extent, mut about, encoder) = plan(source, painter, request)?;
-    let parts = Parts::open(&request.parts, &about)?;
+    let parts = ShardArchives::open(&request.parts, &about)?;
     if let Some(part) = request.part {
         if !matches!(target, TileTarget::Pmtiles(_)) || parts.is_some() {
-            let advice = "give it a name that ends with .pmtiles, and put all parts together later";
-            return Err(Error::unsupported(target.path(), "a part of the tiles", advice));
+            let advice = "write a .pmtiles archive, and merge all parts into the target later";
+            return Err(Error::unsupported(target.path(), "a part of the tiles in this format", advice));
         }
         part.take(source, &mut extent, &mut about, progress)?;
     }
-    let (total, _) = TileWalk::new(source, &extent).count(progress)?;
+    let (total, _) = TileTraversal::new(source, &extent).count(progress)?;
     let sink = target.sink(&about, request)?;
-    let copied = |run: &TileRun| Ok(parts.as_ref().map(|parts| parts.made(run)));
+    let copied = |run: &TileSpan| Ok(parts.as_ref().map(|parts| parts.made(run)));
     write(source, &extent, &encoder, Some(&copied), sink, &about, total, progress)
 }
 
@@ -219,10 +219,10 @@ pub fn export_pmtiles(
     progress: &dyn Progress,
 ) -> Result<TileArchiveSummary> {
     if request.resume || request.part.is_some() || !request.parts.is_empty() {
-        return Err(Error::invalid("resume, or parts", "an output", "a target, which has a name"));
+        return Err(Error::invalid("resume, or parts", "an output without a path", "a target with a path"));
     }
     let (extent, about, encoder) = plan(source, painter, request)?;
-    let (total, _) = TileWalk::new(source, &extent).count(progress)?;
+    let (total, _) = TileTraversal::new(source, &extent).count(progress)?;
     let sink = Box::new(PmtilesSink::create(output, None)?);
     write(source, &extent, &encoder, None, sink, &about, total, progress)
 }
@@ -232,10 +232,10 @@ fn plan<'a>(
     source: &'a dyn TileSource,
     painter: &'a TilePainter,
     request: &TileRequest,
-) -> Result<(TileExtent, About, TileEncoder<'a>)> {
+) -> Result<(TileExtent, TilesetMetadata, TileEncoder<'a>)> {
     let side = request.side;
     if !matches!(side, 256 | 512) {
-        return Err(Error::invalid("size of tiles", side.to_string(), "256 or 512"));
+        return Err(Error::invalid("tile size", side.to_string(), "256 or 512"));
     }
     let zooms = request.zooms.clone().unwrap_or(0..=source.max_zoom(side));
     if zooms.is_empty() || *zooms.end() > MAX_ZOOM {
@@ -243,21 +243,27 @@ fn plan<'a>(
         return Err(Error::invalid(
             "zooms",
             found,
-            format!("the least and the greatest, at most {MAX_ZOOM}"),
+            format!("the minimum and maximum zoom, at most {MAX_ZOOM}"),
         ));
     }
     let own = source.degrees();
     let degrees = match request.degrees {
         None => own,
-        Some(asked) => {
-            check_degrees(asked)?;
+        Some(requested) => {
+            check_degrees(requested)?;
             // The intersection: the larger west and south, the smaller east and north.
-            std::array::from_fn(|at| if at < 2 { asked[at].max(own[at]) } else { asked[at].min(own[at]) })
+            std::array::from_fn(
+                |at| if at < 2 { requested[at].max(own[at]) } else { requested[at].min(own[at]) },
+            )
         }
     };
     if degrees[0] >= degrees[2] || degrees[1] >= degrees[3] {
         let found = format!("{:?}", request.degrees.unwrap_or(own));
-        return Err(Error::invalid("box of tiles", found, format!("one that has a part of {own:?} degrees")));
+        return Err(Error::invalid(
+            "box of tiles",
+            found,
+            format!("a box that intersects {own:?} (west, south, east, north in degrees)"),
+        ));
     }
     let data = source.data_place()?;
     let place = match request.degrees {
@@ -293,7 +299,7 @@ fn plan<'a>(
         options.insert("grid".into(), grid);
     }
     let colours = (!format.is_array()).then(|| painter.colours().clone());
-    let about = About {
+    let about = TilesetMetadata {
         format,
         zooms: [*zooms.start(), *zooms.end()],
         place,
@@ -304,19 +310,19 @@ fn plan<'a>(
         legend: request.legend.clone(),
         provenance: TileProvenance { source: request.source.clone(), options, colours },
     };
-    let has_places = format == TileFormat::Tiff;
+    let is_georeferenced = format == TileFormat::Tiff;
     Ok((
-        TileExtent { zooms, degrees, margin: encoder.margin(), has_places, runs: 0..u64::MAX },
+        TileExtent { zooms, degrees, margin: encoder.margin(), is_georeferenced, runs: 0..u64::MAX },
         about,
         encoder,
     ))
 }
 
 /// A tile of a run, or `None` if it is empty.
-type Made = Result<Option<Arc<Encoded>>>;
+type EncodeResult = Result<Option<Arc<Encoded>>>;
 
 /// Copies a run from another archive; returns `None` if it must be drawn.
-type Copied<'a> = dyn Fn(&TileRun) -> Result<Option<Made>> + Sync + 'a;
+type CopySpan<'a> = dyn Fn(&TileSpan) -> Result<Option<EncodeResult>> + Sync + 'a;
 
 /// Draws all runs that the sink does not have yet. Each batch is written while the next one is
 /// drawn.
@@ -325,13 +331,13 @@ fn write(
     source: &dyn TileSource,
     extent: &TileExtent,
     encoder: &TileEncoder<'_>,
-    copied: Option<&Copied<'_>>,
+    copied: Option<&CopySpan<'_>>,
     mut sink: Box<dyn TileSink>,
-    about: &About,
+    about: &TilesetMetadata,
     total: u64,
     progress: &dyn Progress,
 ) -> Result<TileArchiveSummary> {
-    let mut walk = TileWalk::new(source, extent);
+    let mut walk = TileTraversal::new(source, extent);
     let mut runs = sink.done();
     for _ in 0..runs {
         progress.advance(walk.next_run()?.map_or(0, |run| run.count), total);
@@ -339,7 +345,7 @@ fn write(
     let bytes = (about.side + 2 * extent.margin).pow(2) * (source.value_type().size() + 4);
     let batch = (BATCH / bytes).clamp(8, 256);
     let copies = AtomicU64::new(0);
-    let draw_one = |run: &TileRun| -> Made {
+    let draw_one = |run: &TileSpan| -> EncodeResult {
         progress.check()?;
         if let Some(copied) = copied
             && let Some(made) = copied(run)?
@@ -349,8 +355,8 @@ fn write(
         }
         encoder.encode(run)
     };
-    let draw = |runs: &[TileRun]| -> Vec<Made> { parallel::map(runs, draw_one) };
-    let mut drawn: (Vec<TileRun>, Vec<Made>) = (Vec::new(), Vec::new());
+    let draw = |runs: &[TileSpan]| -> Vec<EncodeResult> { parallel::map(runs, draw_one) };
+    let mut drawn: (Vec<TileSpan>, Vec<EncodeResult>) = (Vec::new(), Vec::new());
     loop {
         let next = walk.next_runs(batch)?;
         if next.is_empty() && drawn.0.is_empty() {

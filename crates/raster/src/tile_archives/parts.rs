@@ -6,18 +6,18 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
 
-use super::Made;
+use super::EncodeResult;
 use super::encode::Encoded;
 use super::pmtiles::Pmtiles;
-use super::provenance::{About, Own};
-use super::walk::{TileExtent, TileRun, TileWalk};
+use super::provenance::{SpinneyMetadata, TilesetMetadata};
+use super::walk::{TileExtent, TileSpan, TileTraversal};
 use spinney_base::{Error, Progress, Result};
 use spinney_tiles::{TileId, TileSource};
 
 /// One of `of` shares of an export's tiles, in the order of tile numbers, numbered from 0. The
 /// shares take about equally long.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TilePart {
+pub struct TileShard {
     /// Index, from 0.
     number: u32,
     /// Number of shares.
@@ -27,17 +27,19 @@ pub struct TilePart {
 /// Name of the archive option that stores the share.
 const OPTION: &str = "part";
 
-impl TilePart {
+impl TileShard {
     /// The share with an index, from 0, among `of` shares.
     ///
     /// # Errors
     /// If the index is not below `of`.
-    pub fn new(number: u32, of: u32) -> Result<TilePart> {
+    pub fn new(number: u32, of: u32) -> Result<TileShard> {
         match number < of {
-            true => Ok(TilePart { number, of }),
-            false => {
-                Err(Error::invalid("part", format!("{number}/{of}"), "a number from 0 on, and a greater one"))
-            }
+            true => Ok(TileShard { number, of }),
+            false => Err(Error::invalid(
+                "part",
+                format!("{number}/{of}"),
+                "a part number from 0, less than the number of parts",
+            )),
         }
     }
 
@@ -46,10 +48,10 @@ impl TilePart {
         self,
         source: &dyn TileSource,
         extent: &mut TileExtent,
-        about: &mut About,
+        about: &mut TilesetMetadata,
         progress: &dyn Progress,
     ) -> Result<()> {
-        let (_, runs) = TileWalk::new(source, extent).count(progress)?;
+        let (_, runs) = TileTraversal::new(source, extent).count(progress)?;
         let end = |part: u32| (u128::from(runs) * u128::from(part) / u128::from(self.of)) as u64;
         extent.runs = end(self.number)..end(self.number + 1);
         about.provenance.options.insert(OPTION.into(), self.to_string());
@@ -57,46 +59,48 @@ impl TilePart {
     }
 }
 
-impl fmt::Display for TilePart {
+impl fmt::Display for TileShard {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}/{}", self.number, self.of)
     }
 }
 
-impl FromStr for TilePart {
+impl FromStr for TileShard {
     type Err = Error;
 
-    fn from_str(text: &str) -> Result<TilePart> {
-        let wrong = || Error::invalid("part", text, "a number from 0 on, and how many there are: 3/64");
+    fn from_str(text: &str) -> Result<TileShard> {
+        let wrong = || Error::invalid("part", text, "a part number from 0, and the number of parts: 3/64");
         let (number, of) = text.split_once('/').ok_or_else(wrong)?;
-        TilePart::new(number.trim().parse().map_err(|_| wrong())?, of.trim().parse().map_err(|_| wrong())?)
+        TileShard::new(number.trim().parse().map_err(|_| wrong())?, of.trim().parse().map_err(|_| wrong())?)
     }
 }
 
 /// The archives of all shares of an export.
-pub(super) struct Parts {
+pub(super) struct ShardArchives {
     /// By their first tiles, in ascending order; archives without tiles are omitted.
     archives: Vec<(u64, Pmtiles)>,
 }
 
-impl Parts {
+impl ShardArchives {
     /// Opens the archives of an export's shares, or returns `None` if `paths` is empty.
     ///
     /// # Errors
     /// If an archive cannot be read or belongs to another export, or if one is missing.
-    pub(super) fn open(paths: &[PathBuf], about: &About) -> Result<Option<Parts>> {
+    pub(super) fn open(paths: &[PathBuf], about: &TilesetMetadata) -> Result<Option<ShardArchives>> {
         let (mut known, mut archives) = (vec![false; paths.len()], Vec::new());
         for path in paths {
             let archive = Pmtiles::open(path)?;
             let wrong = |found: &str| {
-                let advice = "make it again, with the same options and of the same file";
+                let advice = "export it again with the same options and file";
                 Error::unsupported(path, found, advice)
             };
-            let Some(Own { mut provenance, .. }) = archive.own() else {
-                return Err(wrong("a part of an export by another program"));
+            let Some(SpinneyMetadata { mut provenance, .. }) = archive.own() else {
+                return Err(wrong("a part by another program"));
             };
-            let part = provenance.options.remove(OPTION).and_then(|part| part.parse::<TilePart>().ok());
-            let Some(TilePart { number, of }) = part else { return Err(wrong("a whole archive as a part")) };
+            let part = provenance.options.remove(OPTION).and_then(|part| part.parse::<TileShard>().ok());
+            let Some(TileShard { number, of }) = part else {
+                return Err(wrong("a complete archive as a part"));
+            };
             if provenance != about.provenance {
                 return Err(wrong("a part of another export"));
             }
@@ -104,24 +108,24 @@ impl Parts {
                 Some(is_known) if of as usize == paths.len() && !*is_known => *is_known = true,
                 _ => {
                     let found = format!("part {number} of {of} among {} archives", paths.len());
-                    return Err(Error::invalid("parts", found, "each part once, and all of them"));
+                    return Err(Error::invalid("parts", found, "every part once"));
                 }
             }
             archives.extend(archive.first_tile().map(|first| (first, archive)));
         }
         archives.sort_by_key(|(first, _)| *first);
-        Ok((!paths.is_empty()).then_some(Parts { archives }))
+        Ok((!paths.is_empty()).then_some(ShardArchives { archives }))
     }
 
     /// Returns the content of a run from the archive of its share.
-    pub(super) fn made(&self, run: &TileRun) -> Made {
+    pub(super) fn made(&self, run: &TileSpan) -> EncodeResult {
         // Invariant: shares are consecutive in the order of tiles. A tile can only be in the last
         // archive whose first tile is not after it. If it is not there, it was drawn and was empty.
-        let behind = self.archives.partition_point(|(first, _)| *first <= run.first);
-        let Some((_, archive)) = behind.checked_sub(1).map(|index| &self.archives[index]) else {
+        let after = self.archives.partition_point(|(first, _)| *first <= run.first);
+        let Some((_, archive)) = after.checked_sub(1).map(|index| &self.archives[index]) else {
             return Ok(None);
         };
-        let tile = TileId::from_number(run.first).expect("a run of tiles");
+        let tile = TileId::from_number(run.first).expect("spans have valid tile numbers");
         Ok(archive.tile(tile)?.map(|bytes| Arc::new(Encoded::new(bytes))))
     }
 }

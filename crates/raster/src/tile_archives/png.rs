@@ -45,14 +45,14 @@ impl PngEncoder {
     }
 
     /// Encodes pixels, `width` per row, into `png`.
-    pub(super) fn encode(&mut self, picture: PngPixels<'_>, width: usize, png: &mut Vec<u8>) {
+    pub(super) fn encode(&mut self, tile: PngPixels<'_>, width: usize, png: &mut Vec<u8>) {
         png.clear();
         png.extend(b"\x89PNG\r\n\x1a\n");
-        match picture {
+        match tile {
             PngPixels::Indexed(indices, colours) => self.indexed(indices, colours, width, png),
             PngPixels::Colours(pixels) => self.colours(pixels, width, png),
         }
-        if self.is_fast && matches!(picture, PngPixels::Colours(_)) {
+        if self.is_fast && matches!(tile, PngPixels::Colours(_)) {
             chunk(png, *b"IDAT", &fdeflate::compress_to_vec(&self.rows));
             chunk(png, *b"IEND", &[]);
             return;
@@ -201,7 +201,7 @@ mod tests {
         let kind =
             decoder.read_header_info().map(|info| (info.color_type, info.bit_depth)).expect("a header");
         decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::ALPHA);
-        let mut reader = decoder.read_info().expect("a picture");
+        let mut reader = decoder.read_info().expect("a PNG image");
         let mut bytes = vec![0; reader.output_buffer_size().expect("a small one")];
         let info = reader.next_frame(&mut bytes).expect("good rows");
         let pixels = bytes.chunks_exact(info.color_type.samples()).map(|pixel| match *pixel {

@@ -33,7 +33,7 @@ impl SourceState {
         let path = tree.name();
         let file = without_query(path).file_name().unwrap_or_default().to_string_lossy().into_owned();
         if let Some(commit) = tree.commit() {
-            let state = format!("{} cells, {} records, {:?}", commit.cells, commit.records, commit.note);
+            let state = format!("{} cells, {} records, {:?}", commit.cells, commit.inner_nodes, commit.note);
             return Ok(SourceState { file, commit: Some(commit.number), state: hashed(state.as_bytes()) });
         }
         if let Some(state) = tree.listed_state() {
@@ -88,7 +88,7 @@ impl TileProvenance {
         if names.is_empty() {
             return Ok(());
         }
-        let expected = format!("those that the tiles were made with: {}", listed(&self.options));
+        let expected = format!("the options of the tiles: {}", listed(&self.options));
         Err(Error::invalid("options of the update", listed(&now.options), expected))
     }
 }
@@ -125,7 +125,7 @@ impl Digest {
 
 /// Metadata of an archive as a whole.
 #[derive(Clone, Debug)]
-pub(super) struct About {
+pub(super) struct TilesetMetadata {
     pub(super) format: TileFormat,
     pub(super) zooms: [u8; 2],
     pub(super) place: GeographicExtent,
@@ -140,38 +140,38 @@ pub(super) struct About {
 
 /// Spinney's own metadata in an archive.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct Own {
+pub(super) struct SpinneyMetadata {
     #[serde(rename = "making")]
     pub(super) provenance: TileProvenance,
     pub(super) tiles: u64,
     pub(super) digest: String,
 }
 
-impl About {
+impl TilesetMetadata {
     pub(super) fn centre_zoom(&self) -> u8 {
         self.zooms[0]
     }
 
     /// Spinney's own metadata.
-    pub(super) fn own(&self, tiles: u64, digest: Digest) -> Own {
-        Own { provenance: self.provenance.clone(), tiles, digest: digest.text() }
+    pub(super) fn own(&self, tiles: u64, digest: Digest) -> SpinneyMetadata {
+        SpinneyMetadata { provenance: self.provenance.clone(), tiles, digest: digest.text() }
     }
 
     /// Non-empty descriptions of the map.
-    fn texts(&self) -> Map<String, Json> {
-        let texts = [
+    fn descriptions(&self) -> Map<String, Json> {
+        let descriptions = [
             ("name", &self.name),
             ("description", &self.description),
             ("attribution", &self.attribution),
             ("legend", &self.legend),
         ];
-        let there = texts.into_iter().filter(|(_, text)| !text.is_empty());
+        let there = descriptions.into_iter().filter(|(_, text)| !text.is_empty());
         there.map(|(name, text)| (name.to_owned(), json!(text))).collect()
     }
 
     /// The JSON metadata of `PMTiles`.
     pub(super) fn pmtiles_json(&self, tiles: u64, digest: Digest) -> String {
-        let mut object = self.texts();
+        let mut object = self.descriptions();
         object.insert("type".into(), json!("overlay"));
         object.insert("format".into(), json!(self.format.extension()));
         object.insert("tileSize".into(), json!(self.side));
@@ -183,7 +183,7 @@ impl About {
     pub(super) fn tile_json(&self, pattern: &str, tiles: u64, digest: Digest) -> String {
         let mut object = Map::new();
         object.insert("tilejson".into(), json!("3.0.0"));
-        object.extend(self.texts());
+        object.extend(self.descriptions());
         let [longitude, latitude] = self.place.centre;
         object.insert("tiles".into(), json!([pattern]));
         object.insert("minzoom".into(), json!(self.zooms[0]));
@@ -194,7 +194,7 @@ impl About {
         object.insert("tileSize".into(), json!(self.side));
         object.insert("vector_layers".into(), json!([]));
         object.insert("spinney".into(), json!(self.own(tiles, digest)));
-        serde_json::to_string_pretty(&Json::Object(object)).expect("names are texts") + "\n"
+        serde_json::to_string_pretty(&Json::Object(object)).expect("names are strings") + "\n"
     }
 
     /// Rows of the table `metadata` of `MBTiles`.
@@ -217,7 +217,7 @@ impl About {
             rows.push(("name".into(), self.provenance.source.file.clone()));
         }
         let text = |text: Json| text.as_str().unwrap_or_default().to_owned();
-        rows.extend(self.texts().into_iter().map(|(name, value)| (name, text(value))));
+        rows.extend(self.descriptions().into_iter().map(|(name, value)| (name, text(value))));
         spinney_base::sort::by(&mut rows, &mut Ord::cmp);
         rows
     }

@@ -1,8 +1,8 @@
 //! Sinks of tiles: archives and directories.
 
 use super::encode::Encoded;
-use super::provenance::{About, Own};
-use super::walk::TileRun;
+use super::provenance::{SpinneyMetadata, TilesetMetadata};
+use super::walk::TileSpan;
 use spinney_base::{Progress, Result};
 use spinney_tiles::TileId;
 
@@ -12,25 +12,29 @@ pub(super) trait TileSink: Send {
     fn done(&self) -> u64;
 
     /// Appends a run; `tile` is `None` if it is empty.
-    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()>;
+    fn push(&mut self, run: &TileSpan, tile: Option<&Encoded>) -> Result<()>;
 
     /// Makes everything received durable, so that the export can be resumed from here.
     fn checkpoint(&mut self) -> Result<()>;
 
     /// Completes the archive and publishes it under its name.
-    fn finish(self: Box<Self>, about: &About) -> Result<TileArchiveSummary>;
+    fn finish(self: Box<Self>, about: &TilesetMetadata) -> Result<TileArchiveSummary>;
 }
 
 /// Archive or directory whose tiles are replaced in place.
 pub(super) trait TileEdit {
     /// Spinney's metadata of the existing tiles.
-    fn own(&self) -> &Own;
+    fn own(&self) -> &SpinneyMetadata;
 
     /// Replaces a tile; `None` removes it.
     fn replace(&mut self, tile: TileId, made: Option<&Encoded>) -> Result<()>;
 
     /// Completes the change.
-    fn finish(self: Box<Self>, about: &About, progress: &dyn Progress) -> Result<TileArchiveSummary>;
+    fn finish(
+        self: Box<Self>,
+        about: &TilesetMetadata,
+        progress: &dyn Progress,
+    ) -> Result<TileArchiveSummary>;
 }
 
 /// Totals of a tile archive.

@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use super::TileRequest;
+use super::directory::{DirectorySink, TileDirectory};
 use super::encode::TileFormat;
-use super::folder::{FolderSink, TileFolder};
 #[cfg(feature = "mbtiles")]
 use super::mbtiles::MbtilesSink;
 use super::pmtiles::PmtilesSink;
-use super::provenance::About;
+use super::provenance::TilesetMetadata;
 use super::sink::TileSink;
 use spinney_base::{Error, Result};
 
@@ -21,7 +21,7 @@ pub enum TileTarget {
     #[cfg(feature = "mbtiles")]
     Mbtiles(PathBuf),
     /// A directory with a file per tile.
-    Folder(TileFolder),
+    Directory(TileDirectory),
 }
 
 impl TileTarget {
@@ -32,7 +32,7 @@ impl TileTarget {
     pub fn of(path: &Path) -> Result<Option<TileTarget>> {
         let text = path.to_str().unwrap_or_default();
         if ["{z}", "{x}", "{y}"].iter().any(|field| text.contains(field)) {
-            return TileFolder::parse(text).map(|folder| Some(TileTarget::Folder(folder)));
+            return TileDirectory::parse(text).map(|directory| Some(TileTarget::Directory(directory)));
         }
         let extension = path.extension().and_then(|end| end.to_str()).unwrap_or_default();
         Ok(match extension.to_ascii_lowercase().as_str() {
@@ -49,30 +49,31 @@ impl TileTarget {
             TileTarget::Pmtiles(path) => path,
             #[cfg(feature = "mbtiles")]
             TileTarget::Mbtiles(path) => path,
-            TileTarget::Folder(folder) => folder.base(),
+            TileTarget::Directory(directory) => directory.base(),
         }
     }
 
     /// The tile format that the name implies.
     pub fn format(&self) -> Option<TileFormat> {
         match self {
-            TileTarget::Folder(folder) => folder.extension()?.parse().ok(),
+            TileTarget::Directory(directory) => directory.extension()?.parse().ok(),
             _ => None,
         }
     }
 
-    pub(super) fn sink(&self, about: &About, request: &TileRequest) -> Result<Box<dyn TileSink>> {
+    pub(super) fn sink(&self, about: &TilesetMetadata, request: &TileRequest) -> Result<Box<dyn TileSink>> {
         let TileRequest { resume, access, .. } = request;
-        let provenance = serde_json::to_string(&about.provenance)
-            .map_err(|error| Error::invalid("options", error.to_string(), "options that are texts"))?;
+        let provenance = serde_json::to_string(&about.provenance).map_err(|error| {
+            Error::invalid("options", error.to_string(), "options that JSON can represent")
+        })?;
         Ok(match self {
             TileTarget::Pmtiles(path) => {
                 Box::new(PmtilesSink::create(access.create(path)?, resume.then_some(provenance.as_str()))?)
             }
             #[cfg(feature = "mbtiles")]
             TileTarget::Mbtiles(path) => Box::new(MbtilesSink::create(path, &provenance, (*resume, access))?),
-            TileTarget::Folder(folder) => {
-                Box::new(FolderSink::create(folder, resume.then_some(provenance.as_str()))?)
+            TileTarget::Directory(directory) => {
+                Box::new(DirectorySink::create(directory, resume.then_some(provenance.as_str()))?)
             }
         })
     }

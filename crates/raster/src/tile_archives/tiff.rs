@@ -65,7 +65,7 @@ pub(super) fn tile(
     }
     // The samples, the directory, and the values that do not fit into it.
     let directory = (8 + samples.len()).next_multiple_of(2);
-    let mut behind = directory + 2 + 12 * fields.len() + 4;
+    let mut next_offset = directory + 2 + 12 * fields.len() + 4;
     let mut file = b"II\x2a\0".to_vec();
     file.extend((directory as u32).to_le_bytes());
     file.extend_from_slice(samples);
@@ -80,9 +80,9 @@ pub(super) fn tile(
             bytes.resize(4, 0);
             file.extend(bytes);
         } else {
-            file.extend((behind as u32).to_le_bytes());
+            file.extend((next_offset as u32).to_le_bytes());
             bytes.resize(bytes.len().next_multiple_of(2), 0);
-            behind += bytes.len();
+            next_offset += bytes.len();
             rest.extend(bytes);
         }
     }

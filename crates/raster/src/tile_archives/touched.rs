@@ -122,7 +122,7 @@ impl TouchedTiles {
 
     /// Iterates over all tiles, in the order of their numbers.
     pub(super) fn iter(&self) -> impl Iterator<Item = TileId> + '_ {
-        self.zooms.clone().flat_map(|zoom| OfZoom {
+        self.zooms.clone().flat_map(|zoom| ZoomTiles {
             zoom,
             pending: vec![(self.root(zoom), 0, 0)],
             run: 0..0,
@@ -145,7 +145,7 @@ impl TouchedTiles {
 }
 
 /// The tiles of a zoom, along the Hilbert curve.
-struct OfZoom<'a> {
+struct ZoomTiles<'a> {
     zoom: u8,
     /// Nodes still to be visited, the next one last: with the zoom at which the node is one tile,
     /// and its index along the curve there.
@@ -156,7 +156,7 @@ struct OfZoom<'a> {
     square: Option<u64>,
 }
 
-impl Iterator for OfZoom<'_> {
+impl Iterator for ZoomTiles<'_> {
     type Item = TileId;
 
     fn next(&mut self) -> Option<TileId> {
@@ -239,7 +239,7 @@ mod tests {
     use spinney_tiles::first_number;
 
     #[test]
-    fn tiles_are_those_of_a_plain_set_and_come_in_order() {
+    fn touched_tiles_equal_a_plain_set_and_are_sorted() {
         let mut state = 1u64;
         let mut random = |below: u32| {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

@@ -4,17 +4,17 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::directory::DirectoryEdit;
 use super::encode::{Encoded, TileEncoder};
-use super::folder::FolderEdit;
 #[cfg(feature = "mbtiles")]
 use super::mbtiles::MbtilesEdit;
 use super::pmtiles::Pmtiles;
-use super::provenance::{Own, SourceState, TileProvenance};
+use super::provenance::{SourceState, SpinneyMetadata, TileProvenance};
 use super::sink::{TileArchiveSummary, TileEdit};
 use super::target::TileTarget;
 use super::touched::{TouchedBlocks, TouchedTiles};
-use super::walk::{TileExtent, TileRun, TileWalk, settled};
-use super::{Made, TileRequest, export_tiles, plan, write};
+use super::walk::{TileExtent, TileSpan, TileTraversal, settled};
+use super::{EncodeResult, TileRequest, export_tiles, plan, write};
 use crate::window::decide;
 use spinney_base::parallel;
 use spinney_base::space::Code;
@@ -48,10 +48,10 @@ fn changes(
             name.into()
         }
         _ => {
-            let advice = "give the file that it was made of with --since, or make it anew";
+            let advice = "give the file that it was exported from with --since, or export it again";
             return Err(Error::unsupported(
                 path,
-                "an update of an archive of another file, or of one without commits",
+                "updating an archive of another file, or of one without commits,",
                 advice,
             ));
         }
@@ -60,10 +60,10 @@ fn changes(
     let before = TreeFile::open(&name, &options)?;
     let old = spinney_engine::dataset::open(&name, &options)?;
     if SourceState::of(&old)?.state != state.state {
-        let advice = "give the file that it was made of with --since, or make it anew";
+        let advice = "give the file that it was exported from with --since, or export it again";
         return Err(Error::unsupported(
             &name,
-            "an update of an archive that was made of something else",
+            "updating an archive from a file that it was not exported from",
             advice,
         ));
     }
@@ -81,9 +81,9 @@ fn changes(
 }
 
 /// The tiles to be updated: an archive that is rewritten, or tiles that are changed in place.
-enum Old {
+enum OldTiles {
     Pmtiles(Box<Pmtiles>),
-    InPlace(Box<dyn TileEdit>),
+    Editable(Box<dyn TileEdit>),
 }
 
 /// Options of an update.
@@ -110,8 +110,8 @@ pub struct TileUpdate {
     /// Path of the old tiles.
     place: PathBuf,
     target: TileTarget,
-    old: Old,
-    own: Own,
+    old: OldTiles,
+    own: SpinneyMetadata,
 }
 
 impl TileUpdate {
@@ -125,23 +125,28 @@ impl TileUpdate {
     pub fn open(target: &TileTarget, old: Option<&Path>, progress: &dyn Progress) -> Result<TileUpdate> {
         let place = old.unwrap_or(target.path());
         let opened = match target {
-            TileTarget::Pmtiles(_) => Old::Pmtiles(Box::new(Pmtiles::open(place)?)),
+            TileTarget::Pmtiles(_) => OldTiles::Pmtiles(Box::new(Pmtiles::open(place)?)),
             _ if place != target.path() => {
                 let advice = "copy it first, and update the copy";
-                return Err(Error::unsupported(place, "an update of one of these from another", advice));
+                return Err(Error::unsupported(
+                    place,
+                    "updating MBTiles or a directory from another archive",
+                    advice,
+                ));
             }
             #[cfg(feature = "mbtiles")]
-            TileTarget::Mbtiles(path) => Old::InPlace(Box::new(MbtilesEdit::open(path)?)),
-            TileTarget::Folder(folder) => Old::InPlace(Box::new(FolderEdit::open(folder, progress)?)),
+            TileTarget::Mbtiles(path) => OldTiles::Editable(Box::new(MbtilesEdit::open(path)?)),
+            TileTarget::Directory(directory) => {
+                OldTiles::Editable(Box::new(DirectoryEdit::open(directory, progress)?))
+            }
         };
         let own = match &opened {
-            Old::Pmtiles(archive) => archive.own(),
-            Old::InPlace(edit) => Some(edit.own().clone()),
+            OldTiles::Pmtiles(archive) => archive.own(),
+            OldTiles::Editable(edit) => Some(edit.own().clone()),
         };
-        let own: Own = own.ok_or_else(|| {
-            let advice =
-                "only what `spinney export` of this version wrote says how it was made; make it anew";
-            Error::unsupported(place, "an update of an archive of another program", advice)
+        let own: SpinneyMetadata = own.ok_or_else(|| {
+            let advice = "only archives by this version of `spinney export` can be updated; export it again";
+            Error::unsupported(place, "updating an archive by another program or version", advice)
         })?;
         Ok(TileUpdate { place: place.to_path_buf(), target: target.clone(), old: opened, own })
     }
@@ -155,9 +160,9 @@ impl TileUpdate {
     pub fn painter(&self, style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<TilePainter> {
         let now = TilePainter::new(style, tree, progress)?;
         let Some(old) = &self.own.provenance.colours else { return Ok(now) };
-        let redraw = "or --restyle, which draws all tiles anew";
+        let redraw = "or --restyle, which draws all tiles again";
         if old.style != style.json() {
-            let expected = format!("that which the tiles were made with, {}, {redraw}", old.style);
+            let expected = format!("the style of the tiles, {}, {redraw}", old.style);
             return Err(Error::invalid("style", style.json(), expected));
         }
         let differing = old.percentiles.differences(&now.colours().percentiles, "now");
@@ -166,7 +171,7 @@ impl TileUpdate {
         }
         let kept = TilePainter::with_numbers(style, tree, Some(&old.percentiles), progress)?;
         let text = format!(
-            "colours keep the numbers that tiles were made with, {}; --restyle draws all with those of now",
+            "colours keep the percentiles that the tiles were made with, {}; --restyle draws all tiles with the present ones",
             differing.join(", ")
         );
         progress.warn(&self.place, &text);
@@ -198,7 +203,7 @@ impl TileUpdate {
         if !options.restyle {
             self.check_colours(&about.provenance)?;
             changes(tree, &provenance.source, since, level, progress, &mut |code| touched.add(code))?;
-        } else if let Old::Pmtiles(_) = self.old {
+        } else if let OldTiles::Pmtiles(_) = self.old {
             touched.add_all();
         } else {
             // Tiles that have become empty must be removed. If the differences are unknown, every
@@ -211,11 +216,11 @@ impl TileUpdate {
         let touched = touched.tiles;
         progress.check()?;
         match self.old {
-            Old::Pmtiles(archive) => {
-                let (total, _) = TileWalk::new(source, &extent).count(progress)?;
+            OldTiles::Pmtiles(archive) => {
+                let (total, _) = TileTraversal::new(source, &extent).count(progress)?;
                 let sink = self.target.sink(&about, request)?;
-                let copied = |run: &TileRun| -> Result<Option<Made>> {
-                    let tile = TileId::from_number(run.first).expect("a run of tiles");
+                let copied = |run: &TileSpan| -> Result<Option<EncodeResult>> {
+                    let tile = TileId::from_number(run.first).expect("spans have valid tile numbers");
                     if run.uniform.is_some() || touched.contains(tile) {
                         return Ok(None);
                     }
@@ -223,8 +228,8 @@ impl TileUpdate {
                 };
                 write(source, &extent, &encoder, Some(&copied), sink, &about, total, progress)
             }
-            Old::InPlace(mut edit) => {
-                let drawer = Drawer { source, encoder: &encoder, extent: &extent, progress };
+            OldTiles::Editable(mut edit) => {
+                let drawer = TileRedrawer { source, encoder: &encoder, extent: &extent, progress };
                 if options.restyle {
                     drawer.redraw_all(&touched, edit.as_mut())?;
                 }
@@ -242,14 +247,14 @@ impl TileUpdate {
             return Ok(());
         }
         let what = if old.style != new.style {
-            format!("tiles with the style {}, which were made with {}", new.style, old.style)
+            format!("updating tiles to the style {} from the style {}", new.style, old.style)
         } else if old.percentiles != new.percentiles {
             let differing = old.percentiles.differences(&new.percentiles, "now");
-            format!("tiles with other numbers for percentiles: {}", differing.join(", "))
+            format!("updating tiles to other percentiles: {}", differing.join(", "))
         } else {
-            "an update after the tree's palette, units or meaning of channels have changed".into()
+            "updating tiles after a change of the tree's palette, units or meaning of channels".into()
         };
-        let advice = "--restyle draws all tiles anew";
+        let advice = "use --restyle to draw all tiles again";
         Err(Error::unsupported(&self.place, what, advice))
     }
 }
@@ -263,8 +268,8 @@ impl TileUpdate {
 /// use spinney::raw::export::tiles::{TileTarget, UpdateOptions, draw_tiles, tile_source};
 /// use spinney::style::Style;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("map.pmtiles");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("map.pmtiles");
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;
 /// let Some(target) = TileTarget::of(&path)? else { unreachable!("it is named so") };
 /// let mut request = TileRequest::new(&map)?;
@@ -303,9 +308,8 @@ pub fn draw_tiles(
         if let (Some(void), Some(own)) = (request.void, tree.metadata().nodata)
             && void != own
         {
-            let text = format!(
-                "has {void} as nodata number, since {own}, that of the layer, lies within its values"
-            );
+            let text =
+                format!("has {void} as nodata number, since {own}, that of the layer, is within its values");
             progress.warn(target.path(), &text);
         }
     } else {
@@ -318,7 +322,7 @@ pub fn draw_tiles(
 }
 
 /// Draws tiles, and replaces old ones.
-struct Drawer<'a> {
+struct TileRedrawer<'a> {
     source: &'a dyn TileSource,
     encoder: &'a TileEncoder<'a>,
     extent: &'a TileExtent,
@@ -328,7 +332,7 @@ struct Drawer<'a> {
 /// Tiles or runs drawn per batch.
 const BATCH: usize = 256;
 
-impl Drawer<'_> {
+impl TileRedrawer<'_> {
     /// Replaces the touched tiles, and removes those that have become empty.
     fn redraw(&self, touched: &TouchedTiles, edit: &mut dyn TileEdit) -> Result<()> {
         let total = touched.count();
@@ -338,14 +342,14 @@ impl Drawer<'_> {
             if tiles.is_empty() {
                 return Ok(());
             }
-            let made: Vec<Made> = parallel::map(&tiles, |tile| {
+            let made: Vec<EncodeResult> = parallel::map(&tiles, |tile| {
                 self.progress.check()?;
                 let content = self.source.content(*tile)?;
                 if content == TileContent::Empty {
                     return Ok(None);
                 }
                 let uniform = settled(self.source, self.extent, *tile, content)?;
-                self.encoder.encode(&TileRun { first: tile.number(), count: 1, uniform })
+                self.encoder.encode(&TileSpan { first: tile.number(), count: 1, uniform })
             });
             for (tile, made) in tiles.iter().zip(made) {
                 edit.replace(*tile, made?.as_deref())?;
@@ -356,21 +360,21 @@ impl Drawer<'_> {
 
     /// Replaces all non-empty tiles that are not touched.
     fn redraw_all(&self, touched: &TouchedTiles, edit: &mut dyn TileEdit) -> Result<()> {
-        let (total, _) = TileWalk::new(self.source, self.extent).count(self.progress)?;
-        let mut walk = TileWalk::new(self.source, self.extent);
+        let (total, _) = TileTraversal::new(self.source, self.extent).count(self.progress)?;
+        let mut walk = TileTraversal::new(self.source, self.extent);
         loop {
             let runs = walk.next_runs(BATCH)?;
             if runs.is_empty() {
                 return Ok(());
             }
-            let made: Vec<Made> = parallel::map(&runs, |run| {
+            let made: Vec<EncodeResult> = parallel::map(&runs, |run| {
                 self.progress.check()?;
                 self.encoder.encode(run)
             });
             for (run, made) in runs.iter().zip(made) {
                 let made = made?;
                 for number in run.first..run.first + run.count {
-                    let tile = TileId::from_number(number).expect("a run of tiles");
+                    let tile = TileId::from_number(number).expect("spans have valid tile numbers");
                     if !touched.contains(tile) {
                         edit.replace(tile, made.as_deref())?;
                     }

@@ -10,7 +10,7 @@ use spinney_tiles::{TileId, TileRange, first_number};
 
 /// Consecutive tiles: one that must be drawn, or many that are equal.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct TileRun {
+pub(super) struct TileSpan {
     /// Number of the first tile: [`TileId::number`].
     pub(super) first: u64,
     pub(super) count: u64,
@@ -28,13 +28,13 @@ pub(super) struct TileExtent {
     /// settled only together with its neighbours.
     pub(super) margin: usize,
     /// Whether tiles store their positions, so that no two are equal and none is settled.
-    pub(super) has_places: bool,
+    pub(super) is_georeferenced: bool,
     /// The range of runs to yield, by their indices.
     pub(super) runs: Range<u64>,
 }
 
 /// State of a traversal.
-pub(super) struct TileWalk<'a> {
+pub(super) struct TileTraversal<'a> {
     source: &'a dyn TileSource,
     extent: TileExtent,
     zoom: u8,
@@ -45,9 +45,9 @@ pub(super) struct TileWalk<'a> {
     next: u64,
 }
 
-impl<'a> TileWalk<'a> {
-    pub(super) fn new(source: &'a dyn TileSource, extent: &TileExtent) -> TileWalk<'a> {
-        let mut walk = TileWalk {
+impl<'a> TileTraversal<'a> {
+    pub(super) fn new(source: &'a dyn TileSource, extent: &TileExtent) -> TileTraversal<'a> {
+        let mut walk = TileTraversal {
             source,
             extent: extent.clone(),
             zoom: *extent.zooms.start(),
@@ -68,7 +68,7 @@ impl<'a> TileWalk<'a> {
     ///
     /// Invariant: runs and their order depend only on the source and the extent. So the shares of
     /// several processes together yield every run exactly once.
-    pub(super) fn next_run(&mut self) -> Result<Option<TileRun>> {
+    pub(super) fn next_run(&mut self) -> Result<Option<TileSpan>> {
         while self.next < self.extent.runs.end
             && let Some(run) = self.any_run()?
         {
@@ -80,7 +80,7 @@ impl<'a> TileWalk<'a> {
         Ok(None)
     }
 
-    fn any_run(&mut self) -> Result<Option<TileRun>> {
+    fn any_run(&mut self) -> Result<Option<TileSpan>> {
         loop {
             while let Some(node) = self.pending.pop() {
                 if let Some(run) = self.visit(node)? {
@@ -96,7 +96,7 @@ impl<'a> TileWalk<'a> {
     }
 
     /// Returns up to `most` further runs.
-    pub(super) fn next_runs(&mut self, most: usize) -> Result<Vec<TileRun>> {
+    pub(super) fn next_runs(&mut self, most: usize) -> Result<Vec<TileSpan>> {
         let mut runs = Vec::with_capacity(most);
         while runs.len() < most
             && let Some(run) = self.next_run()?
@@ -106,7 +106,7 @@ impl<'a> TileWalk<'a> {
         Ok(runs)
     }
 
-    fn visit(&mut self, node: TileId) -> Result<Option<TileRun>> {
+    fn visit(&mut self, node: TileId) -> Result<Option<TileSpan>> {
         let below = TileRange::below(node, self.zoom);
         if self.range.intersect(&below).is_empty() {
             return Ok(None);
@@ -118,7 +118,7 @@ impl<'a> TileWalk<'a> {
         }
         if node.zoom == self.zoom {
             let uniform = settled(self.source, &self.extent, node, content)?;
-            return Ok(Some(TileRun { first: node.number(), count: 1, uniform }));
+            return Ok(Some(TileSpan { first: node.number(), count: 1, uniform }));
         }
         let along = node.along_curve();
         if self.range.contains(&below)
@@ -126,7 +126,7 @@ impl<'a> TileWalk<'a> {
         {
             let shift = 2 * (self.zoom - node.zoom);
             let first = first_number(self.zoom) + (along << shift);
-            return Ok(Some(TileRun { first, count: 1 << shift, uniform: Some(value) }));
+            return Ok(Some(TileSpan { first, count: 1 << shift, uniform: Some(value) }));
         }
         // The children's section of the curve, in its order.
         let children = (0..4).rev().map(|step| TileId::on_curve(node.zoom + 1, along << 2 | step));
@@ -157,7 +157,7 @@ pub(super) fn settled(
     content: TileContent,
 ) -> Result<Option<Value>> {
     let TileContent::Uniform(value) = content else { return Ok(None) };
-    if extent.has_places {
+    if extent.is_georeferenced {
         return Ok(None);
     }
     if extent.margin == 0 {

@@ -48,13 +48,14 @@ impl ArrayLayout {
     pub(super) fn check(&self, path: &Path) -> Result<()> {
         if !self.value().is_supported() {
             let found = format!("an array of {} channels of {}", self.channels, self.format.name());
-            let advice = "several channels can be of 1 or 2 bytes without a sign, or of floats of 2 or 4";
+            let advice =
+                "several channels must be unsigned integers of 1 or 2 bytes, or floats of 2 or 4 bytes";
             return Err(Error::unsupported(path, found, advice));
         }
         let [x, y, z] = self.size;
         if self.size.contains(&0) {
-            let found = format!("an array without cells, of {x} x {y} x {z}");
-            return Err(Error::unsupported(path, found, "trees have at least one"));
+            let found = format!("an empty array of {x} x {y} x {z}");
+            return Err(Error::unsupported(path, found, "volumes have at least one cell"));
         }
         Ok(())
     }
@@ -74,7 +75,7 @@ pub(super) struct Array {
 impl Array {
     /// An array whose samples begin at byte `start` of a file.
     pub(super) fn new(path: &Path, file: File, layout: ArrayLayout, start: u64) -> Array {
-        let cells = Bounds::picture(layout.size);
+        let cells = Bounds::of_extent(layout.size);
         Array { path: path.to_path_buf(), file, layout, start, cells }
     }
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::slice;
 
-use super::sections::pictures_of;
+use super::sections::image_files;
 use super::{RawLayout, VolumeImport, VolumeOptions, nrrd, plan, plan_raw, plan_sections};
 use crate::import::{RasterOptions, files_of};
 use spinney_base::Result;
@@ -45,9 +45,9 @@ impl VolumeInput {
     ///
     /// # Errors
     /// If a directory cannot be read, or has no images.
-    pub fn pictures(&self) -> Result<Vec<PathBuf>> {
+    pub fn images(&self) -> Result<Vec<PathBuf>> {
         match self {
-            VolumeInput::Sections(paths) => Ok(pictures_of(paths)?.0),
+            VolumeInput::Sections(paths) => Ok(image_files(paths)?.0),
             _ => Ok(self.paths().to_vec()),
         }
     }
@@ -60,19 +60,19 @@ impl VolumeInput {
     pub fn files(&self, access: &FileAccess) -> Result<Vec<PathBuf>> {
         let options = RasterOptions { access: access.clone(), ..RasterOptions::default() };
         let mut files = Vec::new();
-        for picture in self.pictures()? {
+        for image in self.images()? {
             match self {
-                VolumeInput::Sections(_) => files.extend(files_of(&picture, &options)?),
-                VolumeInput::File(_) => files.extend(data_beside(&picture)?),
+                VolumeInput::Sections(_) => files.extend(files_of(&image, &options)?),
+                VolumeInput::File(_) => files.extend(detached_data(&image)?),
                 VolumeInput::Raw(..) => {}
             }
-            files.push(picture);
+            files.push(image);
         }
         Ok(files)
     }
 }
 
 /// The separate file with a volume's samples, if it has one.
-fn data_beside(path: &Path) -> Result<Option<PathBuf>> {
+fn detached_data(path: &Path) -> Result<Option<PathBuf>> {
     if nrrd::is_one(path) { nrrd::data_file(path) } else { Ok(None) }
 }

@@ -23,7 +23,7 @@ use self::sections::Sections;
 use crate::import::{DEFAULT_MEMORY, RasterOptions, as_stored, depth_of, listed, nodata_text};
 use serde::{Deserialize, Serialize};
 use spinney_base::TreeType;
-use spinney_base::io::{FileAccess, Output, folder};
+use spinney_base::io::{FileAccess, Output, directory_of};
 use spinney_base::space::{Bounds, Dimension};
 use spinney_base::value::{DataKind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result};
@@ -94,7 +94,7 @@ enum Samples {
 }
 
 /// Description of a volume, from its file or from the caller.
-struct Told {
+struct OpenedVolume {
     /// Description of its format.
     words: String,
     /// Name of the sample type.
@@ -125,8 +125,8 @@ pub fn is_volume(path: &Path) -> bool {
 /// use spinney::import::volume::{VolumeOptions, plan};
 /// use spinney::Output;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let (array, path) = (folder.path().join("volume.npy"), folder.path().join("volume.goblin"));
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let (array, path) = (directory.path().join("volume.npy"), directory.path().join("volume.goblin"));
 /// let mut bytes = b"\x93NUMPY\x01\0\x76\0".to_vec();
 /// bytes.extend(
 ///     format!("{:117}\n", "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4)}")
@@ -158,8 +158,8 @@ pub fn plan(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
 /// use spinney::raw::import::volume::{RawLayout, plan_raw};
 /// use spinney::{Output, SampleType};
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let (raw, path) = (folder.path().join("volume.raw"), folder.path().join("volume.goblin"));
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let (raw, path) = (directory.path().join("volume.raw"), directory.path().join("volume.goblin"));
 /// std::fs::write(&raw, [0, 1, 0, 2, 0, 3, 0, 4]).unwrap();
 /// let mut layout = RawLayout::new([2, 2, 1], SampleType::U16);
 /// layout.is_big_endian = true;
@@ -194,12 +194,12 @@ pub fn plan_sections(inputs: &[PathBuf], options: &VolumeOptions) -> Result<Volu
         count => format!("{planes} sections in {count} files: {}", info.layout),
     };
     if sections.others > 0 {
-        words += &format!("; {} other files in folders are left out", sections.others);
+        words += &format!("; {} other files in directories are left out", sections.others);
     }
     if let Some(report) = &sections.missing {
         words += &format!("; {report}");
     }
-    let told = Told {
+    let volume = OpenedVolume {
         words,
         stored: info.stored_sample,
         layout: sections.layout,
@@ -214,28 +214,30 @@ pub fn plan_sections(inputs: &[PathBuf], options: &VolumeOptions) -> Result<Volu
         kind: info.kind.filter(|kind| *kind == DataKind::Categorical),
         samples: Samples::Sections(Box::new(sections)),
     };
-    planned(&files, told, options)
+    planned(&files, volume, options)
 }
 
 /// Plans a volume from its description.
-fn planned(paths: &[PathBuf], told: Told, options: &VolumeOptions) -> Result<VolumeImport> {
-    let Told { words, stored, layout, metadata, kind: told_kind, samples } = told;
+fn planned(paths: &[PathBuf], volume: OpenedVolume, options: &VolumeOptions) -> Result<VolumeImport> {
+    let OpenedVolume { words, stored, layout, metadata, kind: declared_kind, samples } = volume;
     let value = layout.value();
     let nodata = options.nodata.or(metadata.nodata).and_then(|number| as_stored(number, value.sample));
     let value = nodata.map_or(value, |nodata| value.with_missing(nodata));
     let [width, height, planes] = layout.size;
     let text = format!("{width} x {height} x {planes} cells");
-    let depth = depth_of(Dimension::Oct, layout.size, &text, options.depth)?;
-    let (kind, kind_reason) = match (options.kind, told_kind) {
-        (Some(kind), _) => (kind, "as you said"),
-        (None, Some(kind)) => (kind, "as the file's samples tell"),
-        (None, None) => (DataKind::Continuous, "the usual for volumes; for classes say --kind categorical"),
+    let path = paths.first().map_or(Path::new("volume"), PathBuf::as_path);
+    let depth = depth_of(Dimension::Oct, layout.size, (path, &text), options.depth)?;
+    let (kind, kind_reason) = match (options.kind, declared_kind) {
+        (Some(kind), _) => (kind, "as requested"),
+        (None, Some(kind)) => (kind, "declared by the file"),
+        (None, None) => (DataKind::Continuous, "default for volumes; for classes use --kind categorical"),
     };
     let rule = options.rule.unwrap_or(kind.default_rule());
+    kind.check_rule(rule, path)?;
     let provenance = vec![format!("volume {} ({words})", listed(paths))];
     let frame = frame(&metadata.frame, options)?;
     let metadata = Metadata { frame, nodata, provenance, ..metadata };
-    let said = |is: bool| if is { "as you said".into() } else { format!("usual for {kind}") };
+    let said = |is: bool| if is { "as requested".into() } else { format!("default for {kind}") };
     let crs = metadata.frame.crs.as_ref().map_or("none".into(), Crs::to_string);
     let placed = !metadata.frame.is_identity();
     let description = vec![
@@ -262,13 +264,13 @@ fn planned(paths: &[PathBuf], told: Told, options: &VolumeOptions) -> Result<Vol
 }
 
 /// The frame of the file, with the transform and coordinate system of the options.
-fn frame(told: &Frame, options: &VolumeOptions) -> Result<Frame> {
-    let mut frame = told.clone();
+fn frame(declared: &Frame, options: &VolumeOptions) -> Result<Frame> {
+    let mut frame = declared.clone();
     frame.crs = options.crs.clone().or(frame.crs);
     frame.matrix = options.transform.unwrap_or(frame.matrix);
     let is_finite = frame.matrix.iter().flatten().all(|number| number.is_finite());
     if !is_finite || frame.to_cells([0.0; 3]).is_none() {
-        let expected = "a map of cells to the world that has an inverse";
+        let expected = "an invertible map from cells to the world";
         return Err(Error::invalid("transform", format!("{:?}", frame.matrix), expected));
     }
     Ok(frame)
@@ -298,26 +300,31 @@ impl VolumeImport {
     /// If the file cannot be read or was truncated, the output cannot be written, or on
     /// cancellation. Nothing is left then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
-        let beside = folder(output.path()).to_path_buf();
+        let scratch_directory = directory_of(output.path()).to_path_buf();
         let mut file = TreeWriter::create(output, (Dimension::Oct, self.options.depth), 1)?;
-        self.write(&mut file, &beside, progress)?;
+        self.write(&mut file, &scratch_directory, progress)?;
         file.finish()
     }
 
     /// Writes the octree, or the requested range of it, as the next layer of a file. Temporary
-    /// files are created in the directory `beside`, and hold only the requested samples.
+    /// files are created in the directory `scratch_directory`, and hold only the requested samples.
     ///
     /// # Errors
     /// Those of [`VolumeImport::build`].
-    pub fn write(self, file: &mut TreeWriter, beside: &Path, progress: &dyn Progress) -> Result<()> {
+    pub fn write(
+        self,
+        file: &mut TreeWriter,
+        scratch_directory: &Path,
+        progress: &dyn Progress,
+    ) -> Result<()> {
         let VolumeImport { samples, size, value, options, memory, .. } = self;
         let form = TreeType::new(Dimension::Oct, value);
-        let Some(run) = file.run() else { return file.tell(form, size, &options) };
-        let cells = run.bounds(form.dimension, options.depth, &Bounds::picture(size));
+        let Some(run) = file.run() else { return file.write_layer_header(form, size, &options) };
+        let cells = run.bounds(form.dimension, options.depth, &Bounds::of_extent(size));
         let array = match samples {
             Samples::Array(array) => array,
-            Samples::Sections(sections) => sections.spill(cells, beside, progress)?,
-            Samples::Packed(packed) => packed.unpack(cells, beside, progress)?,
+            Samples::Sections(sections) => sections.spill(cells, scratch_directory, progress)?,
+            Samples::Packed(packed) => packed.unpack(cells, scratch_directory, progress)?,
         };
         let nodata = options.metadata.nodata.and_then(|number| value.splat(number));
         let wanted = WantedCells { dimension: Dimension::Oct, depth: options.depth, run };

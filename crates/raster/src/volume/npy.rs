@@ -5,7 +5,7 @@ use std::io::Seek;
 use std::path::Path;
 
 use super::array::{Array, ArrayLayout};
-use super::{Samples, Told};
+use super::{OpenedVolume, Samples};
 use crate::import::SampleFormat;
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
@@ -36,7 +36,7 @@ fn sample_format(descr: &str) -> Option<(SampleFormat, bool)> {
 ///
 /// # Errors
 /// If it cannot be read, is not a three-dimensional array, or has another length.
-pub(super) fn open(path: &Path) -> Result<Told> {
+pub(super) fn open(path: &Path) -> Result<OpenedVolume> {
     let mut file = File::open(path).map_err(Error::io(path, "open"))?;
     let header = NpyHeader::read(&mut file, path)?;
     let descr = header.samples(path)?;
@@ -51,8 +51,8 @@ pub(super) fn open(path: &Path) -> Result<Told> {
         [z, y, x] => ([x, y, z], 1),
         [z, y, x, channels @ 1..=4] => ([x, y, z], channels as u8),
         _ => {
-            let advice = "volumes have the dimensions z, y, x, or z, y, x and up to 4 channels; a plane is one \
-                          as array[None], a picture as TIFF or PNG; of points, `--index points` makes a tree";
+            let advice = "volumes have the dimensions z, y, x, or z, y, x and up to 4 channels; save a plane as \
+                          array[None], an image as TIFF or PNG; for points use `--index points`";
             return unsupported(format!("an array of shape {shape}"), advice);
         }
     };
@@ -64,14 +64,19 @@ pub(super) fn open(path: &Path) -> Result<Told> {
     layout.check(path)?;
     let Some(end) = layout.bytes().and_then(|bytes| bytes.checked_add(start)) else {
         let found = format!("shape {shape}");
-        return Err(Error::corrupt(path, "the header", found, "a shape that some file has room for"));
+        return Err(Error::corrupt(
+            path,
+            "the header",
+            found,
+            "a shape whose size in bytes is a 64-bit number",
+        ));
     };
-    let length = file.metadata().map_err(Error::io(path, "read the size of"))?.len();
+    let length = file.metadata().map_err(Error::io(path, "read its size"))?.len();
     if length != end {
         let expected = format!("{end} for an array of shape {shape} of `{descr}`");
         return Err(Error::corrupt(path, "the whole file", format!("{length} bytes"), expected));
     }
-    Ok(Told {
+    Ok(OpenedVolume {
         words: format!("NPY of {descr}"),
         stored: format.name(),
         layout,

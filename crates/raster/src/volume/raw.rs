@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::array::{Array, ArrayLayout};
-use super::{Samples, Told};
+use super::{OpenedVolume, Samples};
 use crate::import::SampleFormat;
 use serde::{Deserialize, Serialize};
 use spinney_base::io::open_input;
@@ -40,7 +40,7 @@ impl RawLayout {
 ///
 /// # Errors
 /// If it cannot be read, has another length, or trees do not support such cells.
-pub(super) fn open(path: &Path, raw: &RawLayout) -> Result<Told> {
+pub(super) fn open(path: &Path, raw: &RawLayout) -> Result<OpenedVolume> {
     let file = open_input(path)?;
     let RawLayout { size: [x, y, z], sample, channels, is_big_endian, skip } = *raw;
     let format = match (sample.is_float(), sample) {
@@ -52,23 +52,22 @@ pub(super) fn open(path: &Path, raw: &RawLayout) -> Result<Told> {
     };
     let layout = ArrayLayout { size: raw.size, format, channels, is_big_endian };
     layout.check(path)?;
-    let length = file.metadata().map_err(Error::io(path, "read the size of"))?.len();
-    let text =
-        format!("{x} x {y} x {z} cells of {channels} samples of {} behind {skip} bytes", sample.name());
+    let length = file.metadata().map_err(Error::io(path, "read its size"))?.len();
+    let text = format!("{x} x {y} x {z} cells of {channels} samples of {} after {skip} bytes", sample.name());
     match layout.bytes().and_then(|bytes| bytes.checked_add(skip)) {
         Some(end) if end == length => {}
         Some(end) => {
             let found = format!("{length} bytes");
             return Err(Error::corrupt(path, "the whole file", found, format!("{end} for {text}")));
         }
-        None => return Err(Error::invalid("raw layout", text, "as many bytes as some file has room for")),
+        None => return Err(Error::invalid("raw layout", text, "a size in bytes that is a 64-bit number")),
     }
     let order = match (sample.size(), is_big_endian) {
         (1, _) => "",
         (_, true) => ", big-endian",
         (_, false) => ", little-endian",
     };
-    Ok(Told {
+    Ok(OpenedVolume {
         words: format!("raw samples{order}"),
         stored: format.name(),
         layout,

@@ -33,7 +33,7 @@ const MAX_GAPS: usize = 8;
 
 /// A parsed name: a literal before each number, and one after the last.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct Name {
+struct ParsedName {
     literals: Vec<String>,
     numbers: Vec<NumberText>,
 }
@@ -47,18 +47,18 @@ struct NumberText {
     unit: Option<usize>,
 }
 
-impl Name {
+impl ParsedName {
     /// Parses a file name without its image extension.
-    fn of(path: &Path) -> Name {
+    fn of(path: &Path) -> ParsedName {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let is_image = |ending: &str| ENDINGS.contains(&&*ending.to_ascii_lowercase());
         let stem =
             name.rsplit_once('.').filter(|(_, ending)| is_image(ending)).map_or(&*name, |(stem, _)| stem);
-        Name::parse(stem)
+        ParsedName::parse(stem)
     }
 
-    fn parse(name: &str) -> Name {
-        let (mut parsed, mut text, mut rest) = (Name::default(), String::new(), name);
+    fn parse(name: &str) -> ParsedName {
+        let (mut parsed, mut text, mut rest) = (ParsedName::default(), String::new(), name);
         while let Some(first) = rest.chars().next() {
             let is_number = first.is_ascii_digit();
             if !is_number {
@@ -84,11 +84,11 @@ impl Name {
             if !fraction.is_empty() && !goes_on && !is_in_list {
                 (number.fraction, rest) = (Some(fraction), after);
             }
-            let behind = rest.strip_prefix([' ', '_']).unwrap_or(rest);
-            let letters = behind.find(|c: char| !c.is_alphabetic()).unwrap_or(behind.len());
-            number.unit = UNITS.iter().position(|(unit, _)| behind[..letters].eq_ignore_ascii_case(unit));
+            let suffix = rest.strip_prefix([' ', '_']).unwrap_or(rest);
+            let letters = suffix.find(|c: char| !c.is_alphabetic()).unwrap_or(suffix.len());
+            number.unit = UNITS.iter().position(|(unit, _)| suffix[..letters].eq_ignore_ascii_case(unit));
             if number.unit.is_some() {
-                rest = &behind[letters..];
+                rest = &suffix[letters..];
             }
             parsed.literals.push(std::mem::take(&mut text));
             parsed.numbers.push(number);
@@ -165,17 +165,17 @@ enum Key {
 
 /// Interpretation of a number in all names that differ only in their numbers.
 #[derive(Clone, Copy)]
-struct Meaning {
+struct NumberFormat {
     has_signs: bool,
     has_fractions: bool,
     /// Whether units differ, so that numbers are compared in metres.
     in_metres: bool,
 }
 
-impl Meaning {
+impl NumberFormat {
     /// Interprets the numbers at one position of several names; `before` is the literal before
     /// them.
-    fn of(numbers: &[&NumberText], before: &str) -> Meaning {
+    fn of(numbers: &[&NumberText], before: &str) -> NumberFormat {
         // A minus that all numbers have after a word is a hyphen: slice-01, slice-02.
         let is_after_word = before.chars().last().is_some_and(char::is_alphanumeric);
         let is_hyphen = is_after_word && numbers.iter().all(|number| number.sign == Some('-'));
@@ -185,7 +185,7 @@ impl Meaning {
         let length = fractions().next().map_or(0, str::len);
         let are_equal = fractions().all(|fraction| fraction.len() == length);
         let unit = numbers.first().and_then(|number| number.unit);
-        Meaning {
+        NumberFormat {
             has_signs: !is_hyphen,
             has_fractions: are_equal
                 || unit.is_some()
@@ -207,23 +207,23 @@ fn power(unit: usize) -> i32 {
 }
 
 /// Names that differ only in their numbers, and the interpretations of these.
-struct Shapes(HashMap<Vec<String>, Vec<Meaning>>);
+struct NamePatterns(HashMap<Vec<String>, Vec<NumberFormat>>);
 
-impl Shapes {
-    fn of(names: &[Name]) -> Shapes {
-        let mut groups: HashMap<&[String], Vec<&Name>> = HashMap::new();
+impl NamePatterns {
+    fn of(names: &[ParsedName]) -> NamePatterns {
+        let mut groups: HashMap<&[String], Vec<&ParsedName>> = HashMap::new();
         names.iter().for_each(|name| groups.entry(&name.literals).or_default().push(name));
         let meanings = groups.into_iter().map(|(literals, group)| {
             let of = |at: usize| {
                 let numbers: Vec<&NumberText> = group.iter().map(|name| &name.numbers[at]).collect();
-                Meaning::of(&numbers, &literals[at])
+                NumberFormat::of(&numbers, &literals[at])
             };
             (literals.to_vec(), (0..literals.len() - 1).map(of).collect())
         });
-        Shapes(meanings.collect())
+        NamePatterns(meanings.collect())
     }
 
-    fn keys(&self, name: &Name) -> Vec<Key> {
+    fn keys(&self, name: &ParsedName) -> Vec<Key> {
         let mut keys = Vec::new();
         let meanings = &self.0[&name.literals];
         let text = |text: &str, keys: &mut Vec<Key>| {
@@ -245,10 +245,11 @@ impl Shapes {
 
 /// Sorts files by the numbers in their names, directory by directory.
 pub(super) fn sort_by_numbers(files: &mut Vec<PathBuf>) {
-    let parent = |file: &PathBuf| Name::parse(&file.parent().unwrap_or(Path::new("")).to_string_lossy());
-    let parents: Vec<Name> = files.iter().map(parent).collect();
-    let names: Vec<Name> = files.iter().map(|file| Name::of(file)).collect();
-    let (of_parents, of_names) = (Shapes::of(&parents), Shapes::of(&names));
+    let parent =
+        |file: &PathBuf| ParsedName::parse(&file.parent().unwrap_or(Path::new("")).to_string_lossy());
+    let parents: Vec<ParsedName> = files.iter().map(parent).collect();
+    let names: Vec<ParsedName> = files.iter().map(|file| ParsedName::of(file)).collect();
+    let (of_parents, of_names) = (NamePatterns::of(&parents), NamePatterns::of(&names));
     let keys =
         parents.iter().zip(&names).map(|(parent, name)| (of_parents.keys(parent), of_names.keys(name)));
     let mut keyed: Vec<_> = keys.zip(std::mem::take(files)).collect();
@@ -260,13 +261,13 @@ pub(super) fn sort_by_numbers(files: &mut Vec<PathBuf>) {
 /// Reports missing and repeated numbers in sorted section names. `None` if there are none, or if
 /// names differ in more than one number.
 pub(super) fn missing_numbers(files: &[PathBuf]) -> Option<String> {
-    let names: Vec<Name> = files.iter().map(|file| Name::of(file)).collect();
+    let names: Vec<ParsedName> = files.iter().map(|file| ParsedName::of(file)).collect();
     let first = names.first()?;
     let have_one_parent = files.iter().all(|file| file.parent() == files[0].parent());
     if !have_one_parent || names.iter().any(|name| name.literals != first.literals) {
         return None;
     }
-    let shapes = Shapes::of(&names);
+    let shapes = NamePatterns::of(&names);
     let meanings = &shapes.0[&first.literals];
     let column = |at: usize| names.iter().map(move |name| &name.numbers[at]);
     let mut varying =

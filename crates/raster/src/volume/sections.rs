@@ -43,7 +43,7 @@ pub(super) struct Sections {
 impl Sections {
     /// Reads the headers of all images.
     pub(super) fn open(inputs: &[PathBuf], options: RasterOptions) -> Result<Sections> {
-        let (files, others) = pictures_of(inputs)?;
+        let (files, others) = image_files(inputs)?;
         let mut sections: Vec<Section> = Vec::new();
         let mut first: Option<(RasterInfo, String)> = None;
         for (file, path) in files.iter().enumerate() {
@@ -71,18 +71,18 @@ impl Sections {
             }
         }
         let Some((info, _)) = first else {
-            return Err(Error::invalid("sections", "none", "at least one picture"));
+            return Err(Error::invalid("sections", "none", "at least one image"));
         };
         let path = &files[0];
         let channels = u8::try_from(info.channels).unwrap_or(u8::MAX);
         let size = [info.width, info.height, sections.len() as u64];
         let layout = ArrayLayout { size, format: stored_format(info.sample), channels, is_big_endian: false };
         if !layout.value().is_supported() {
-            let found = format!("{} bands of {} as one value", info.channels, info.sample.name());
+            let found = format!("a value of {} bands of type {}", info.channels, info.sample.name());
             return Err(Error::unsupported(
                 path,
                 found,
-                "say --pages layers for a layer of each page, or --stack of each file",
+                "use --pages layers for a layer of each page, or --stack for a layer of each file",
             ));
         }
         if info.alpha.is_some() {
@@ -95,8 +95,8 @@ impl Sections {
     /// Writes the samples of a box to a temporary file in a directory, plane by plane, so that
     /// cubes across many planes can be read. Planes outside of the box are not read; of others only
     /// the box is read, if the format allows it.
-    pub(super) fn spill(self, cells: Bounds, folder: &Path, progress: &dyn Progress) -> Result<Array> {
-        let mut out = BoxSpill::new(self.layout, cells, folder)?;
+    pub(super) fn spill(self, cells: Bounds, directory: &Path, progress: &dyn Progress) -> Result<Array> {
+        let mut out = BoxSpill::new(self.layout, cells, directory)?;
         if let Some(report) = &self.missing {
             progress.warn(self.files[0].parent().unwrap_or(&self.files[0]), report);
         }
@@ -146,15 +146,19 @@ fn about(info: &RasterInfo) -> String {
 fn unlike(path: &Path, page: Option<(usize, u64)>, (found, expected): (String, &str), first: &Path) -> Error {
     match page {
         Some((number, _)) => {
-            let found = format!("page {number} of {found}, the first of {expected},");
-            Error::unsupported(path, found, "pages of a volume are alike; say --pages layers, or a number")
-        }
-        None => {
-            let found = format!("a section of {found}, with {} of {expected},", first.display());
+            let found = format!("a volume whose page {number} has {found}, and the first {expected},");
             Error::unsupported(
                 path,
                 found,
-                "sections of a volume are alike: leave this one out, or bring it to the size and type of the others",
+                "pages of a volume must be alike; use --pages layers, or a page number",
+            )
+        }
+        None => {
+            let found = format!("a section of {found} in a volume with {} of {expected},", first.display());
+            Error::unsupported(
+                path,
+                found,
+                "sections of a volume must be alike: omit this one, or convert it to the size and type of the others",
             )
         }
     }
@@ -162,7 +166,11 @@ fn unlike(path: &Path, page: Option<(usize, u64)>, (found, expected): (String, &
 
 fn with_mask(path: &Path, what: &str) -> Error {
     let found = format!("a section of a volume with {what}");
-    Error::unsupported(path, found, "say --pages layers for a layer of each page, or --stack of each file")
+    Error::unsupported(
+        path,
+        found,
+        "use --pages layers for a layer of each page, or --stack for a layer of each file",
+    )
 }
 
 /// Opens an image, or a page of it.
@@ -191,7 +199,7 @@ fn stored_format(sample: SampleType) -> SampleFormat {
 /// the numbers in their names, with signs, decimals and units of length. Files that are given in
 /// alphabetical order, as by a shell pattern, are sorted in the same way, so that `z2` comes before
 /// `z10`. Any other given order is kept.
-pub(super) fn pictures_of(inputs: &[PathBuf]) -> Result<(Vec<PathBuf>, u64)> {
+pub(super) fn image_files(inputs: &[PathBuf]) -> Result<(Vec<PathBuf>, u64)> {
     let (mut files, mut others) = (Vec::new(), 0);
     for input in inputs {
         if !input.is_dir() {
@@ -199,19 +207,19 @@ pub(super) fn pictures_of(inputs: &[PathBuf]) -> Result<(Vec<PathBuf>, u64)> {
             continue;
         }
         let mut inside = Vec::new();
-        for entry in std::fs::read_dir(input).map_err(Error::io(input, "list the files of"))? {
-            let path = entry.map_err(Error::io(input, "list the files of"))?.path();
-            let is_hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+        for entry in std::fs::read_dir(input).map_err(Error::io(input, "list its files"))? {
+            let path = entry.map_err(Error::io(input, "list its files"))?.path();
+            let is_dotfile = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
             let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-            let is_picture = ending.is_some_and(|ending| ENDINGS.contains(&&*ending));
-            match is_picture && !is_hidden && path.is_file() {
+            let is_image = ending.is_some_and(|ending| ENDINGS.contains(&&*ending));
+            match is_image && !is_dotfile && path.is_file() {
                 true => inside.push(path),
-                false => others += u64::from(!is_hidden),
+                false => others += u64::from(!is_dotfile),
             }
         }
         if inside.is_empty() {
-            let advice = format!("sections are pictures: files that end with .{}", ENDINGS.join(", ."));
-            return Err(Error::unsupported(input, "a folder without pictures", advice));
+            let advice = format!("sections are images with these extensions: .{}", ENDINGS.join(", ."));
+            return Err(Error::unsupported(input, "a directory without images", advice));
         }
         sort_by_numbers(&mut inside);
         files.extend(inside);
@@ -227,9 +235,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn orders_that_are_chosen_stay() {
+    fn chosen_orders_are_kept() {
         let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
-        let files = |names: &[&str]| pictures_of(&paths(names)).unwrap().0;
+        let files = |names: &[&str]| image_files(&paths(names)).unwrap().0;
         assert_eq!(files(&["z1.png", "z10.png", "z2.png"]), paths(&["z1.png", "z2.png", "z10.png"]));
         assert_eq!(files(&["z+5", "z-10", "z-5", "z0"]), paths(&["z-10", "z-5", "z0", "z+5"]));
         assert_eq!(files(&["z3", "z2", "z1"]), paths(&["z3", "z2", "z1"]));

@@ -13,7 +13,7 @@ use spinney_base::{Error, Result};
 /// Writes the samples of a box of an array to an unnamed temporary file.
 pub(super) struct BoxSpill {
     out: BufWriter<File>,
-    folder: PathBuf,
+    directory: PathBuf,
     layout: ArrayLayout,
     cells: Bounds,
     /// Bytes of a plane, or of a row if the box has no whole rows, and the wanted range of these.
@@ -24,15 +24,15 @@ pub(super) struct BoxSpill {
 impl BoxSpill {
     /// Starts a file in a directory, for a box of an array whose size in bytes is known to fit a
     /// file.
-    pub(super) fn new(layout: ArrayLayout, cells: Bounds, folder: &Path) -> Result<BoxSpill> {
-        let out = BufWriter::new(tempfile::tempfile_in(folder).map_err(failed(folder))?);
+    pub(super) fn new(layout: ArrayLayout, cells: Bounds, directory: &Path) -> Result<BoxSpill> {
+        let out = BufWriter::new(tempfile::tempfile_in(directory).map_err(failed(directory))?);
         let row = layout.size[0] * layout.cell() as u64;
         let (part, axis, step) = match cells.size()[0] == layout.size[0] {
             true => (row * layout.size[1], 1, row),
             false => (row, 0, layout.cell() as u64),
         };
         let inside = cells.min[axis] * step..cells.max[axis] * step;
-        Ok(BoxSpill { out, folder: folder.to_path_buf(), layout, cells, part, inside })
+        Ok(BoxSpill { out, directory: directory.to_path_buf(), layout, cells, part, inside })
     }
 
     /// Consumes the next bytes of the array; `at` is the index of the first one.
@@ -44,7 +44,7 @@ impl BoxSpill {
                 [self.inside.start, self.inside.end].map(|end| end.clamp(from, from + count) - from);
             if start < end && self.has_part(number) {
                 let wanted = &bytes[start as usize..end as usize];
-                self.out.write_all(wanted).map_err(failed(&self.folder))?;
+                self.out.write_all(wanted).map_err(failed(&self.directory))?;
             }
             (at, bytes) = (at + count, &bytes[count as usize..]);
         }
@@ -75,11 +75,11 @@ impl BoxSpill {
 
     /// Returns the box as an array; `path` names the original file in messages.
     pub(super) fn finish(self, path: &Path) -> Result<Array> {
-        let file = self.out.into_inner().map_err(|error| failed(&self.folder)(error.into_error()))?;
+        let file = self.out.into_inner().map_err(|error| failed(&self.directory)(error.into_error()))?;
         Ok(Array::of_box(path, file, self.layout, self.cells))
     }
 }
 
-fn failed(folder: &Path) -> impl FnOnce(std::io::Error) -> Error {
-    Error::io(folder, "use a temporary file for the volume")
+fn failed(directory: &Path) -> impl FnOnce(std::io::Error) -> Error {
+    Error::io(directory, "use a temporary file for the volume")
 }

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use super::{RawLayout, VolumeImport, VolumeInput, VolumeOptions, plan_raw};
 use spinney_base::Result;
 use spinney_base::io::Output;
-use spinney_base::space::{Code, CodeRun, Dimension};
+use spinney_base::space::{Code, CodeRange, Dimension};
 use spinney_base::value::{DataKind, SampleType};
-use spinney_engine::store::goblin::{Shard, ShardPiece, merge_shards};
+use spinney_engine::store::goblin::{Shard, ShardRange, merge_shards};
 use spinney_engine::store::{Packing, TreeWriter};
 
 /// Cells along x, y and z: more than one unit along two axes.
@@ -30,11 +30,11 @@ fn samples() -> Vec<u16> {
 }
 
 /// Builds and merges shards. `cuts` are the numbers of the first unit of each.
-fn in_shards(folder: &Path, open: &dyn Fn() -> Result<VolumeImport>, cuts: &[u64]) -> Vec<u8> {
-    let (head, merged) = (folder.join("head.goblin"), folder.join("merged.goblin"));
+fn in_shards(directory: &Path, open: &dyn Fn() -> Result<VolumeImport>, cuts: &[u64]) -> Vec<u8> {
+    let (head, merged) = (directory.join("head.goblin"), directory.join("merged.goblin"));
     let depth = open().unwrap().options().depth;
     let write = |mut file: TreeWriter| {
-        open().unwrap().write(&mut file, folder, &()).unwrap();
+        open().unwrap().write(&mut file, directory, &()).unwrap();
         file.finish().unwrap();
     };
     write(TreeWriter::head(Output::create(&head).unwrap(), (Dimension::Oct, depth), 1).unwrap());
@@ -47,12 +47,12 @@ fn in_shards(folder: &Path, open: &dyn Fn() -> Result<VolumeImport>, cuts: &[u64
     let ends: Vec<u64> = cuts.iter().copied().chain([units]).collect();
     let mut shards = Vec::new();
     for (number, pair) in (0..).zip(ends.windows(2)) {
-        let mut run = CodeRun::of(unit(pair[0]), unit(pair[1] - 1)).unwrap();
+        let mut run = CodeRange::of(unit(pair[0]), unit(pair[1] - 1)).unwrap();
         if pair[1] == units {
-            run = CodeRun::new(run.ends()[0], CodeRun::ALL.ends()[1]).unwrap();
+            run = CodeRange::new(run.ends()[0], CodeRange::ALL.ends()[1]).unwrap();
         }
-        let pieces = vec![ShardPiece { layer: 0, run }];
-        let shard = Shard { folder: folder.into(), job: 1, number, pieces, access: Default::default() };
+        let ranges = vec![ShardRange { layer: 0, run }];
+        let shard = Shard { directory: directory.into(), job: 1, number, ranges, access: Default::default() };
         write(TreeWriter::shard(&head, shard.clone()).unwrap());
         shards.push(shard);
     }
@@ -61,19 +61,19 @@ fn in_shards(folder: &Path, open: &dyn Fn() -> Result<VolumeImport>, cuts: &[u64
 }
 
 /// Compares the bytes of merged shards with those of a single build.
-fn compare(folder: &Path, open: &dyn Fn() -> Result<VolumeImport>) {
-    let whole = folder.join("whole.goblin");
+fn compare(directory: &Path, open: &dyn Fn() -> Result<VolumeImport>) {
+    let whole = directory.join("whole.goblin");
     open().unwrap().build(Output::create(&whole).unwrap(), &()).unwrap();
     let whole = std::fs::read(whole).unwrap();
     for cuts in [&[0][..], &[0, 8], &[0, 1, 2, 5, 9, 33, 50]] {
-        assert!(in_shards(folder, open, cuts) == whole, "{cuts:?}");
+        assert!(in_shards(directory, open, cuts) == whole, "{cuts:?}");
     }
 }
 
 #[test]
-fn shards_make_the_bytes_of_a_build() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+fn shards_of_raw_volumes_equal_a_single_build() {
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
     let samples = samples();
     let bytes =
         |order: fn(u16) -> [u8; 2]| samples.iter().flat_map(|sample| order(*sample)).collect::<Vec<u8>>();
@@ -81,14 +81,14 @@ fn shards_make_the_bytes_of_a_build() {
     options.memory = Some(8 << 20);
 
     // Raw samples, with VOID samples, in both byte orders, packed and not.
-    let raw = folder.join("a.raw");
+    let raw = directory.join("a.raw");
     std::fs::write(&raw, [&[1, 2, 3][..], &bytes(u16::to_be_bytes)].concat()).unwrap();
     let mut layout = RawLayout::new(SIZE, SampleType::U16);
     (layout.is_big_endian, layout.skip) = (true, 3);
     options.nodata = Some(9.into());
-    compare(folder, &|| plan_raw(&raw, &layout, &options));
+    compare(directory, &|| plan_raw(&raw, &layout, &options));
     options.packing = Packing::packed();
-    compare(folder, &|| plan_raw(&raw, &layout, &options));
+    compare(directory, &|| plan_raw(&raw, &layout, &options));
     (options.nodata, options.packing) = (None, Packing::default());
     // Floats, and a space of many units, most of them empty.
     let floats: Vec<u8> =
@@ -96,25 +96,25 @@ fn shards_make_the_bytes_of_a_build() {
     std::fs::write(&raw, &floats).unwrap();
     let layout = RawLayout::new(SIZE, SampleType::F32);
     options.depth = Some(9);
-    compare(folder, &|| plan_raw(&raw, &layout, &options));
+    compare(directory, &|| plan_raw(&raw, &layout, &options));
     options.depth = None;
     // A tree of one unit.
     std::fs::write(&raw, &floats[..4 * 60]).unwrap();
     let layout = RawLayout::new([5, 4, 3], SampleType::F32);
     let open = || plan_raw(&raw, &layout, &options);
-    let whole = folder.join("whole.goblin");
+    let whole = directory.join("whole.goblin");
     open().unwrap().build(Output::create(&whole).unwrap(), &()).unwrap();
-    assert!(in_shards(folder, &open, &[0]) == std::fs::read(whole).unwrap());
+    assert!(in_shards(directory, &open, &[0]) == std::fs::read(whole).unwrap());
 }
 
 #[test]
-fn shards_of_what_comes_from_the_front_make_the_bytes_of_a_build() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+fn shards_of_compressed_streams_equal_a_single_build() {
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
     let bytes: Vec<u8> = samples().iter().flat_map(|sample| sample.to_le_bytes()).collect();
     let mut options = VolumeOptions::new();
     options.kind = Some(DataKind::Categorical);
-    let (head, data) = (folder.join("a.nhdr"), folder.join("a.raw.gz"));
+    let (head, data) = (directory.join("a.nhdr"), directory.join("a.raw.gz"));
     let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     packed.write_all(&[&[0; 5][..], &bytes].concat()).unwrap();
     std::fs::write(&data, packed.finish().unwrap()).unwrap();
@@ -124,15 +124,15 @@ fn shards_of_what_comes_from_the_front_make_the_bytes_of_a_build() {
     );
     std::fs::write(&head, text).unwrap();
     let input = VolumeInput::File(head.clone());
-    compare(folder, &|| input.plan(&options));
+    compare(directory, &|| input.plan(&options));
     assert_eq!(input.files(&Default::default()).unwrap(), [data, head]);
 }
 
 #[test]
-fn shards_of_sections_make_the_bytes_of_a_build() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let sections = folder.join("sections");
+fn shards_of_sections_equal_a_single_build() {
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
+    let sections = directory.join("sections");
     std::fs::create_dir(&sections).unwrap();
     let [width, height, _] = SIZE;
     let planes = samples();
@@ -148,7 +148,7 @@ fn shards_of_sections_make_the_bytes_of_a_build() {
     }
     let options = VolumeOptions::new();
     let input = VolumeInput::Sections(vec![sections]);
-    compare(folder, &|| input.plan(&options));
+    compare(directory, &|| input.plan(&options));
     let files = input.files(&Default::default()).unwrap();
     assert!(paths.iter().all(|path| files.contains(path)) && files.len() > 2 * paths.len());
 }

@@ -56,13 +56,13 @@ impl OutputGrid {
                 "at least one cell",
             ));
         }
-        if request.bounds.intersect(&tree.header().picture()).is_empty() {
+        if request.bounds.intersect(&tree.header().extent_bounds()).is_empty() {
             let [x, y, z] = request.bounds.min;
             let [width, height, depth] = tree.header().extent;
-            let expected = format!("one that is at least partly in its {width} x {height} x {depth} cells");
+            let expected = format!("a window that intersects its {width} x {height} x {depth} cells");
             return Err(Error::invalid(
                 "window",
-                format!("one outside of the tree, from {x},{y},{z} on"),
+                format!("a window outside of the tree, from cell {x},{y},{z} on"),
                 expected,
             ));
         }
@@ -76,7 +76,11 @@ impl OutputGrid {
             }
             Detail::Exact(..) if !is_averaged(tree) => {
                 let found = "exact means of values that are not averaged";
-                return Err(Error::invalid("detail", found, "a size: pixels are the cells at their centres"));
+                return Err(Error::invalid(
+                    "detail",
+                    found,
+                    "a size, whose pixels are the cells at their centres",
+                ));
             }
             Detail::Exact(..) => depth,
             Detail::Size(width, height) => {
@@ -119,12 +123,12 @@ impl OutputGrid {
     /// as the pixel centres lie in the tree's extent. Returns the grid and the number of pixels
     /// added per side.
     pub(super) fn extended(&self, tree: &Dataset, margin: u64) -> (OutputGrid, [u64; 4]) {
-        let picture = tree.extent_at(self.level);
+        let extent = tree.extent_at(self.level);
         let mut grid = OutputGrid { ..*self };
         let mut added = [0; 4];
         for (i, pixels) in [self.width, self.height].into_iter().enumerate() {
             let axis = self.axes[i];
-            let end = picture.max[axis] as f64;
+            let end = extent.max[axis] as f64;
             let is_in = |pixel: f64| (0.0..end).contains(&(self.origin[i] + (pixel + 0.5) * self.step[i]));
             let before = (1..=margin).take_while(|back| is_in(-(*back as f64))).count() as u64;
             let after = (0..margin).take_while(|on| is_in((pixels + on) as f64)).count() as u64;
@@ -132,7 +136,7 @@ impl OutputGrid {
             grid.origin[i] -= before as f64 * self.step[i];
             grid.source.min[axis] = grid.source.min[axis].saturating_sub(cells(before));
             grid.source.max[axis] =
-                (grid.source.max[axis] + cells(after)).min(picture.max[axis].max(grid.source.max[axis]));
+                (grid.source.max[axis] + cells(after)).min(extent.max[axis].max(grid.source.max[axis]));
             (added[i], added[i + 2]) = (before, after);
         }
         grid.width += added[0] + added[2];

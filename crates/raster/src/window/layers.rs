@@ -23,8 +23,8 @@ const MAX_BANDS: usize = 255;
 /// use spinney::raw::export::export_layers;
 /// use spinney::{Bounds, Output};
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("part.tif");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("part.tif");
 /// let layers = [
 ///     spinney::open("fixtures/v1/classes.goblin")?, spinney::open("fixtures/v1/classes.goblin")?];
 /// let request =
@@ -48,14 +48,14 @@ pub fn export_layers(
     for layer in layers {
         let other = layer.header().form.value.sample;
         if other != sample {
-            let found = format!("layers of {} and of {} in one picture", sample.name(), other.name());
-            return Err(Error::unsupported(first.name(), found, "name those of one type (--layer A,B)"));
+            let found = format!("layers of {} and of {} in one image", sample.name(), other.name());
+            return Err(Error::unsupported(first.name(), found, "select layers of one type (--layer A,B)"));
         }
     }
     let channels: usize = layers.iter().map(|layer| usize::from(layer.header().form.value.channels)).sum();
     if channels > MAX_BANDS {
-        let found = format!("{channels} bands in one picture");
-        return Err(Error::unsupported(first.name(), found, "name some of the layers (--layer A,B)"));
+        let found = format!("an image of {channels} bands");
+        return Err(Error::unsupported(first.name(), found, "select fewer layers (--layer A,B)"));
     }
     let value = ValueType::new(sample, channels as u8);
     let all = VoidCells::of(layers, request.bounds, request.nodata)?;
@@ -70,11 +70,11 @@ pub fn export_layers(
     let (path, access) = (output.path().to_path_buf(), output.access().clone());
     if all.needs_mask() {
         // A TIFF has one mask for all bands, but each layer has VOID cells of its own.
-        let found = "VOID cells of several layers without a number that is free in all,";
+        let found = "VOID cells of several layers without a number that none of them has,";
         return Err(Error::unsupported(
             first.name(),
             found,
-            "name one layer (--layer), whose file gets a mask",
+            "select one layer (--layer): its file has a mask",
         ));
     }
     all.check((&path, sample), format, progress)?;
@@ -137,7 +137,7 @@ fn spec_of(layers: &[Dataset], grid: &OutputGrid, void: &VoidCells, value: Value
     let (mut names, mut scales, mut units, mut roles) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for layer in layers {
         let metadata = layer.metadata();
-        let told = metadata.colour_roles();
+        let layer_roles = metadata.colour_roles();
         for channel in 0..usize::from(layer.header().form.value.channels) {
             let band = metadata.band_names.get(channel).filter(|name| !name.is_empty());
             names.push(match (&*metadata.name, band) {
@@ -154,7 +154,7 @@ fn spec_of(layers: &[Dataset], grid: &OutputGrid, void: &VoidCells, value: Value
             });
             scales.push(metadata.scale_offset.get(channel).copied().unwrap_or((1.0, 0.0)));
             units.push(metadata.units.get(channel).cloned().unwrap_or_default());
-            roles.push(told.get(channel).map_or(String::new(), |role| (*role).to_string()));
+            roles.push(layer_roles.get(channel).map_or(String::new(), |role| (*role).to_string()));
         }
     }
     let metadata = &mut spec.metadata;

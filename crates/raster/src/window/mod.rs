@@ -11,7 +11,7 @@ mod void;
 pub(super) use self::grid::OutputGrid;
 use self::grid::row_bytes;
 pub use self::layers::export_layers;
-use self::painted::Painted;
+use self::painted::PaintedWindow;
 use self::sampler::Sampler;
 pub use self::void::void_number;
 pub(super) use self::void::{VoidCells, decide};
@@ -114,8 +114,8 @@ pub enum Detail {
 /// use spinney::export::{Detail, WindowRequest, export_window};
 /// use spinney::{Bounds, Output};
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("part.png");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("part.png");
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;
 /// let bounds = Bounds { min: [8, 8, 0], max: [40, 40, 1] };
 /// let request = WindowRequest::new(bounds, Detail::Size(16, 16));
@@ -178,7 +178,7 @@ pub fn export_painted_window(
     let grid = OutputGrid::of(tree, request)?;
     let spec = image_spec(tree, &grid, &VoidCells::painted(tree, request.bounds)?);
     let (path, access) = (output.path().to_path_buf(), output.access().clone());
-    let painted = Painted::new(tree, &grid, painter, spec, format);
+    let painted = PaintedWindow::new(tree, &grid, painter, spec, format);
     painted.export(request, output, format, progress)?;
     tree.check_unchanged()?;
     write_sidecar((&path, &access), format, painted.metadata(), progress)
@@ -230,7 +230,7 @@ fn rows_at_a_time(tree: &Dataset, request: &WindowRequest, grid: &OutputGrid) ->
             what: format!("a row of {} pixels of the output", grid.width),
             needed: row_bytes,
             limit: request.memory,
-            advice: "ask for fewer columns or a coarser level".into(),
+            advice: "request fewer columns or a coarser level".into(),
         });
     }
     Ok((request.memory / row_bytes / 2).clamp(1, 256).min(grid.height))

@@ -13,7 +13,7 @@ use spinney_engine::dataset::Dataset;
 use spinney_style::{Ground, SampleBlock, StylePainter};
 
 /// A window to be painted.
-pub(super) struct Painted<'a> {
+pub(super) struct PaintedWindow<'a> {
     tree: &'a Dataset,
     /// The image's pixels and the margin around them, as far as the tree extends.
     grid: OutputGrid,
@@ -34,7 +34,7 @@ enum Samples {
     Indices,
 }
 
-impl<'a> Painted<'a> {
+impl<'a> PaintedWindow<'a> {
     /// An image with the pixels of a grid. `spec` is the specification of the unpainted values.
     pub(super) fn new(
         tree: &'a Dataset,
@@ -42,7 +42,7 @@ impl<'a> Painted<'a> {
         painter: &'a StylePainter,
         mut spec: ImageSpec,
         format: Format,
-    ) -> Painted<'a> {
+    ) -> PaintedWindow<'a> {
         let (grid, around) = grid.extended(tree, painter.margin());
         let ground = Ground::new(&spec.metadata.frame, spec.width);
         let is_opaque = painter.is_opaque() && (!spec.void || painter.void()[3] == 255);
@@ -69,7 +69,7 @@ impl<'a> Painted<'a> {
             alpha: spec.alpha.then_some(channels - 1),
             ..Metadata::default()
         };
-        Painted { tree, grid, around, painter, ground, samples, spec }
+        PaintedWindow { tree, grid, around, painter, ground, samples, spec }
     }
 
     /// Metadata of the image.

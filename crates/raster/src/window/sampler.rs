@@ -176,7 +176,7 @@ impl Sampler<'_> {
         }
         // Checked for the whole raster: the file stores that, so no cells are read.
         Ok(!self.tree.extent_at(*level).contains(source)
-            || self.tree.may_have_void(self.tree.header().picture())?)
+            || self.tree.may_have_void(self.tree.header().extent_bounds())?)
     }
 
     /// The value written for VOID.

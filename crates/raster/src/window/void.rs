@@ -22,18 +22,18 @@ pub(crate) struct VoidCells {
 }
 
 impl VoidCells {
-    /// Decides the encoding for a box of cells in layers of one sample type. `asked` is the
+    /// Decides the encoding for a box of cells in layers of one sample type. `requested` is the
     /// caller's number.
-    pub(crate) fn of(layers: &[Dataset], bounds: Bounds, asked: Option<Number>) -> Result<VoidCells> {
+    pub(crate) fn of(layers: &[Dataset], bounds: Bounds, requested: Option<Number>) -> Result<VoidCells> {
         let mut may_be = false;
         for layer in layers {
             // In trees of occupancy VOID is a number: an empty cell.
             may_be |= layer.header().rule != Rule::Occupancy && layer.may_have_void(bounds)?;
         }
-        let fill = decide(layers, asked, false)?;
+        let fill = decide(layers, requested, false)?;
         let own = layers.first().and_then(|layer| layer.metadata().nodata);
         let replaced =
-            own.filter(|own| asked.is_none() && fill != Some(*own) && !is_encoded_by_value(layers));
+            own.filter(|own| requested.is_none() && fill != Some(*own) && !is_encoded_by_value(layers));
         Ok(VoidCells { may_be, fill, replaced })
     }
 
@@ -70,19 +70,21 @@ impl VoidCells {
         let sample = sample.name();
         match (self.fill, self.replaced, format) {
             (None, _, Format::Npy | Format::Raw | Format::Nrrd | Format::Exr) => {
-                let found =
-                    format!("VOID cells where every number of {sample} is a value, in a file without a mask");
-                let advice = "write .tif, which gets a mask, or .png, which gets opacity";
+                let found = format!(
+                    "VOID cells in a file without a mask, where every number of type {sample} is a value,"
+                );
+                let advice = "write .tif, which has a mask, or .png, which has opacity";
                 Err(Error::unsupported(path, found, advice))
             }
             (None, _, Format::Tiff) => {
-                let text = format!("has a mask for VOID cells, since every number of {sample} is a value");
+                let text =
+                    format!("has a mask for VOID cells, since every number of type {sample} is a value");
                 progress.warn(path, &text);
                 Ok(())
             }
             (Some(fill), Some(own), Format::Tiff | Format::Npy | Format::Raw | Format::Nrrd) => {
                 let text = format!(
-                    "has {fill} as nodata number, since {own}, that of the layer, lies within its values"
+                    "has {fill} as nodata number, since {own}, that of the layer, is within its values"
                 );
                 progress.warn(path, &text);
                 Ok(())
@@ -121,28 +123,32 @@ pub fn void_number(tree: &Dataset) -> Result<Option<Number>> {
 /// # Errors
 /// If the caller's number is not of the type, or lies within the range of the values; if statistics
 /// are corrupt.
-pub(crate) fn decide(layers: &[Dataset], asked: Option<Number>, convolved: bool) -> Result<Option<Number>> {
-    let Some(first) = layers.first() else { return Ok(asked) };
+pub(crate) fn decide(
+    layers: &[Dataset],
+    requested: Option<Number>,
+    convolved: bool,
+) -> Result<Option<Number>> {
+    let Some(first) = layers.first() else { return Ok(requested) };
     let sample = first.header().form.value.sample;
-    if let Some(number) = asked.filter(|number| !sample.is_float() && !sample.can_hold(*number)) {
+    if let Some(number) = requested.filter(|number| !sample.is_float() && !sample.can_hold(*number)) {
         let expected = format!("a number of type {}", sample.name());
         return Err(Error::invalid("nodata", number.to_string(), expected));
     }
     if is_encoded_by_value(layers) {
         let is_empty = first.header().rule == Rule::Occupancy;
-        return match asked {
+        return match requested {
             Some(number) if !is_empty && number != Number::default() => {
-                let expected = "0: where the last channel is opacity, VOID cells have none";
+                let expected = "0, since the opacity of VOID cells is 0";
                 Err(Error::invalid("nodata", number.to_string(), expected))
             }
-            asked => Ok(Some(asked.unwrap_or_default())),
+            requested => Ok(Some(requested.unwrap_or_default())),
         };
     }
     let own = layers.iter().filter_map(|layer| layer.metadata().nodata);
     let fits = |number: &Number| {
         if sample.is_float() { fits_float(sample, *number) } else { sample.can_hold(*number) }
     };
-    let mut candidates: Vec<Number> = asked.into_iter().chain(own.filter(fits)).collect();
+    let mut candidates: Vec<Number> = requested.into_iter().chain(own.filter(fits)).collect();
     if sample.is_float() {
         candidates.push(Number::NAN);
     }
@@ -191,11 +197,11 @@ pub(crate) fn decide(layers: &[Dataset], asked: Option<Number>, convolved: bool)
         Ok(None)
     };
     let free = first_free(&candidates)?;
-    match asked {
+    match requested {
         Some(number) if free != Some(number) && !number.is_nan() => {
             let others = first_free(&candidates[1..])?;
-            let advice = others.map_or("leave it out, and TIFF files get a mask".into(), |number| {
-                format!("a number that no value has, as {number}, which is taken if none is given")
+            let advice = others.map_or("no number, for which TIFF files have a mask".into(), |number| {
+                format!("a number that no value has, such as the default {number}")
             });
             let all = bounds.iter().flatten();
             let low = all.clone().map(|(min, _)| *min).min().unwrap_or_default();

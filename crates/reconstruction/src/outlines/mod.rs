@@ -8,7 +8,7 @@ use std::path::Path;
 use self::read::{Section, read_sections};
 use crate::linear::{Limits, Linear};
 use crate::plan::{ReconstructionImport, check};
-use crate::source::{Bits, Block, Place, Solid};
+use crate::source::{Bits, Block, BlockState, Solid};
 use spinney_base::{Error, Result};
 use spinney_mesh::import::{SolidOptions, fit_cells};
 use spinney_vector::import::feature::FeatureOptions;
@@ -28,8 +28,8 @@ const ALONG: usize = 8;
 /// use spinney::Output;
 /// use spinney::raw::reconstruction::plan_outlines;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = |name: &str| folder.path().join(name);
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = |name: &str| directory.path().join(name);
 /// // Nearly the frustum of a pyramid, whose volume is 28: its edges are rounded, because the
 /// // contours of equal distance around corners are round.
 /// let square = |half: f64| format!("\"POLYGON ((-{half} -{half}, {half} -{half}, {half} {half}, -{half} {half}, -{half} -{half}))\"");
@@ -54,7 +54,9 @@ pub fn plan_outlines(
     options: &SolidOptions,
 ) -> Result<ReconstructionImport> {
     check(path, options)?;
-    let found = read_sections(path, height, features, options.memory / 2)?;
+    let check_degrees = features.check_degrees && options.crs.is_none();
+    let features = FeatureOptions { check_degrees, ..features.clone() };
+    let found = read_sections(path, height, &features, options.memory / 2)?;
     let (Some(lowest), Some(highest)) = (found.sections.first(), found.sections.last()) else {
         return Err(without_heights(path, height, 0));
     };
@@ -70,9 +72,9 @@ pub fn plan_outlines(
     let sides: u64 = found.sections.iter().map(|section| section.sides).sum();
     let without = match found.without {
         0 => String::new(),
-        count => format!("; {count} features without a height or without corners are left out"),
+        count => format!("; {count} features without a height or without vertices are left out"),
     };
-    let told = vec![
+    let input_description = vec![
         ("input", path.display().to_string()),
         (
             "outlines",
@@ -84,12 +86,17 @@ pub fn plan_outlines(
     let [x, y, z] =
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| Linear::new(axis, 0.0, frame, along));
     let solid = Sections { limits: Limits::new(bounds, frame, along), sections: found.sections, x, y, z };
-    Ok(ReconstructionImport::new(Box::new(solid), cells, options.clone(), (found.crs, provenance, told)))
+    Ok(ReconstructionImport::new(
+        Box::new(solid),
+        cells,
+        options.clone(),
+        (found.crs, provenance, input_description),
+    ))
 }
 
 fn without_heights(path: &Path, height: &str, count: usize) -> Error {
-    let found = format!("{} with outlines at {count} heights (attribute `{height}`)", path.display());
-    Error::invalid("outlines", found, "two heights or more: a solid lies between them")
+    let found = format!("outlines at {count} heights (attribute `{height}`)");
+    Error::invalid(path.display().to_string(), found, "at least two heights: the solid is between them")
 }
 
 /// Outlines at heights, from the lowest to the highest.
@@ -130,14 +137,14 @@ impl Sections {
 }
 
 impl Solid for Sections {
-    fn parts(&self) -> u32 {
+    fn input_count(&self) -> u32 {
         0
     }
 
-    fn place(&self, block: Block, _: &[u32], _: &mut Vec<u32>) -> Place {
-        let place = self.limits.place(block);
-        if place == Place::Void {
-            return place;
+    fn classify(&self, block: Block, _: &[u32], _: &mut Vec<u32>) -> BlockState {
+        let state = self.limits.classify(block);
+        if state == BlockState::Void {
+            return state;
         }
         let centre = block.centre();
         let [x, y] = [self.x.at(centre), self.y.at(centre)];
@@ -160,22 +167,22 @@ impl Solid for Sections {
             }
             rounding = rounding.max(lower.abs().max(upper.abs()) / (1u64 << 44) as f64);
             if least <= reach + rounding && most >= -reach - rounding {
-                return Place::Mixed;
+                return BlockState::Mixed;
             }
             lower = upper;
         }
         let reach = reach + rounding;
-        match place {
-            _ if most < -reach => Place::Void,
-            Place::Full if least > reach => Place::Full,
-            _ => Place::Mixed,
+        match state {
+            _ if most < -reach => BlockState::Void,
+            BlockState::Full if least > reach => BlockState::Full,
+            _ => BlockState::Mixed,
         }
     }
 
     fn cells(&self, block: Block, _: &[u32]) -> Bits {
         if !self.is_upright() {
-            return Bits::of(block.width, &mut |place| {
-                let centre = block.cell(place);
+            return Bits::of(block.width, &mut |position| {
+                let centre = block.cell(position);
                 self.limits.has(centre) && self.has([self.x.at(centre), self.y.at(centre), self.z.at(centre)])
             });
         }
@@ -191,12 +198,12 @@ impl Solid for Sections {
             columns
         };
         let mut layer: Option<(u32, usize, [Columns; 2])> = None;
-        Bits::of(block.width, &mut |place| {
-            let centre = block.cell(place);
+        Bits::of(block.width, &mut |position| {
+            let centre = block.cell(position);
             if !self.limits.has(centre) {
                 return false;
             }
-            let [x, y, z] = place;
+            let [x, y, z] = position;
             let height = self.z.at(centre);
             if layer.as_ref().is_none_or(|(own, ..)| *own != z) {
                 let below = self.below(height);

@@ -26,9 +26,10 @@ struct Node {
 
 impl Node {
     /// Returns the squared distance from a position.
-    fn squared_distance(&self, place: Point) -> f64 {
-        let apart = |axis: usize| (self.min[axis] - place[axis]).max(place[axis] - self.max[axis]).max(0.0);
-        apart(0).powi(2) + apart(1).powi(2)
+    fn squared_distance(&self, position: Point) -> f64 {
+        let gap =
+            |axis: usize| (self.min[axis] - position[axis]).max(position[axis] - self.max[axis]).max(0.0);
+        gap(0).powi(2) + gap(1).powi(2)
     }
 }
 
@@ -63,13 +64,13 @@ impl Outline {
     }
 
     /// Returns the distance of a position from the outline: positive inside, negative outside.
-    pub(super) fn signed_distance(&self, place: Point) -> f64 {
-        let distance = self.distance(place);
-        if self.has(place) { distance } else { -distance }
+    pub(super) fn signed_distance(&self, position: Point) -> f64 {
+        let distance = self.distance(position);
+        if self.has(position) { distance } else { -distance }
     }
 
     /// Returns the distance of a position from the nearest edge.
-    fn distance(&self, place: Point) -> f64 {
+    fn distance(&self, position: Point) -> f64 {
         let mut nearest = f64::INFINITY;
         let mut waiting = vec![(0.0, 0)];
         while let Some((least, number)) = waiting.pop() {
@@ -78,11 +79,11 @@ impl Outline {
             }
             let node = &self.nodes[number];
             for side in &self.sides[node.sides.clone()] {
-                nearest = nearest.min(squared_distance(place, side));
+                nearest = nearest.min(squared_distance(position, side));
             }
             if node.second > 0 {
-                let [first, second] =
-                    [number + 1, node.second].map(|child| (self.nodes[child].squared_distance(place), child));
+                let [first, second] = [number + 1, node.second]
+                    .map(|child| (self.nodes[child].squared_distance(position), child));
                 let nearer_last = if first.0 <= second.0 { [second, first] } else { [first, second] };
                 waiting.extend(nearer_last);
             }
@@ -130,9 +131,9 @@ fn squared_distance([x, y]: Point, [[from_x, from_y], [to_x, to_y]]: &[Point; 2]
 }
 
 /// Whether a position is to the left of an upward line.
-fn is_left(place: Point, low: Point, high: Point) -> bool {
-    let [low, high, place] = [low, high, place].map(|[x, y]| Coord { x, y });
-    orient2d(low, high, place) > 0.0
+fn is_left(position: Point, low: Point, high: Point) -> bool {
+    let [low, high, position] = [low, high, position].map(|[x, y]| Coord { x, y });
+    orient2d(low, high, position) > 0.0
 }
 
 #[cfg(test)]
@@ -160,20 +161,20 @@ mod tests {
         let rings = [ring(200, &mut || 5.0 + 3.0 * random()), ring(31, &mut || 2.0)];
         let outline = Outline::new(&rings);
         for _ in 0..2000 {
-            let place = [random() * 20.0 - 10.0, random() * 20.0 - 10.0];
+            let position = [random() * 20.0 - 10.0, random() * 20.0 - 10.0];
             let sides = || rings.iter().flat_map(|ring| ring.windows(2)).map(|ends| [ends[0], ends[1]]);
-            let nearest = sides().map(|side| squared_distance(place, &side)).fold(f64::INFINITY, f64::min);
-            assert_eq!(outline.distance(place), nearest.sqrt());
+            let nearest = sides().map(|side| squared_distance(position, &side)).fold(f64::INFINITY, f64::min);
+            assert_eq!(outline.distance(position), nearest.sqrt());
             let winding: f64 = sides()
                 .map(|ends| {
-                    let [from, to] = ends.map(|[x, y]| (y - place[1]).atan2(x - place[0]));
+                    let [from, to] = ends.map(|[x, y]| (y - position[1]).atan2(x - position[0]));
                     (to - from + 9.0 * std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
                         - std::f64::consts::PI
                 })
                 .sum();
             let turns = (winding / std::f64::consts::TAU).round() as i32;
-            assert_eq!(outline.has(place), turns % 2 != 0, "{place:?}");
-            assert_eq!(outline.signed_distance(place) > 0.0, outline.has(place));
+            assert_eq!(outline.has(position), turns % 2 != 0, "{position:?}");
+            assert_eq!(outline.signed_distance(position) > 0.0, outline.has(position));
         }
         assert!(Outline::new(&rings[1..]).signed_distance([0.0; 2]) > 1.9);
     }

@@ -51,8 +51,8 @@ pub(super) fn read_sections(
                 continue;
             }
             Some(_) => {
-                let advice = "outlines are polygons; --where leaves other features out";
-                return Err(Error::unsupported(path, "a feature that is no polygon", advice));
+                let advice = "outlines are polygons; exclude other features with --where";
+                return Err(Error::unsupported(path, "a feature that is not a polygon", advice));
             }
         };
         let Some(height) = feature.attributes.first().and_then(number) else {
@@ -66,20 +66,20 @@ pub(super) fn read_sections(
                 what: "outlines".into(),
                 needed,
                 limit: memory,
-                advice: "allow more with --memory, half of which is for the outlines".into(),
+                advice: "allow more with --memory (outlines may take half of it)".into(),
             });
         }
         by_height.entry(Height(height)).or_default().extend(parts);
     }
     let bounds = bounds(by_height.values().flatten().flatten().flatten());
-    let greatest = bounds.iter().flatten().fold(0.0, |most: f64, at| most.max(at.abs()));
+    let max_coordinate = bounds.iter().flatten().fold(0.0, |most: f64, at| most.max(at.abs()));
     let mut sections = Vec::new();
     for (Height(height), parts) in by_height {
-        let rings = united(path, greatest, &parts, memory)?;
+        let rings = united(path, max_coordinate, &parts, memory)?;
         let sides = rings.iter().map(|ring| ring.len() as u64 - 1).sum();
         if sides == 0 {
-            let found = format!("outlines at the height {height} that have no area");
-            return Err(Error::unsupported(path, found, "leave them out, such as with --where"));
+            let found = format!("an outline without an area, at height {height},");
+            return Err(Error::unsupported(path, found, "exclude it with --where"));
         }
         sections.push(Section { height, outline: Outline::new(&rings), sides });
     }
@@ -87,13 +87,13 @@ pub(super) fn read_sections(
 }
 
 /// Returns the rings around the union of polygons. Each repeats its first vertex at the end.
-fn united(path: &Path, greatest: f64, parts: &PolygonParts, memory: u64) -> Result<Vec<Vec<[f64; 2]>>> {
-    let mut overlay = PolygonOverlay::new(OverlayGrid::for_coordinates(greatest), memory);
+fn united(path: &Path, max_coordinate: f64, parts: &PolygonParts, memory: u64) -> Result<Vec<Vec<[f64; 2]>>> {
+    let mut overlay = PolygonOverlay::new(OverlayGrid::for_coordinates(max_coordinate), memory);
     for (number, rings) in (0..).zip(parts) {
         overlay.add(path, number, rings)?;
     }
     let mut rings = Vec::new();
-    overlay.parts(&mut |_| Some(vec![0]), &(), &mut |part| {
+    overlay.regions(&mut |_| Some(vec![0]), &(), &mut |part| {
         rings.extend(part.polygons.into_iter().flatten());
         Ok(())
     })?;

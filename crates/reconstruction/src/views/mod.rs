@@ -1,18 +1,18 @@
 //! Space carving: solids from images with known directions. A cell is kept if no image shows it to
 //! be empty.
 
-mod picture;
+mod image;
 mod pyramid;
-mod text;
 mod view;
+mod views_file;
 
 use std::path::Path;
 
-use self::text::Text;
 use self::view::View;
+use self::views_file::ViewsFile;
 use crate::linear::Limits;
 use crate::plan::{ReconstructionImport, check};
-use crate::source::{Bits, Block, Place, Solid};
+use crate::source::{Bits, Block, BlockState, Solid};
 use spinney_base::Result;
 use spinney_base::io::FileAccess;
 use spinney_mesh::import::{SolidOptions, fit_cells};
@@ -31,12 +31,12 @@ pub fn is_views_name(path: &Path) -> bool {
 /// use spinney::Output;
 /// use spinney::raw::reconstruction::plan_views;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = |name: &str| folder.path().join(name);
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = |name: &str| directory.path().join(name);
 /// // The left half of a square, as a chain code, viewed from above.
 /// let half = "freeman-chain-code 1\ndirections 4\nsize 4 4\nregion 1 0 0\n333300111122\nend\n";
 /// std::fs::write(path("half.chain"), half).unwrap();
-/// let view = r#"{"picture": "half.chain", "kind": "silhouette", "from": [180, 90], "centre": [2, 2, 2], "pixel": 1}"#;
+/// let view = r#"{"image": "half.chain", "kind": "silhouette", "from": [180, 90], "centre": [2, 2, 2], "pixel": 1}"#;
 /// let text = format!(r#"{{"bounds": [0, 0, 0, 4, 4, 4], "views": [{view}]}}"#);
 /// std::fs::write(path("half.views"), text).unwrap();
 /// let mut options = SolidOptions::new();
@@ -51,8 +51,8 @@ pub fn is_views_name(path: &Path) -> bool {
 /// the options are not supported, or the memory limit is too low for the images.
 pub fn plan_views(path: &Path, options: &SolidOptions, access: &FileAccess) -> Result<ReconstructionImport> {
     check(path, options)?;
-    let text = Text::open(path)?;
-    text.views.iter().try_for_each(|view| access.check_external(path, &view.picture))?;
+    let text = ViewsFile::open(path)?;
+    text.views.iter().try_for_each(|view| access.check_external(path, &view.image))?;
     let mut options = options.clone();
     options.unit = options.unit.or_else(|| text.unit.clone());
     let cells = fit_cells(text.bounds, &options)?;
@@ -63,15 +63,15 @@ pub fn plan_views(path: &Path, options: &SolidOptions, access: &FileAccess) -> R
         (text.views.iter()).map(|view| View::open(view, (frame, along), (&mut left, options.memory / 4)));
     let views: Vec<View> = views.collect::<Result<_>>()?;
     let silhouettes = views.iter().filter(|view| view.is_silhouette()).count();
-    let told = vec![
+    let input_description = vec![
         ("input", path.display().to_string()),
-        ("views", format!("{silhouettes} silhouettes, {} pictures of depths", views.len() - silhouettes)),
+        ("views", format!("{silhouettes} silhouettes, {} depth images", views.len() - silhouettes)),
         ("fill", "what no view shows to be empty: cells by their centres".into()),
     ];
     let provenance = format!("{}: carved by {} views", path.display(), views.len());
     let limits = Limits::new(text.bounds, frame, along);
     let solid = Box::new(Carved { limits, views });
-    Ok(ReconstructionImport::new(solid, cells, options, (None, provenance, told)))
+    Ok(ReconstructionImport::new(solid, cells, options, (None, provenance, input_description)))
 }
 
 /// The cells of a box that no view shows to be empty.
@@ -81,31 +81,31 @@ struct Carved {
 }
 
 impl Solid for Carved {
-    fn parts(&self) -> u32 {
+    fn input_count(&self) -> u32 {
         self.views.len() as u32
     }
 
-    fn place(&self, block: Block, near: &[u32], still: &mut Vec<u32>) -> Place {
-        let mut place = self.limits.place(block);
-        if place == Place::Void {
-            return Place::Void;
+    fn classify(&self, block: Block, near: &[u32], still: &mut Vec<u32>) -> BlockState {
+        let mut state = self.limits.classify(block);
+        if state == BlockState::Void {
+            return BlockState::Void;
         }
         for number in near {
-            match self.views[*number as usize].place(block) {
-                Place::Void => return Place::Void,
-                Place::Full => {}
-                Place::Mixed => {
+            match self.views[*number as usize].classify(block) {
+                BlockState::Void => return BlockState::Void,
+                BlockState::Full => {}
+                BlockState::Mixed => {
                     still.push(*number);
-                    place = Place::Mixed;
+                    state = BlockState::Mixed;
                 }
             }
         }
-        place
+        state
     }
 
     fn cells(&self, block: Block, near: &[u32]) -> Bits {
-        Bits::of(block.width, &mut |place| {
-            let centre = block.cell(place);
+        Bits::of(block.width, &mut |position| {
+            let centre = block.cell(position);
             self.limits.has(centre) && near.iter().all(|number| self.views[*number as usize].leaves(centre))
         })
     }

@@ -39,7 +39,7 @@ pub trait Body {
     #[inline]
     fn length(&mut self, scalar: Scalar) -> Read<u64> {
         let length = self.whole(scalar)?;
-        u64::try_from(length).map_err(|_| self.fault(format!("a list of {length}"), "a length of 0 or more"))
+        u64::try_from(length).map_err(|_| self.fault(format!("a list length of {length}"), "at least 0"))
     }
 
     /// Skips one value of a property.
@@ -92,7 +92,7 @@ impl Body for Ascii<'_> {
     }
 
     fn whole(&mut self, _scalar: Scalar) -> Read<i64> {
-        self.next(whole, "a whole number")
+        self.next(whole, "an integer")
     }
 
     fn skip(&mut self, _scalar: Scalar, count: u64) -> Read<()> {
@@ -157,7 +157,7 @@ impl<const BIG: bool> Body for Binary<'_, BIG> {
             Scalar::U16 => self.take().map(|bytes| u16::from_le_bytes(bytes).into()),
             Scalar::I32 => self.take().map(|bytes| i32::from_le_bytes(bytes).into()),
             Scalar::U32 => self.take().map(|bytes| u32::from_le_bytes(bytes).into()),
-            Scalar::F32 | Scalar::F64 => Err(self.fault("a fraction".into(), "a whole number")),
+            Scalar::F32 | Scalar::F64 => Err(self.fault("a floating-point number".into(), "an integer")),
         }
     }
 
@@ -206,7 +206,7 @@ impl Visit for Skip<'_> {
 ///
 /// # Errors
 /// If the file ends too early, or contains something other than numbers.
-pub fn offset_behind(encoding: Encoding, bytes: &[u8], offset: usize, element: &Element) -> Read<usize> {
+pub fn offset_after(encoding: Encoding, bytes: &[u8], offset: usize, element: &Element) -> Read<usize> {
     visit(encoding, bytes, offset, Skip(element))
 }
 

@@ -153,8 +153,8 @@ impl PlyHeader {
             let wrong =
                 |expected: &str| Error::corrupt(path, place(), shown(line.unwrap_or_default()), expected);
             let Some(line) = line else {
-                let expected = "`end_header` within the first megabyte";
-                return Err(Error::corrupt(path, place(), "the end of the header's room", expected));
+                let expected = "a header of at most 1 MiB that ends with `end_header`";
+                return Err(Error::corrupt(path, place(), "no `end_header` in the first MiB", expected));
             };
             let mut words = words(line);
             let mut next = || words.next().unwrap_or_default();
@@ -185,13 +185,15 @@ impl PlyHeader {
                     elements.push(Element { name, count, properties: Vec::new() });
                 }
                 b"property" => {
-                    let Some(element) = elements.last_mut() else { return Err(wrong("an element first")) };
+                    let Some(element) = elements.last_mut() else {
+                        return Err(wrong("an `element` line before it"));
+                    };
                     let expected = "`property`, a type or `list` and two types, and a name";
                     let (length, scalar) = match next() {
                         b"list" => {
                             let Some(length) = Scalar::parse(next()).filter(|length| length.is_whole())
                             else {
-                                return Err(wrong("a type of whole numbers for the list's length"));
+                                return Err(wrong("an integer type for the list length"));
                             };
                             (Some(length), Scalar::parse(next()))
                         }
@@ -227,7 +229,7 @@ impl PlyHeader {
             if needed > there + u128::from(self.encoding == Encoding::Ascii) {
                 let found = format!("{there} bytes");
                 let expected = format!("at least {needed} for {} x `{}`", element.count, element.name);
-                return Err(Error::corrupt(path, "PLY, behind the header", found, expected));
+                return Err(Error::corrupt(path, "PLY body", found, expected));
             }
         }
         Ok(())

@@ -3,5 +3,5 @@
 mod body;
 mod header;
 
-pub use body::{Body, Fault, Read, Visit, offset_behind, visit};
+pub use body::{Body, Fault, Read, Visit, offset_after, visit};
 pub use header::{Element, Encoding, PlyHeader, Property, Scalar};

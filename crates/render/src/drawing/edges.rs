@@ -33,7 +33,7 @@ impl Triangles {
     pub(super) fn of(model: &ExactModel, progress: &dyn Progress) -> Result<Triangles> {
         let too_many = |count: u64| {
             let found = format!("a drawing of {count} faces or more (at most {MAX_TRIANGLES} triangles)");
-            let advice = "draw a shaded picture, without --drawing, or the blocks of the octree, with --drawing octants";
+            let advice = "render a shaded image without --drawing, or draw blocks of the octree with --drawing octants";
             Error::unsupported(model.path(), found, advice)
         };
         if model.len() > MAX_TRIANGLES as u64 {
@@ -79,7 +79,7 @@ impl Triangles {
     }
 
     /// Triangle across a side; `None` if there is none, or more than one.
-    pub(super) fn beside(&self, triangle: usize, side: usize) -> Option<usize> {
+    pub(super) fn triangle_across(&self, triangle: usize, side: usize) -> Option<usize> {
         let corners = &self.corners[triangle];
         let (from, to) = (corners[side], corners[(side + 1) % 3]);
         self.of_side.get(&[from, to]).copied().flatten()?;
@@ -88,11 +88,11 @@ impl Triangles {
 
     /// Whether the surface continues in the same plane across a side.
     fn is_smooth(&self, triangle: usize, side: usize) -> bool {
-        match self.beside(triangle, side) {
+        match self.triangle_across(triangle, side) {
             None => false,
             Some(other) if self.normals[other] != [0; 3] => self.are_in_plane(triangle, other),
             // A triangle without area joins sides that coincide.
-            Some(joint) => (0..3).all(|side| match self.beside(joint, side) {
+            Some(joint) => (0..3).all(|side| match self.triangle_across(joint, side) {
                 Some(other) => {
                     other == triangle || (self.normals[other] != [0; 3] && self.are_in_plane(triangle, other))
                 }

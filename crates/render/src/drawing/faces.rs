@@ -9,11 +9,11 @@ use crate::camera::Camera;
 use spinney_base::{Progress, Result};
 use spinney_brep::exact::normal::triangle_normal;
 use spinney_brep::{ExactModel, Faces as _, Grid};
-use spinney_partitions::bsp::{Bsp, Seen};
+use spinney_partitions::bsp::{Bsp, BspItem};
 
 /// Image position of a point in grid coordinates.
-fn place(point: [f64; 3], grid: &Grid, camera: &Camera) -> [f64; 2] {
-    camera.place(DVec3::from(grid.to_world([0; 3])) + DVec3::from(point) * grid.width())
+fn project(point: [f64; 3], grid: &Grid, camera: &Camera) -> [f64; 2] {
+    camera.project(DVec3::from(grid.to_world([0; 3])) + DVec3::from(point) * grid.width())
 }
 
 /// Draws all edges of a model, each once.
@@ -26,10 +26,11 @@ pub(super) fn wireframe(
     let triangles = Triangles::of(model, progress)?;
     for number in 0..triangles.corners.len() {
         let (corners, edges) = (&triangles.corners[number], triangles.edges(number));
-        let places = corners.map(|corner| place(corner.map(f64::from), model.grid(), camera));
-        let is_drawn =
-            |side: &usize| edges[*side] && triangles.beside(number, *side).is_none_or(|other| number < other);
-        marks.lines((0..3).filter(is_drawn).map(|side| [places[side], places[(side + 1) % 3]]));
+        let points = corners.map(|corner| project(corner.map(f64::from), model.grid(), camera));
+        let is_drawn = |side: &usize| {
+            edges[*side] && triangles.triangle_across(number, *side).is_none_or(|other| number < other)
+        };
+        marks.lines((0..3).filter(is_drawn).map(|side| [points[side], points[(side + 1) % 3]]));
     }
     Ok(())
 }
@@ -38,7 +39,7 @@ pub(super) fn wireframe(
 #[derive(Clone, Copy)]
 enum GridViewer {
     At([i32; 3]),
-    FarAway([i32; 3]),
+    AtInfinity([i32; 3]),
 }
 
 /// Coordinate limit, in grid units, of viewers that are points. Lines of sight from a more distant
@@ -55,17 +56,17 @@ impl GridViewer {
                 }
                 eye
             }
-            Viewer::FarAway(direction) => direction,
+            Viewer::AtInfinity(direction) => direction,
         };
         let scaled = direction / direction.abs().max_element() * FAR;
-        GridViewer::FarAway(scaled.to_array().map(|at| at.round() as i32))
+        GridViewer::AtInfinity(scaled.to_array().map(|at| at.round() as i32))
     }
 
     /// Whether a triangle faces the viewer.
     fn is_before(self, corners: &[[i32; 3]; 3]) -> bool {
         let to_eye = |axis: usize| match self {
             GridViewer::At(eye) => i128::from(eye[axis]) - i128::from(corners[0][axis]),
-            GridViewer::FarAway(direction) => i128::from(direction[axis]),
+            GridViewer::AtInfinity(direction) => i128::from(direction[axis]),
         };
         let normal = triangle_normal(corners);
         (0..3).map(|axis| i128::from(normal[axis]) * to_eye(axis)).sum::<i128>() > 0
@@ -91,23 +92,23 @@ pub(super) fn hidden_lines(
     progress.check()?;
     // Edges in a node's plane are drawn after all of its faces.
     let mut lines = Vec::new();
-    let mut take = |what: Seen<'_>| match what {
-        Seen::Cell(..) => marks.lines(lines.drain(..)),
-        Seen::Piece(piece) => {
-            let places: Vec<[f64; 2]> =
-                tree.corners(piece).into_iter().map(|corner| place(corner, grid, camera)).collect();
-            let edges = triangles.edges(numbers[piece.source]);
-            for (i, side) in piece.sides().enumerate() {
+    let mut take = |what: BspItem<'_>| match what {
+        BspItem::Cell(..) => marks.lines(lines.drain(..)),
+        BspItem::Fragment(fragment) => {
+            let points: Vec<[f64; 2]> =
+                tree.corners(fragment).into_iter().map(|corner| project(corner, grid, camera)).collect();
+            let edges = triangles.edges(numbers[fragment.source]);
+            for (i, side) in fragment.sides().enumerate() {
                 if side.is_some_and(|side| edges[usize::from(side)]) {
-                    lines.push([places[i], places[(i + 1) % places.len()]]);
+                    lines.push([points[i], points[(i + 1) % points.len()]]);
                 }
             }
-            marks.fill(paper, places);
+            marks.fill(paper, points);
         }
     };
     match viewer {
         GridViewer::At(eye) => tree.back_to_front(eye, &mut take),
-        GridViewer::FarAway(direction) => tree.back_to_front_from_afar(direction, &mut take),
+        GridViewer::AtInfinity(direction) => tree.back_to_front_from_afar(direction, &mut take),
     }
     marks.lines(lines);
     Ok(())

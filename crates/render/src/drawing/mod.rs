@@ -41,7 +41,7 @@ pub enum DrawingFormat {
     /// Paths in SVG 1.1.
     Svg,
     /// Pixels.
-    Picture(Format),
+    Image(Format),
 }
 
 /// Writes a line drawing of an exact model. Returns the octree level that was drawn for
@@ -67,7 +67,7 @@ pub fn draw_exact(
 ) -> Result<Option<u8>> {
     request.check()?;
     if let (DrawingStyle::Wireframe | DrawingStyle::HiddenLines, Some(level)) = (style, request.level) {
-        return Err(Error::invalid("level", level.to_string(), "none, of edges of an exact model"));
+        return Err(Error::invalid("level", level.to_string(), "no level for edges of an exact model"));
     }
     let corners = model.bounds()?.map(DVec3::from);
     let camera = request.camera(&Solid { model, corners })?;
@@ -121,7 +121,7 @@ fn write(
 ) -> Result<()> {
     match format {
         DrawingFormat::Svg => svg::write(marks, request, output, progress),
-        DrawingFormat::Picture(format) => painter::write(marks, request, output, format, progress),
+        DrawingFormat::Image(format) => painter::write(marks, request, output, format, progress),
     }
 }
 
@@ -130,14 +130,14 @@ fn write(
 enum Viewer {
     At(DVec3),
     /// At infinity, in this direction.
-    FarAway(DVec3),
+    AtInfinity(DVec3),
 }
 
 impl Viewer {
     fn of(camera: &Camera) -> Viewer {
         match camera.eye() {
             Some(eye) => Viewer::At(eye),
-            None => Viewer::FarAway(camera.towards),
+            None => Viewer::AtInfinity(camera.towards),
         }
     }
 }

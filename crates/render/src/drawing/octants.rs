@@ -8,7 +8,7 @@ use super::Viewer;
 use super::marks::Marks;
 use crate::RenderRequest;
 use crate::camera::Camera;
-use crate::cells::{BOX_LEVEL, Filled, cell_size};
+use crate::cells::{BOX_LEVEL, FilledCells, cell_size};
 use crate::paint::Paint;
 use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::value::Rule;
@@ -86,7 +86,7 @@ pub(super) fn of_cells(
     let rough = tree.solid(request.level.unwrap_or(depth).min(BOX_LEVEL).min(depth), progress)?;
     let space = Bounds { min: [0; 3], max: [1 << rough.level; 3] };
     let bounds = rough.bounds.unwrap_or(space);
-    let camera = request.camera(&Filled::new(tree, rough.frame(), &bounds))?;
+    let camera = request.camera(&FilledCells::new(tree, rough.frame(), &bounds))?;
     let cells = bounds.size().into_iter().max().unwrap_or(1) as f64;
     let longest = cells * cell_size(&own.coarser(depth - rough.level));
     let level = level_of(request.level, depth, own, longest)?;
@@ -99,8 +99,8 @@ pub(super) fn of_cells(
 
 /// Level to draw; `frame` is that of the deepest cells, `longest` the solid's longest side in the
 /// world.
-fn level_of(asked: Option<u8>, depth: u8, frame: &Frame, longest: f64) -> Result<u8> {
-    match asked {
+fn level_of(requested: Option<u8>, depth: u8, frame: &Frame, longest: f64) -> Result<u8> {
+    match requested {
         Some(level) if level <= depth => Ok(level),
         Some(level) => Err(Error::invalid("level", level.to_string(), format!("0 to {depth}"))),
         None => {
@@ -118,15 +118,16 @@ impl<'a> Blocks<'a> {
         name: &'a std::path::Path,
         progress: &'a dyn Progress,
     ) -> Result<Blocks<'a>> {
-        let no_inverse = || Error::invalid("the file's transform", "one without an inverse", "one with");
+        let no_inverse =
+            || Error::invalid("the file's transform", "a map that is not invertible", "an invertible one");
         let in_cells = |point: DVec3| -> Result<DVec3> {
             Ok(frame.to_cells(point.to_array()).ok_or_else(no_inverse)?.into())
         };
         let viewer = match Viewer::of(camera) {
             Viewer::At(eye) => Viewer::At(in_cells(eye)?),
-            Viewer::FarAway(direction) => {
+            Viewer::AtInfinity(direction) => {
                 in_cells(DVec3::ZERO)?;
-                Viewer::FarAway(frame.linear().inverse() * direction)
+                Viewer::AtInfinity(frame.linear().inverse() * direction)
             }
         };
         Ok(Blocks { frame, viewer, level, list: Vec::new(), name, progress })
@@ -135,11 +136,11 @@ impl<'a> Blocks<'a> {
     /// End of an interval along an axis that faces the viewer, in root coordinates: 0 is low, 1 is
     /// high. `None` if the viewer is between the ends.
     fn near_end(&self, axis: usize, [low, high]: [f64; 2]) -> Option<usize> {
-        let (before, behind) = match self.viewer {
+        let (is_above, is_below) = match self.viewer {
             Viewer::At(eye) => (eye[axis] > high, eye[axis] < low),
-            Viewer::FarAway(direction) => (direction[axis] > 0.0, direction[axis] < 0.0),
+            Viewer::AtInfinity(direction) => (direction[axis] > 0.0, direction[axis] < 0.0),
         };
-        before.then_some(1).or(behind.then_some(0))
+        is_above.then_some(1).or(is_below.then_some(0))
     }
 
     /// Children of a node, farthest from the viewer first.
@@ -160,7 +161,7 @@ impl<'a> Blocks<'a> {
             return Err(Error::unsupported(
                 self.name,
                 found,
-                "ask for a coarser --level, or for a shaded picture, without --drawing",
+                "request a coarser --level, or a shaded image without --drawing",
             ));
         }
         if self.list.len().is_multiple_of(1 << 10) {
@@ -241,9 +242,10 @@ impl<'a> Blocks<'a> {
             let end = |axis: usize, end: usize| f64::from(position[axis] + end as u32) / scale;
             for axis in 0..3 {
                 let Some(near) = self.near_end(axis, [end(axis, 0), end(axis, 1)]) else { continue };
-                let (mut beside, most) = (*position, (1u64 << level) as u32);
-                beside[axis] = if near == 1 { beside[axis] + 1 } else { beside[axis].wrapping_sub(1) };
-                if beside[axis] < most && is_covered(*level, beside) {
+                let (mut neighbour, most) = (*position, (1u64 << level) as u32);
+                neighbour[axis] =
+                    if near == 1 { neighbour[axis] + 1 } else { neighbour[axis].wrapping_sub(1) };
+                if neighbour[axis] < most && is_covered(*level, neighbour) {
                     continue;
                 }
                 let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
@@ -252,7 +254,7 @@ impl<'a> Blocks<'a> {
                     corner[axis] = end(axis, near);
                     corner[u] = end(u, ends[0]);
                     corner[v] = end(v, ends[1]);
-                    camera.place(self.frame.to_world(corner).into())
+                    camera.project(self.frame.to_world(corner).into())
                 });
                 let outwards = areas[axis].normalize_or_zero() * mirror * if near == 1 { 1.0 } else { -1.0 };
                 let lit = SHADE + (1.0 - SHADE) * outwards.dot(light).max(0.0);

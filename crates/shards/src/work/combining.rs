@@ -10,7 +10,7 @@ use spinney_engine::ops::{CombineOperation, CombineOptions, Outcome, combine_wit
 use spinney_engine::store::{Packing, TreeTarget, WriteOptions};
 
 use super::trees::{LITTLE, description, files_of};
-use super::{PartOfJob, PlannedWork, Told, Work};
+use super::{PlannedWork, ShardTask, Work, WorkPlan};
 
 /// Operation, and the fill value and region for cells that no input has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,10 +44,10 @@ pub(super) fn write_head(
     work: Combining,
     head: Output,
     progress: &dyn Progress,
-) -> Result<Told> {
+) -> Result<WorkPlan> {
     let outcome = work.run(paths, TreeTarget::Head(head), LITTLE, progress)?;
     let (work, description) = (PlannedWork::Combine(work), description(&outcome));
-    Ok(Told { work, loads: Vec::new(), pieces: None, description })
+    Ok(WorkPlan { work, loads: Vec::new(), ranges: None, description })
 }
 
 impl Work for Combining {
@@ -59,7 +59,7 @@ impl Work for Combining {
         Ok(())
     }
 
-    fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
+    fn build(&self, part: ShardTask, memory: u64, progress: &dyn Progress) -> Result<()> {
         self.run(&part.paths(), part.target(), memory, progress).map(|_| ())
     }
 }
@@ -72,7 +72,7 @@ mod tests {
     use spinney_engine::ops::{Prefer, Universe};
 
     #[test]
-    fn operations_come_back() {
+    fn combining_work_survives_serialization() {
         let xor = CombineOperation::Set { operation: SetOperation::Equivalence, prefer: Prefer::Second };
         let within = Universe::Within([0.1, -1e-9, 0.0], [1.0 / 3.0, 7.0, 0.0]);
         let of = |fill, universe| CombineOptions { fill, universe, ..CombineOptions::default() };

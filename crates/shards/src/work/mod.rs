@@ -1,9 +1,9 @@
 //! Kinds of work of shards. One file per kind plans it and builds a shard of it.
 
+mod arrays;
 mod combining;
-mod given;
-mod pictures;
 mod points;
+mod rasters;
 mod rebuilding;
 mod solids;
 mod stacks;
@@ -15,12 +15,12 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use spinney_base::io::{FileAccess, Output, url_of};
-use spinney_base::space::{Bounds, CodeRun};
+use spinney_base::space::{Bounds, CodeRange};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Header, LevelCounts, ShardSummary};
 use spinney_engine::dataset::Rebuild;
 use spinney_engine::ops::{CombineOperation, CombineOptions, FileView};
-use spinney_engine::store::goblin::{Goblin, MergeOutput, Shard, ShardPiece, merge_shards};
+use spinney_engine::store::goblin::{Goblin, MergeOutput, Shard, ShardRange, merge_shards};
 use spinney_engine::store::{Packing, ShardCheck, TreeTarget, TreeWriter};
 use spinney_mesh::import::SolidOptions;
 use spinney_points::PointImportOptions;
@@ -28,10 +28,10 @@ use spinney_raster::import::{ImportOptions, StackOptions};
 use spinney_raster::volume::{VolumeInput, VolumeOptions};
 use spinney_vector::import::filter::FeatureFilter;
 
+pub(crate) use self::arrays::ArrayWork;
 use self::combining::Combining;
-pub(crate) use self::given::Given;
-use self::pictures::Pictures;
 use self::points::Points;
+use self::rasters::Rasters;
 use self::rebuilding::Rebuilding;
 use self::solids::Solid;
 use self::stacks::Stack;
@@ -44,7 +44,7 @@ use crate::job::PlannedInput;
 #[derive(Clone, Debug)]
 pub enum JobSpec {
     /// Quadtree with one layer, of a raster or of several rasters on one grid.
-    Pictures {
+    Rasters {
         /// Rasters; the last one is on top.
         inputs: Vec<PathBuf>,
         /// Import options.
@@ -115,7 +115,7 @@ impl JobSpec {
     /// chain, the input tree and the files of its operations.
     pub fn inputs(&self) -> Vec<PathBuf> {
         match self {
-            JobSpec::Pictures { inputs, .. }
+            JobSpec::Rasters { inputs, .. }
             | JobSpec::Stack { inputs, .. }
             | JobSpec::Solid { inputs, .. }
             | JobSpec::Points { inputs, .. }
@@ -133,10 +133,10 @@ impl JobSpec {
         (inputs, shards): (&[PlannedInput], u32),
         head: Output,
         progress: &dyn Progress,
-    ) -> Result<Told> {
+    ) -> Result<WorkPlan> {
         match self {
-            JobSpec::Pictures { inputs: paths, options } => {
-                pictures::write_head((paths, inputs), options, head, progress)
+            JobSpec::Rasters { inputs: paths, options } => {
+                rasters::write_head((paths, inputs), options, head, progress)
             }
             JobSpec::Stack { inputs: paths, options } => {
                 stacks::write_head((paths, inputs), options, head, progress)
@@ -169,7 +169,7 @@ pub(crate) struct Load {
 }
 
 /// Information about a job that is known once its head file is written.
-pub(crate) struct Told {
+pub(crate) struct WorkPlan {
     /// Work, as stored in the plan.
     pub(crate) work: PlannedWork,
     /// Distribution of the input over cells. If empty, all input is assumed to be spread evenly
@@ -177,7 +177,7 @@ pub(crate) struct Told {
     pub(crate) loads: Vec<Load>,
     /// Code ranges of each shard if the work has its own method of cutting; otherwise layers are
     /// cut by `loads`.
-    pub(crate) pieces: Option<Vec<Vec<ShardPiece>>>,
+    pub(crate) ranges: Option<Vec<Vec<ShardRange>>>,
     /// Description of the tree: pairs of a heading and its text.
     pub(crate) description: Vec<(&'static str, String)>,
 }
@@ -186,7 +186,7 @@ pub(crate) struct Told {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum PlannedWork {
-    Pictures(Box<Pictures>),
+    Rasters(Box<Rasters>),
     Stack(Box<Stack>),
     Volume(Box<Volume>),
     Solid(Box<Solid>),
@@ -194,14 +194,14 @@ pub(crate) enum PlannedWork {
     Rebuild(Box<Rebuilding>),
     Transform(Transforming),
     Combine(Combining),
-    Given(Given),
+    Arrays(ArrayWork),
 }
 
 impl PlannedWork {
     /// Work of a specification, as far as it is known before inputs are read.
     pub(crate) fn of(spec: &JobSpec) -> Result<PlannedWork> {
         Ok(match spec {
-            JobSpec::Pictures { options, .. } => PlannedWork::Pictures(Box::new(Pictures::of(options))),
+            JobSpec::Rasters { options, .. } => PlannedWork::Rasters(Box::new(Rasters::of(options))),
             JobSpec::Stack { options, .. } => PlannedWork::Stack(Box::new(Stack::of(options))),
             JobSpec::Volume { input, options } => PlannedWork::Volume(Box::new(Volume::of(input, options))),
             JobSpec::Solid { inputs, options } => PlannedWork::Solid(Box::new(Solid::of(inputs, options)?)),
@@ -220,7 +220,7 @@ impl PlannedWork {
 
     pub(crate) fn work(&self) -> &dyn Work {
         match self {
-            PlannedWork::Pictures(work) => &**work,
+            PlannedWork::Rasters(work) => &**work,
             PlannedWork::Stack(work) => &**work,
             PlannedWork::Volume(work) => &**work,
             PlannedWork::Solid(work) => &**work,
@@ -228,7 +228,7 @@ impl PlannedWork {
             PlannedWork::Rebuild(work) => &**work,
             PlannedWork::Transform(work) => work,
             PlannedWork::Combine(work) => work,
-            PlannedWork::Given(work) => work,
+            PlannedWork::Arrays(work) => work,
         }
     }
 }
@@ -246,8 +246,8 @@ pub(crate) trait Work {
 
     /// Whether code ranges cover each layer exactly once, in order, and are cut only at permitted
     /// positions.
-    fn are_all(&self, pieces: &[ShardPiece], layers: &[Header]) -> bool {
-        are_all(pieces, layers)
+    fn are_all(&self, ranges: &[ShardRange], layers: &[Header]) -> bool {
+        are_all(ranges, layers)
     }
 
     /// Bytes of a shard's segments; `None` if it is not built or incomplete.
@@ -289,7 +289,7 @@ pub(crate) trait Work {
     }
 
     /// Builds a shard.
-    fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()>;
+    fn build(&self, part: ShardTask, memory: u64, progress: &dyn Progress) -> Result<()>;
 }
 
 /// Numbers of the shards for which `made` is false.
@@ -304,7 +304,7 @@ fn missing_of(shards: &[Shard], made: impl Iterator<Item = Result<bool>>) -> Res
 }
 
 /// Shard to build.
-pub(crate) struct PartOfJob {
+pub(crate) struct ShardTask {
     /// Inputs that the shard depends on, each with its index.
     pub(crate) inputs: Vec<(usize, PathBuf)>,
     /// Head file of the job.
@@ -314,7 +314,7 @@ pub(crate) struct PartOfJob {
     pub(crate) check: ShardCheck,
 }
 
-impl PartOfJob {
+impl ShardTask {
     /// Paths of the inputs.
     fn paths(&self) -> Vec<PathBuf> {
         self.inputs.iter().map(|(_, path)| path.clone()).collect()
@@ -322,34 +322,36 @@ impl PartOfJob {
 
     /// Target for writing the shard's trees.
     fn target(self) -> TreeTarget {
-        let PartOfJob { head, shard, check, .. } = self;
+        let ShardTask { head, shard, check, .. } = self;
         TreeTarget::Shard { head, shard, check }
     }
 }
 
 /// Fails if an input that must be memory-mapped is remote.
-fn check_is_here(input: &Path) -> Result<()> {
+fn check_is_local(input: &Path) -> Result<()> {
     match url_of(input) {
         None => Ok(()),
-        Some(_) => Err(Error::unsupported(input, "a file elsewhere", "copy it to this machine first")),
+        Some(_) => {
+            Err(Error::unsupported(input, "reading this format from a URL in shards", "download it first"))
+        }
     }
 }
 
 /// Whether code ranges cover each layer exactly once, in order, and are cut only at permitted
 /// positions.
-fn are_all(pieces: &[ShardPiece], layers: &[Header]) -> bool {
-    let mut pieces = pieces.iter();
+fn are_all(ranges: &[ShardRange], layers: &[Header]) -> bool {
+    let mut ranges = ranges.iter();
     for (number, header) in (0..).zip(layers) {
         let mut next = 0;
-        while next <= CodeRun::ALL.ends()[1] {
-            let Some(piece) = pieces.next() else { return false };
-            let [first, last] = piece.run.ends();
-            let is_cut = piece.run.is_cut_at(header.form.dimension, header.shape.crown_level());
-            if piece.layer != number || first != next || !is_cut {
+        while next <= CodeRange::ALL.ends()[1] {
+            let Some(range) = ranges.next() else { return false };
+            let [first, last] = range.run.ends();
+            let is_cut = range.run.is_cut_at(header.form.dimension, header.shape.shard_level());
+            if range.layer != number || first != next || !is_cut {
                 return false;
             }
             next = last + 1;
         }
     }
-    pieces.next().is_none()
+    ranges.next().is_none()
 }

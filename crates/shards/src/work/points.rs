@@ -4,17 +4,17 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use spinney_base::io::{FileAccess, Output, url_of};
-use spinney_base::space::CodeRun;
+use spinney_base::space::CodeRange;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
-use spinney_engine::store::goblin::{MergeOutput, Shard, ShardPiece};
+use spinney_engine::store::goblin::{MergeOutput, Shard, ShardRange};
 use spinney_points::shard::{self, PointCut, PointShard};
 use spinney_points::{PointImport, PointImportOptions, PointTree};
 use spinney_vector::import::feature::FeatureOptions;
 use spinney_vector::import::filter::FeatureFilter;
 use spinney_vector::import::plan_point_files;
 
-use super::{PartOfJob, PlannedWork, Told, Work, check_is_here, missing_of};
+use super::{PlannedWork, ShardTask, Work, WorkPlan, check_is_local, missing_of};
 
 /// LAS and LAZ files that are built to one tree.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -59,24 +59,24 @@ pub(super) fn write_head(
     (options, filter): (&PointImportOptions, &FeatureFilter),
     (head, shards): (Output, u32),
     progress: &dyn Progress,
-) -> Result<Told> {
+) -> Result<WorkPlan> {
     if url_of(head.path()).is_some() {
-        let advice = "choose a folder that all machines see";
-        return Err(Error::unsupported(head.path(), "a job of points in a bucket", advice));
+        let advice = "choose a directory that all machines can access";
+        return Err(Error::unsupported(head.path(), "a job of point files in a bucket", advice));
     }
     let import = import_of(paths, options, filter.clone())?;
     let PointCut { level, runs, points } = shard::cut(&import, shards)?;
-    import.tell_remarks(progress);
+    import.warn_of_remarks(progress);
     shard::write_head(&import, head)?;
-    let piece = |run: &Option<CodeRun>| run.iter().map(|run| ShardPiece { layer: 0, run: *run }).collect();
+    let range = |run: &Option<CodeRange>| run.iter().map(|run| ShardRange { layer: 0, run: *run }).collect();
     let work = PlannedWork::Points(Points { level, points, ..Points::of(options, filter) });
-    let (pieces, description) = (Some(runs.iter().map(piece).collect()), import.description().to_vec());
-    Ok(Told { work, loads: Vec::new(), pieces, description })
+    let (ranges, description) = (Some(runs.iter().map(range).collect()), import.description().to_vec());
+    Ok(WorkPlan { work, loads: Vec::new(), ranges, description })
 }
 
 impl Work for Points {
     fn files_of(&self, input: &Path, _: &FileAccess) -> Result<Vec<PathBuf>> {
-        check_is_here(input)?;
+        check_is_local(input)?;
         Ok(vec![input.to_path_buf()])
     }
 
@@ -89,16 +89,16 @@ impl Work for Points {
         self.filter().map(|_| ())
     }
 
-    fn are_all(&self, pieces: &[ShardPiece], _layers: &[Header]) -> bool {
+    fn are_all(&self, ranges: &[ShardRange], _layers: &[Header]) -> bool {
         let mut next = 0;
-        for ShardPiece { layer, run } in pieces {
+        for ShardRange { layer, run } in ranges {
             let [first, last] = run.ends();
             if *layer != 0 || first != next {
                 return false;
             }
             next = last + 1;
         }
-        next > CodeRun::ALL.ends()[1]
+        next > CodeRange::ALL.ends()[1]
     }
 
     fn find(&self, shard: &Shard) -> Result<Option<u64>> {
@@ -113,7 +113,7 @@ impl Work for Points {
         shard::build_empty_shard(head, &self.shard(&shard))
     }
 
-    fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
+    fn build(&self, part: ShardTask, memory: u64, progress: &dyn Progress) -> Result<()> {
         let mut options = self.options.clone();
         options.build.memory = memory;
         let import = import_of(&part.paths(), &options, self.filter()?)?;
@@ -132,7 +132,7 @@ impl Work for Points {
             // Shards are removed once the file is complete, which is written in a single pass.
             MergeOutput::Remove(mut output, _) => {
                 let path = output.path().to_path_buf();
-                output.truncate(0).map_err(Error::io(path, "begin anew"))?;
+                output.truncate(0).map_err(Error::io(path, "truncate"))?;
                 output
             }
         };

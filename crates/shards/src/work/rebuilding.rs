@@ -10,7 +10,7 @@ use spinney_engine::dataset::{Rebuild, open};
 use spinney_engine::store::{Packing, TreeTarget};
 
 use super::trees::{LITTLE, files_of};
-use super::{PartOfJob, PlannedWork, Told, Work};
+use super::{PlannedWork, ShardTask, Work, WorkPlan};
 
 /// Properties that differ from the input tree's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,10 +51,10 @@ pub(super) fn write_head(
     (other, packing): (&Rebuild, Packing),
     head: Output,
     progress: &dyn Progress,
-) -> Result<Told> {
+) -> Result<WorkPlan> {
     let described = build(path, (other, packing), LITTLE, TreeTarget::Head(head), progress)?;
     let work = PlannedWork::Rebuild(Box::new(Rebuilding::of(other, packing)));
-    Ok(Told { work, loads: Vec::new(), pieces: None, description: described.into() })
+    Ok(WorkPlan { work, loads: Vec::new(), ranges: None, description: described.into() })
 }
 
 impl Work for Rebuilding {
@@ -65,11 +65,11 @@ impl Work for Rebuilding {
     fn check(&self, inputs: usize, _: &[Header]) -> Result<()> {
         match inputs {
             1 => Ok(()),
-            _ => Err(Error::invalid("inputs", inputs.to_string(), "one tree")),
+            _ => Err(Error::invalid("inputs", inputs.to_string(), "1 tree")),
         }
     }
 
-    fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
+    fn build(&self, part: ShardTask, memory: u64, progress: &dyn Progress) -> Result<()> {
         let (_, path) = part.inputs[0].clone();
         build(&path, (&self.other, self.packing), memory, part.target(), progress).map(|_| ())
     }
@@ -82,7 +82,7 @@ mod tests {
     use spinney_crs::Crs;
 
     #[test]
-    fn what_is_other_comes_back() {
+    fn rebuilding_work_survives_serialization() {
         let matrix = [[0.1, 0.0, 0.0, 1e-300], [0.0, -1.0 / 3.0, 0.0, 5.0], [0.0, 0.0, 1.0, 0.0]];
         let (kind, rule) = (Some(DataKind::Categorical), Some(Rule::Max));
         let other = Rebuild { kind, rule, depth: Some(12), matrix: Some(matrix), crs: Some(Crs::epsg(4326)) };

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use spinney_base::io::{FileAccess, Output};
-use spinney_base::space::{Code, CodeRun, Dimension};
+use spinney_base::space::{Code, CodeRange, Dimension};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_engine::store::TreeTarget;
@@ -13,7 +13,7 @@ use spinney_mesh::import::{
     plan_models, plan_part,
 };
 
-use super::{Load, PartOfJob, PlannedWork, Told, Work, check_is_here};
+use super::{Load, PlannedWork, ShardTask, Work, WorkPlan, check_is_local};
 use crate::balance::level_of_cuts;
 use crate::job::PlannedInput;
 
@@ -60,7 +60,7 @@ impl Survey {
     fn survey(&self) -> Result<SolidSurvey> {
         let [min, max] = self.bounds;
         if !(0..3).all(|axis| min[axis] <= max[axis] && (max[axis] - min[axis]).is_finite()) {
-            return Err(Error::invalid("bounds", format!("{:?}", self.bounds), "a box"));
+            return Err(Error::invalid("survey bounds", format!("{:?}", self.bounds), "a box"));
         }
         let surface = |(surface, winding, attribute): &(u32, i32, u32)| SurfaceAtPoint {
             surface: *surface,
@@ -78,9 +78,10 @@ impl Survey {
             })
         };
         let nodes: Option<Vec<SurveyedNode>> = self.inside.iter().map(node).collect();
-        let ends = |node: &SurveyedNode| CodeRun::of(node.code, node.code).map_or([0; 2], CodeRun::ends);
+        let ends = |node: &SurveyedNode| CodeRange::of(node.code, node.code).map_or([0; 2], CodeRange::ends);
         let nodes = nodes.filter(|nodes| nodes.windows(2).all(|pair| ends(&pair[0])[1] < ends(&pair[1])[0]));
-        let nodes = nodes.ok_or_else(|| Error::invalid("nodes", "ones out of order", "codes that ascend"))?;
+        let nodes = nodes
+            .ok_or_else(|| Error::invalid("survey nodes", "invalid or unsorted codes", "ascending codes"))?;
         Ok(SolidSurvey { bounds: self.bounds, is_divided: self.is_divided, nodes })
     }
 }
@@ -91,8 +92,8 @@ impl Solid {
     pub(super) fn of(inputs: &[PathBuf], options: &SolidOptions) -> Result<Solid> {
         if let Resolution::Like(..) = options.resolution {
             let path = inputs.first().cloned().unwrap_or_default();
-            let advice = "build it in a single process, or choose cells of the same width (--cell)";
-            return Err(Error::unsupported(path, "a solid on another tree's cells in shards", advice));
+            let advice = "build it in a single process, or set the same cell width with --cell";
+            return Err(Error::unsupported(path, "a solid on the cells of another tree in shards", advice));
         }
         Ok(Solid { options: options.clone(), survey: Survey::default() })
     }
@@ -111,14 +112,14 @@ pub(super) fn write_head(
     options: &SolidOptions,
     head: Output,
     progress: &dyn Progress,
-) -> Result<Told> {
+) -> Result<WorkPlan> {
     let work = Solid::of(paths, options)?;
     let import = plan_models(open_all_with(paths, options.memory, head.access())?, options)?;
     let (mut description, depth) = (import.description().to_vec(), import.depth());
     let target = TreeTarget::Head(head);
-    let beside = target.temporary();
+    let temporary = target.temporary();
     let mut file = target.start((Dimension::Oct, depth), 1)?;
-    let (survey, report) = import.survey(&mut file, &level_of_cuts, &beside, progress)?;
+    let (survey, report) = import.survey(&mut file, &level_of_cuts, &temporary, progress)?;
     file.finish()?;
     description.push(("surface", report.inside.text().into()));
     let bytes = inputs.iter().fold(0u64, |sum, input| sum.saturating_add(input.bytes()));
@@ -129,12 +130,12 @@ pub(super) fn write_head(
     };
     let loads = survey.nodes.iter().filter(|node| node.triangles > 0).map(load).collect();
     let work = PlannedWork::Solid(Box::new(Solid { survey: Survey::of(&survey), ..work }));
-    Ok(Told { work, loads, pieces: None, description })
+    Ok(WorkPlan { work, loads, ranges: None, description })
 }
 
 impl Work for Solid {
     fn files_of(&self, input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
-        check_is_here(input)?;
+        check_is_local(input)?;
         files_of(input, access)
     }
 
@@ -142,12 +143,12 @@ impl Work for Solid {
         self.survey.survey().map(|_| ())
     }
 
-    fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
+    fn build(&self, part: ShardTask, memory: u64, progress: &dyn Progress) -> Result<()> {
         let models = open_all_with(&part.paths(), memory, &part.shard.access)?;
         let import = plan_part(models, &with_memory(&self.options, memory), self.survey.survey()?)?;
-        let folder = part.shard.temporary().to_path_buf();
+        let directory = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Oct, import.depth()), 1)?;
-        import.write(&mut file, &folder, progress)?;
+        import.write(&mut file, &directory, progress)?;
         file.finish()
     }
 }
@@ -161,7 +162,7 @@ mod tests {
     use spinney_mesh::import::Attribute;
 
     #[test]
-    fn solids_come_back() {
+    fn solid_work_survives_serialization() {
         let mut options = SolidOptions::new();
         let again = |options: &SolidOptions| {
             let planned = Solid::of(&[], options).unwrap();
@@ -172,7 +173,7 @@ mod tests {
         };
         again(&options);
         options.resolution = Resolution::Cell(0.1 + 0.2);
-        (options.edge, options.attribute, options.up) = (EdgeRule::Touch, Attribute::Part, Up::Y);
+        (options.edge, options.attribute, options.up) = (EdgeRule::Touch, Attribute::PartNumber, Up::Y);
         (options.shell, options.unit, options.crs) = (true, Some("mm".into()), Some(Crs::epsg(7415)));
         options.packing = Packing::packed();
         again(&options);
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn surveys_come_back() {
+    fn surveys_survive_serialization() {
         let root = Code::root(Dimension::Oct);
         let at = |surface, winding, attribute| SurfaceAtPoint { surface, winding, attribute };
         let nodes = vec![

@@ -9,8 +9,8 @@ use spinney_base::{Error, Progress, Result};
 use spinney_engine::store::TreeWriter;
 use spinney_raster::import::{Stack as RasterStack, StackLayer, StackOptions, plan_stack, write_layers};
 
-use super::pictures::files_of;
-use super::{Load, PartOfJob, PlannedWork, Told, Work};
+use super::rasters::files_of;
+use super::{Load, PlannedWork, ShardTask, Work, WorkPlan};
 use crate::job::PlannedInput;
 
 /// Layers of a file, one or more per input.
@@ -32,13 +32,13 @@ pub(super) fn write_head(
     options: &StackOptions,
     head: Output,
     progress: &dyn Progress,
-) -> Result<Told> {
+) -> Result<WorkPlan> {
     let mut options = options.clone();
     options.import.access = head.access().clone();
     let stack = plan_stack(paths, &options)?;
     if let Some(layer) = stack.layers.iter().find(|layer| layer.is_warped()) {
-        let found = "a layer on another grid than the finest, in shards,";
-        let advice = "build its file by itself with --grid first, and stack the others";
+        let found = "a stack of layers on different grids in shards";
+        let advice = "first warp this file to the grid of the finest layer: `spinney build --grid`";
         return Err(Error::unsupported(layer.path(), found, advice));
     }
     let mut file = TreeWriter::head(head, (Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
@@ -49,14 +49,14 @@ pub(super) fn write_head(
         input.map_or(0, |input| inputs[input].bytes())
     };
     let (loads, description) = (loads(&stack, size_of), stack.description().to_vec());
-    Ok(Told { work: PlannedWork::Stack(Box::new(Stack::of(&options))), loads, pieces: None, description })
+    Ok(WorkPlan { work: PlannedWork::Stack(Box::new(Stack::of(&options))), loads, ranges: None, description })
 }
 
 /// Layers of a stack, each with its share of its file's bytes.
 fn loads(stack: &RasterStack, size_of: impl Fn(&Path) -> u64) -> Vec<Load> {
     let load = |(layer, found): (usize, &StackLayer)| {
         let of_file = stack.layers.iter().filter(|other| other.path() == found.path()).count() as u64;
-        Load { layer, cells: Bounds::picture(found.extent), bytes: size_of(found.path()) / of_file.max(1) }
+        Load { layer, cells: Bounds::of_extent(found.extent), bytes: size_of(found.path()) / of_file.max(1) }
     };
     stack.layers.iter().enumerate().map(load).collect()
 }
@@ -66,14 +66,14 @@ impl Work for Stack {
         files_of(input, &self.options.import, access)
     }
 
-    fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
+    fn build(&self, part: ShardTask, memory: u64, progress: &dyn Progress) -> Result<()> {
         let mut options = self.options.clone();
         options.import.memory = Some(memory);
         options.import.access = part.shard.access.clone();
         let stack = plan_stack(&part.paths(), &options)?;
-        let folder = part.shard.temporary().to_path_buf();
+        let directory = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
-        write_layers(&stack, &mut file, &folder, progress)?;
+        write_layers(&stack, &mut file, &directory, progress)?;
         file.finish()
     }
 }
@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn options_come_back() {
+    fn stack_work_survives_serialization() {
         let mut stack = StackOptions::new();
         stack.every_page = true;
         (stack.names, stack.times) = (Some(vec!["a".into()]), Some(vec!["2024-05-31".into()]));

@@ -6,11 +6,11 @@ use serde::{Deserialize, Serialize};
 use spinney_base::io::{FileAccess, Output};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
-use spinney_engine::ops::{FileView, ViewStep, WarpOptions, transform_to};
+use spinney_engine::ops::{FileView, ViewOperation, WarpOptions, transform_to};
 use spinney_engine::store::{Packing, TreeTarget, WriteOptions};
 
 use super::trees::{LITTLE, description, files_of};
-use super::{PartOfJob, PlannedWork, Told, Work};
+use super::{PlannedWork, ShardTask, Work, WorkPlan};
 use crate::stamp::absolute;
 
 /// Chain of operations without its tree, which is the first input.
@@ -26,27 +26,27 @@ pub(crate) struct Transforming {
 
 /// Files of a chain: its tree, and those of its operations.
 pub(super) fn files(chain: &FileView) -> Vec<PathBuf> {
-    let of_steps = chain.steps.iter().flat_map(ViewStep::files);
+    let of_steps = chain.steps.iter().flat_map(ViewOperation::files);
     [&*chain.path].into_iter().chain(of_steps).map(Path::to_path_buf).collect()
 }
 
 impl Transforming {
     pub(super) fn of(chain: &FileView, packing: Packing) -> Result<Transforming> {
-        let step = |step: &ViewStep| {
+        let written = |step: &ViewOperation| {
             let step = step.with_files(&absolute)?;
             let text = step.to_string();
-            if text.parse::<ViewStep>().ok().as_ref() != Some(&step) {
-                let advice = "do this step in one go, and the others in shards";
+            if text.parse::<ViewOperation>().ok().as_ref() != Some(&step) {
+                let advice = "apply it in a single process first, and the others in shards";
                 return Err(Error::unsupported(
                     &chain.path,
-                    format!("the step {text}, which no text tells,"),
+                    format!("the operation {text}, which has no exact text form,"),
                     advice,
                 ));
             }
             Ok(text)
         };
         Ok(Transforming {
-            steps: chain.steps.iter().map(step).collect::<Result<_>>()?,
+            steps: chain.steps.iter().map(written).collect::<Result<_>>()?,
             moves: chain.moves,
             warp: chain.warp,
             packing,
@@ -73,7 +73,7 @@ pub(super) fn write_head(
     packing: Packing,
     head: Output,
     progress: &dyn Progress,
-) -> Result<Told> {
+) -> Result<WorkPlan> {
     let how = WriteOptions::new(LITTLE).packing(packing);
     let outcome = transform_to(
         &FileView { access: head.access().clone(), ..chain.clone() },
@@ -82,7 +82,7 @@ pub(super) fn write_head(
         progress,
     )?;
     let work = PlannedWork::Transform(Transforming::of(chain, packing)?);
-    Ok(Told { work, loads: Vec::new(), pieces: None, description: description(&outcome) })
+    Ok(WorkPlan { work, loads: Vec::new(), ranges: None, description: description(&outcome) })
 }
 
 impl Work for Transforming {
@@ -95,10 +95,14 @@ impl Work for Transforming {
         if found == inputs {
             return Ok(());
         }
-        Err(Error::invalid("inputs", inputs.to_string(), format!("{found}, a tree and the steps' files")))
+        Err(Error::invalid(
+            "inputs",
+            inputs.to_string(),
+            format!("{found}: a tree and the files of its operations"),
+        ))
     }
 
-    fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
+    fn build(&self, part: ShardTask, memory: u64, progress: &dyn Progress) -> Result<()> {
         let chain = self.chain(&part.inputs[0].1, &part.shard.access)?;
         let how = WriteOptions::new(memory).packing(self.packing);
         transform_to(&chain, part.target(), how, progress).map(|_| ())
@@ -111,13 +115,13 @@ mod tests {
     use spinney_engine::ops::Resampling;
 
     #[test]
-    fn chains_come_back() {
+    fn chains_survive_serialization() {
         let mut chain = FileView::of(Path::new("/a/b.goblin"));
         let steps = ["rotate=0.1@2.5,3e-7", "like=/x, y.goblin", "calc=(a-b1)/3,a=\"/c, d.goblin\",type=f64"];
         chain.steps = steps.iter().map(|step| step.parse().unwrap()).collect();
         chain.moves = true;
         chain.warp.resampling = Some(Resampling::Cubic);
-        chain.warp.level_cells = Some(WarpOptions::LOOK);
+        chain.warp.level_cells = Some(WarpOptions::PREVIEW);
         let planned = Transforming::of(&chain, Packing::default()).unwrap();
         let text = serde_json::to_string(&planned).unwrap();
         let again: Transforming = serde_json::from_str(&text).unwrap();

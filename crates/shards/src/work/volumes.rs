@@ -10,7 +10,7 @@ use spinney_container::Header;
 use spinney_engine::store::TreeWriter;
 use spinney_raster::volume::{RawLayout, VolumeInput, VolumeOptions};
 
-use super::{PartOfJob, PlannedWork, Told, Work, check_is_here};
+use super::{PlannedWork, ShardTask, Work, WorkPlan, check_is_local};
 use crate::stamp::absolute;
 
 /// Volume.
@@ -46,7 +46,7 @@ impl Volume {
             (Input::Sections, _) => Ok(VolumeInput::Sections(paths.to_vec())),
             (Input::File, [path]) => Ok(VolumeInput::File(path.clone())),
             (Input::Raw(raw), [path]) => Ok(VolumeInput::Raw(path.clone(), *raw)),
-            _ => Err(Error::invalid("inputs", paths.len().to_string(), "one file")),
+            _ => Err(Error::invalid("inputs", paths.len().to_string(), "1 file")),
         }
     }
 }
@@ -57,7 +57,7 @@ pub(super) fn write_head(
     options: &VolumeOptions,
     head: Output,
     progress: &dyn Progress,
-) -> Result<Told> {
+) -> Result<WorkPlan> {
     let work = Volume::of(input, options);
     check_order(input, &work)?;
     let mut options = options.clone();
@@ -67,26 +67,29 @@ pub(super) fn write_head(
     let mut file = TreeWriter::head(head, (Dimension::Oct, volume.options().depth), 1)?;
     volume.write(&mut file, Path::new(""), progress)?;
     file.finish()?;
-    Ok(Told { work: PlannedWork::Volume(Box::new(work)), loads: Vec::new(), pieces: None, description })
+    Ok(WorkPlan { work: PlannedWork::Volume(Box::new(work)), loads: Vec::new(), ranges: None, description })
 }
 
 /// Checks that the sections have the same order by their absolute paths, which shards use, as by
 /// the given paths.
 fn check_order(input: &VolumeInput, work: &Volume) -> Result<()> {
     let absolutes = |paths: &[PathBuf]| paths.iter().map(|path| absolute(path)).collect::<Result<Vec<_>>>();
-    let [given, planned] =
-        [absolutes(&input.pictures()?)?, work.input(&absolutes(input.paths())?)?.pictures()?];
+    let [given, planned] = [absolutes(&input.images()?)?, work.input(&absolutes(input.paths())?)?.images()?];
     let differs = given.iter().zip(&planned).find(|(given, planned)| given != planned);
     differs.map_or(Ok(()), |(path, _)| {
-        let advice = "give the paths of all from the root of the file system on, or of none";
-        Err(Error::unsupported(path, "sections whose order depends on how their paths are told", advice))
+        let advice = "pass absolute paths of all sections, or relative paths of all";
+        Err(Error::unsupported(
+            path,
+            "a volume of sections whose order depends on the working directory",
+            advice,
+        ))
     })
 }
 
 impl Work for Volume {
     fn files_of(&self, input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
         if self.input != Input::Sections {
-            check_is_here(input)?;
+            check_is_local(input)?;
         }
         self.input(&[input.to_path_buf()])?.files(access)
     }
@@ -95,14 +98,14 @@ impl Work for Volume {
         self.input(&vec![PathBuf::new(); inputs]).map(|_| ())
     }
 
-    fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
+    fn build(&self, part: ShardTask, memory: u64, progress: &dyn Progress) -> Result<()> {
         let mut options = self.options.clone();
         options.memory = Some(memory);
         options.access = part.shard.access.clone();
         let volume = self.input(&part.paths())?.plan(&options)?;
-        let folder = part.shard.temporary().to_path_buf();
+        let directory = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Oct, volume.options().depth), 1)?;
-        volume.write(&mut file, &folder, progress)?;
+        volume.write(&mut file, &directory, progress)?;
         file.finish()
     }
 }
@@ -119,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn volumes_come_back() {
+    fn volume_work_survives_serialization() {
         let mut options = VolumeOptions::new();
         let sections = VolumeInput::Sections(vec!["a".into(), "b".into()]);
         let planned = again(&Volume::of(&sections, &options));
@@ -142,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn plans_with_other_fields_or_values_are_refused() {
+    fn plans_with_unknown_fields_or_invalid_values_are_rejected() {
         let raw = VolumeInput::Raw("a.raw".into(), RawLayout::new([1; 3], SampleType::U8));
         for (path, value) in [
             ("/options/kind", r#""odd""#),

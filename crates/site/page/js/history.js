@@ -30,9 +30,9 @@ export async function showHistory({ dataset, map, plane, place, reopen }) {
     const found = await dataset.diff(Number(other), Number(shown), { signal, progress: working });
     note.textContent = `${text(found.changedCells)} cells differ`;
     const corners = found.blocks.flatMap(({ world: [[west, south], [east, north]] }) => [[west, south], [east, south], [east, north], [west, north], [west, south]]);
-    const places = await plane.degreesOfWorld(dataset, corners);
+    const positions = await plane.degreesOfWorld(dataset, corners);
     const features = found.blocks
-      .map((_, at) => places.slice(5 * at, 5 * at + 5))
+      .map((_, at) => positions.slice(5 * at, 5 * at + 5))
       .filter((ring) => ring.every(Boolean))
       .map((ring) => ({ type: "Feature", properties: {}, geometry: { type: "Polygon", coordinates: [ring] } }));
     if (found.blocks.length < found.blockCount) note.textContent += ` (${text(found.blocks.length)} of ${text(found.blockCount)} blocks are shown)`;

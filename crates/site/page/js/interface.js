@@ -6,8 +6,8 @@ export const element = (id) => document.getElementById(id);
 
 /** Removes the panel's result of a position, a section or a polygon. */
 export function clearResult() {
-  element("answer").hidden = true;
-  element("answer").replaceChildren();
+  element("result").hidden = true;
+  element("result").replaceChildren();
 }
 
 /** Adds a labelled control to the panel. */

@@ -3,7 +3,7 @@
 import { abortAll, element, fail, field, choice, showRemarks, working } from "./interface.js";
 import { currentSettings, joined, readSettings, startSettings } from "./settings.js";
 import { isShown, notShown } from "./messages.js";
-import { readFromParent, tellParent } from "./notebook.js";
+import { readFromParent, postToParent } from "./notebook.js";
 
 const configuration = JSON.parse(document.getElementById("configuration").textContent);
 
@@ -29,8 +29,8 @@ function assetUrl(name) {
 async function compiled(url) {
   const response = await fetch(url);
   if (!response.ok) return undefined;
-  const isTold = response.headers.get("content-type") === "application/wasm";
-  return isTold ? WebAssembly.compileStreaming(response) : WebAssembly.compile(await response.arrayBuffer());
+  const hasMediaType = response.headers.get("content-type") === "application/wasm";
+  return hasMediaType ? WebAssembly.compileStreaming(response) : WebAssembly.compile(await response.arrayBuffer());
 }
 
 /** The package. A single-file page embeds its worker and its module. */
@@ -89,8 +89,8 @@ async function showNow(spinney, source, name, configured, settings) {
   view = undefined;
   dataset = opened;
   startSettings(configured, settings);
-  for (const id of ["fields", "legend", "tools", "answer"]) element(id).replaceChildren();
-  for (const id of ["legend", "tools", "answer"]) element(id).hidden = true;
+  for (const id of ["fields", "legend", "tools", "result"]) element(id).replaceChildren();
+  for (const id of ["legend", "tools", "result"]) element(id).hidden = true;
   element("value").textContent = "";
   document.title = name;
   element("title").textContent = name;
@@ -115,7 +115,7 @@ function succeeds(shown) {
 }
 
 async function start() {
-  document.addEventListener("spinney-polygon", ({ detail }) => tellParent({ polygon: detail }));
+  document.addEventListener("spinney-polygon", ({ detail }) => postToParent({ polygon: detail }));
   const theme = new URLSearchParams(location.search).get("theme");
   if (theme === "dark" || theme === "light") document.documentElement.dataset.theme = theme;
   const panel = element("panel");

@@ -12,8 +12,8 @@ import { showHistory } from "./history.js";
 
 /** Names of selectable styles, by the kind of values. */
 const STYLES = {
-  amounts: ["default", "grey", "viridis", "magma", "inferno", "plasma", "cividis", "turbo", "terrain", "hillshade", "relief", "slope", "aspect", "contours"],
-  classes: ["default"],
+  continuous: ["default", "grey", "viridis", "magma", "inferno", "plasma", "cividis", "turbo", "terrain", "hillshade", "relief", "slope", "aspect", "contours"],
+  categorical: ["default"],
   colours: ["default", "rgb"],
 };
 
@@ -92,7 +92,7 @@ export async function show({ dataset, place, assetUrl, reopen }) {
   map.keyboard.disableRotation();
   map.addControl(new maplibre.NavigationControl({ showCompass: false }), "top-right");
   if (isWorld) map.addControl(new maplibre.ScaleControl(), "bottom-left");
-  map.getCanvas().setAttribute("aria-label", "Map: arrows move it, plus and minus zoom");
+  map.getCanvas().setAttribute("aria-label", "Map: move it with the arrow keys, zoom with plus and minus");
   map.on("error", ({ error }) => error?.name !== "AbortError" && fail(error));
   if (place.at) {
     const [zoom, ...rest] = place.at.split("/").map(Number);
@@ -120,7 +120,7 @@ export async function show({ dataset, place, assetUrl, reopen }) {
     });
   });
 
-  const names = STYLES[header.channels >= 3 ? "colours" : header.meaning === "categorical" ? "classes" : "amounts"];
+  const names = STYLES[header.channels >= 3 ? "colours" : header.meaning === "categorical" ? "categorical" : "continuous"];
   const all = [...new Set([configuredStyle(), state.style, ...names])].filter(Boolean);
   all.sort((one, other) => names.indexOf(one) - names.indexOf(other));
   if (all.length > 1) {
@@ -150,26 +150,26 @@ export async function show({ dataset, place, assetUrl, reopen }) {
     const found = await read(signal, place);
     element("value").textContent = `${plane.text(place)}: ${describe(found, header)}`;
   });
-  const tell = latest(async (signal, lngLat) => {
+  const showPoint = latest(async (signal, lngLat) => {
     const place = plane.placeOf(lngLat);
     const found = await read(signal, place);
     const name = (at) => header.channelNames[at] || (found.values.length > 1 ? `band ${at + 1}` : "value");
     const rows = found.values === null ? [["value", "none"]] : found.values.map((value, at) => [name(at), text(value)]);
     if (found.className) rows.push(["class", found.className]);
     if (found.cell) rows.push(["cell", found.cell.join(", ")]);
-    fill("answer", plane.text(place), table([], rows));
+    fill("result", plane.text(place), table([], rows));
   });
   const polygon = new PolygonTool({ map, maplibre, dataset, plane, header });
   map.on("mousemove", ({ lngLat }) => line(lngLat));
-  map.on("click", ({ lngLat }) => (polygon.isDrawing ? polygon.add(lngLat) : tell(lngLat)));
+  map.on("click", ({ lngLat }) => (polygon.isDrawing ? polygon.add(lngLat) : showPoint(lngLat)));
   map.getCanvas().addEventListener("keydown", (event) => {
-    if (event.key === "Enter") polygon.isDrawing ? polygon.add(map.getCenter()) : tell(map.getCenter());
+    if (event.key === "Enter") polygon.isDrawing ? polygon.add(map.getCenter()) : showPoint(map.getCenter());
   });
-  const draw = toggle("Draw a polygon", "Click its corners (or move the map and press Enter); double click or Finish ends it", (isOn) => (isOn ? polygon.start() : polygon.stop()));
+  const draw = toggle("Draw a polygon", "Click its vertices (or move the map and press Enter); finish with a double click or Finish", (isOn) => (isOn ? polygon.start() : polygon.stop()));
   polygon.onEnd = () => draw.setAttribute("aria-pressed", "false");
   const row = Object.assign(document.createElement("div"), { className: "row" });
   row.append(draw, button("Finish", "Close the polygon and read its statistics", () => polygon.finish()), button("Clear", "Remove the polygon", () => polygon.clear()));
-  fill("tools", "Statistics of a part", row);
+  fill("tools", "Statistics of a region", row);
 
   const onTheme = () => {
     map.setPaintProperty("sea", "background-color", colour(isWorld ? "--sea" : "--ground"));

@@ -16,7 +16,7 @@ export async function show({ dataset, place, assetUrl }) {
   const body = new three.Mesh(geometry, material);
   body.position.set(...own).sub(origin);
   view.body.add(body);
-  view.lookFrom(place.view);
+  view.setCamera(place.view);
   view.draw();
 
   const outlines = new three.Group();
@@ -36,14 +36,14 @@ export async function show({ dataset, place, assetUrl }) {
       const shape = new three.Shape(flat[0]);
       shape.holes = flat.slice(1).map((ring) => new three.Path(ring));
       const geometry = new three.ShapeGeometry(shape);
-      const places = geometry.getAttribute("position");
-      for (let index = 0; index < places.count; index++) {
-        const corner = new three.Vector3().setComponent(u, places.getX(index)).setComponent(v, places.getY(index)).setComponent(number, at);
-        places.setXYZ(index, ...corner.toArray());
+      const vertices = geometry.getAttribute("position");
+      for (let index = 0; index < vertices.count; index++) {
+        const corner = new three.Vector3().setComponent(u, vertices.getX(index)).setComponent(v, vertices.getY(index)).setComponent(number, at);
+        vertices.setXYZ(index, ...corner.toArray());
       }
       outlines.add(new three.Mesh(geometry, new three.MeshBasicMaterial({ color: 0xd9572b, side: three.DoubleSide, polygonOffset: true, polygonOffsetFactor: -1 })));
     }
-    fill("answer", `Section across ${axis}`, table([], [["at", measured(world, unit)], ["area", measured(area, unit, "²")], ["polygons", text(features.length)]]));
+    fill("result", `Section across ${axis}`, table([], [["at", measured(world, unit)], ["area", measured(area, unit, "²")], ["polygons", text(features.length)]]));
     view.draw();
   });
   view.addSection(place.section, cut);
@@ -61,7 +61,7 @@ export async function show({ dataset, place, assetUrl }) {
     if (!hit) return clearResult();
     const name = hit.object === body ? names[objects[hit.faceIndex]] : undefined;
     const place = hit.point.clone().add(origin);
-    fill("answer", name || "Surface", table([], [["at", place.toArray().map(text).join(", ")]]));
+    fill("result", name || "Surface", table([], [["at", place.toArray().map(text).join(", ")]]));
   };
   return view;
 }

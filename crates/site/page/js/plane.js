@@ -22,7 +22,7 @@ export const mercator = {
   crs: "lonlat",
   placeOf: ({ lng, lat }) => [((((lng + 180) % 360) + 360) % 360) - 180, lat],
   degreesOf: (place) => place,
-  degreesOfWorld: (dataset, places) => dataset.geographic(places),
+  degreesOfWorld: (dataset, positions) => dataset.geographic(positions),
   text: ([longitude, latitude]) => `${latitude.toFixed(5)}°, ${longitude.toFixed(5)}°`,
 };
 
@@ -45,7 +45,7 @@ export function nativePlane({ transform, depth }) {
       const [x, y] = fractions(lngLat).map((fraction) => fraction * side);
       return [a * x + b * y + c, d * x + e * y + f];
     },
-    degreesOfWorld: async (_, places) => places.map(degreesOf),
+    degreesOfWorld: async (_, positions) => positions.map(degreesOf),
     text: (place) => place.map((number) => Number(number.toPrecision(9))).join(", "),
   };
 }

@@ -34,7 +34,7 @@ export class PolygonTool {
       }
     });
     // (Without a geometry, statistics that are shown or being computed are dropped.)
-    this.ask = latest(async (signal, geometry) => {
+    this.computeStatistics = latest(async (signal, geometry) => {
       this.#dropStatistics();
       if (geometry === undefined) return;
       this.#showStatistics(paragraph("…", "faint"));
@@ -51,7 +51,7 @@ export class PolygonTool {
 
   start() {
     this.#corners = [];
-    this.ask();
+    this.computeStatistics();
     this.isDrawing = true;
     element("panel").classList.add("drawing");
     this.map.doubleClickZoom.disable();
@@ -69,7 +69,7 @@ export class PolygonTool {
 
   clear() {
     this.#corners = [];
-    this.ask();
+    this.computeStatistics();
     this.stop();
     this.#show();
   }
@@ -86,12 +86,12 @@ export class PolygonTool {
     if (this.#corners.length < 3) return this.clear();
     this.stop();
     const ring = [...this.#corners, this.#corners[0]].map(([lng, lat]) => this.plane.placeOf({ lng, lat }));
-    this.ask({ type: "Polygon", coordinates: [ring] });
+    this.computeStatistics({ type: "Polygon", coordinates: [ring] });
   }
 
   /** Shows statistics in the panel. */
   #showStatistics(...content) {
-    this.#heading = fill("answer", "Statistics of the polygon", ...content);
+    this.#heading = fill("result", "Statistics of the polygon", ...content);
   }
 
   /** Removes the statistics of the polygon, unless something else has replaced them. */

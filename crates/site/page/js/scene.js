@@ -27,7 +27,7 @@ export class Scene {
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     const canvas = this.renderer.domElement;
     canvas.tabIndex = 0;
-    canvas.setAttribute("aria-label", "Solid: drag or arrows turn it, plus and minus come nearer");
+    canvas.setAttribute("aria-label", "Solid: turn it by dragging or with the arrow keys, zoom with plus and minus");
     container.replaceChildren(canvas);
     this.scene = new three.Scene();
     this.body = new three.Group();
@@ -66,7 +66,7 @@ export class Scene {
   }
 
   /** Sets the camera from a link. */
-  lookFrom(view) {
+  setCamera(view) {
     const numbers = (view ?? "").split(",").map(Number);
     if (numbers.length !== 6 || !numbers.every(Number.isFinite)) return;
     this.camera.position.set(...numbers.slice(0, 3));

@@ -10,7 +10,7 @@ const LEVELS_BELOW = 6;
 /** An octant is divided if it takes more than this share of the view's height. */
 const SHARE = 0.9;
 /** Maximum number of octants that are drawn. */
-const MAX_PARTS = 160;
+const MAX_OCTANTS = 160;
 
 export async function show({ dataset, place, assetUrl }) {
   const { header } = dataset;
@@ -32,9 +32,9 @@ export async function show({ dataset, place, assetUrl }) {
   });
 
   /** An octant of a level, at a corner in units of its own size. */
-  class Part {
+  class Octant {
     constructor(level, corner) {
-      Object.assign(this, { level, corner, mesh: undefined, state: "new", parts: undefined });
+      Object.assign(this, { level, corner, mesh: undefined, state: "new", children: undefined });
       const size = 2 ** (header.depth - level);
       this.cells = [...corner.map((at) => at * size), ...corner.map((at, axis) => Math.min((at + 1) * size, header.size[axis]))];
       this.box = new three.Box3(new three.Vector3(...this.cells.slice(0, 3)), new three.Vector3(...this.cells.slice(3))).applyMatrix4(local);
@@ -45,9 +45,9 @@ export async function show({ dataset, place, assetUrl }) {
     }
 
     divide() {
-      this.parts ??= Array.from({ length: 8 }, (_, at) => new Part(this.level + 1, this.corner.map((corner, axis) => 2 * corner + ((at >> axis) & 1))))
+      this.children ??= Array.from({ length: 8 }, (_, at) => new Octant(this.level + 1, this.corner.map((corner, axis) => 2 * corner + ((at >> axis) & 1))))
         .filter(({ cells }) => [0, 1, 2].every((axis) => cells[axis] < header.size[axis]));
-      return this.parts;
+      return this.children;
     }
 
     async load(signal) {
@@ -67,7 +67,7 @@ export async function show({ dataset, place, assetUrl }) {
 
     show(isShown) {
       if (this.mesh) this.mesh.visible = isShown;
-      if (!isShown) this.parts?.forEach((part) => part.show(false));
+      if (!isShown) this.children?.forEach((child) => child.show(false));
     }
   }
 
@@ -79,7 +79,7 @@ export async function show({ dataset, place, assetUrl }) {
     return geometry;
   }
 
-  const root = new Part(0, [0, 0, 0]);
+  const root = new Octant(0, [0, 0, 0]);
   const frustum = new three.Frustum();
   /** Octants to be loaded, by descending priority; shows those that are loaded. */
   function choose() {
@@ -87,28 +87,28 @@ export async function show({ dataset, place, assetUrl }) {
     frustum.setFromProjectionMatrix(new three.Matrix4().multiplyMatrices(view.camera.projectionMatrix, view.camera.matrixWorldInverse));
     const wanted = [];
     let count = 0;
-    const visit = (part) => {
-      if (!frustum.intersectsBox(part.box)) return part.show(false);
-      const size = part.box.getSize(new three.Vector3()).length();
-      const distance = Math.max(part.box.distanceToPoint(view.camera.position), size / 100);
+    const visit = (octant) => {
+      if (!frustum.intersectsBox(octant.box)) return octant.show(false);
+      const size = octant.box.getSize(new three.Vector3()).length();
+      const distance = Math.max(octant.box.distanceToPoint(view.camera.position), size / 100);
       const share = size / distance / (2 * Math.tan((view.camera.fov * Math.PI) / 360));
-      if (part.state === "new") wanted.push([share, part]);
-      const isDivided = part.drawn < header.depth && share > SHARE * 2 && count < MAX_PARTS;
+      if (octant.state === "new") wanted.push([share, octant]);
+      const isDivided = octant.drawn < header.depth && share > SHARE * 2 && count < MAX_OCTANTS;
       if (isDivided) {
-        const parts = part.divide();
-        const isReady = parts.every(({ state, box }) => state === "ready" || !frustum.intersectsBox(box));
+        const children = octant.divide();
+        const isReady = children.every(({ state, box }) => state === "ready" || !frustum.intersectsBox(box));
         if (isReady) {
-          if (part.mesh) part.mesh.visible = false;
-          return parts.forEach(visit);
+          if (octant.mesh) octant.mesh.visible = false;
+          return children.forEach(visit);
         }
-        parts.filter(({ state, box }) => state === "new" && frustum.intersectsBox(box)).forEach((child) => wanted.push([share / 2, child]));
+        children.filter(({ state, box }) => state === "new" && frustum.intersectsBox(box)).forEach((child) => wanted.push([share / 2, child]));
       }
-      part.parts?.forEach((child) => child.show(false));
-      part.show(true);
+      octant.children?.forEach((child) => child.show(false));
+      octant.show(true);
       count += 1;
     };
     visit(root);
-    return wanted.sort(([a], [b]) => b - a).map(([, part]) => part);
+    return wanted.sort(([a], [b]) => b - a).map(([, octant]) => octant);
   }
 
   const refine = latest(async (signal) => {
@@ -120,7 +120,7 @@ export async function show({ dataset, place, assetUrl }) {
     view.draw();
   });
   view.onMove = refine;
-  view.lookFrom(place.view);
+  view.setCamera(place.view);
   await refine();
 
   // The section: an image of the values in the plane.
@@ -166,7 +166,7 @@ export async function show({ dataset, place, assetUrl }) {
   });
   view.addSection(place.section, cut);
 
-  const tell = latest(async (signal, hit) => {
+  const showCell = latest(async (signal, hit) => {
     if (!hit) return clearResult();
     // (The face's cell is on its inner side: move inwards by a quarter of a cell.)
     const step = hit.object === quad ? 0 : -0.25 * smallest;
@@ -177,9 +177,9 @@ export async function show({ dataset, place, assetUrl }) {
     const rows = [["value", found.values === null ? "none" : found.values.map(text).join(", ")]];
     if (found.className) rows.push(["class", found.className]);
     rows.push(["cell", cell.join(", ")], ["at", world.map(text).join(", ")]);
-    fill("answer", "Cell", table([], rows));
+    fill("result", "Cell", table([], rows));
   });
-  view.onClick = tell;
+  view.onClick = showCell;
   showLegend(await dataset.legend({}), new Set());
   return view;
 }

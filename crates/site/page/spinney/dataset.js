@@ -2,7 +2,7 @@
 
 import * as engine from "./engine.js";
 import { SpinneyError } from "./errors.js";
-import { picture } from "./pictures.js";
+import { image } from "./images.js";
 import { sourceOf } from "./sources.js";
 
 /** Typed arrays by sample type. */
@@ -68,7 +68,7 @@ class Opened {
   }
 
   /** Runs a query in the module. */
-  async ask(ask, request, { signal, progress, places, buffers } = {}) {
+  async query(query, request, { signal, progress, coordinates, buffers } = {}) {
     return attempts(async () => {
       if (this.#isClosed) throw new SpinneyError({ code: "invalid", message: `${this.#shared.source.name}: the dataset is closed` });
       signal?.throwIfAborted();
@@ -77,7 +77,7 @@ class Opened {
         const { json } = await openIn(this.#shared, this.#place, { signal });
         [this.#number, this.#instance] = [json.opened, engine.instance()];
       }
-      return engine.ask(this.#shared.source, { ...plain(request), ask, of: this.#number }, { places, signal, progress, buffers });
+      return engine.query(this.#shared.source, { ...plain(request), query, of: this.#number }, { coordinates, signal, progress, buffers });
     });
   }
 
@@ -134,14 +134,14 @@ async function attempts(work) {
       return await work();
     } catch (error) {
       if (!(error instanceof engine.Replaced)) throw error;
-      if (time === TRIES) throw new SpinneyError({ code: "panic", message: "the module was replaced again and again while the question was asked" });
+      if (time === TRIES) throw new SpinneyError({ code: "panic", message: "the module was replaced repeatedly while the query ran; run the query again" });
     }
   }
 }
 
 async function openIn(shared, { commit, layer }, { signal, progress } = {}) {
   await shared.ready(signal);
-  return engine.ask(shared.source, { ask: "open", file: shared.source.file, commit, layer }, { signal, progress });
+  return engine.query(shared.source, { query: "open", file: shared.source.file, commit, layer }, { signal, progress });
 }
 
 async function openShared(shared, place, options) {
@@ -170,11 +170,11 @@ export async function open(source, { signal, progress, headers, cacheBytes, laye
 }
 
 /** Coordinates, concatenated. */
-function flat(places, axes) {
-  const numbers = new Float64Array(places.length * axes);
-  places.forEach((place, index) => {
-    if (place.length < axes) throw new SpinneyError({ code: "invalid", message: `point ${index}: ${place.length} coordinates where ${axes} are expected` });
-    for (let axis = 0; axis < axes; axis += 1) numbers[index * axes + axis] = Number(place[axis]);
+function flat(positions, axes) {
+  const numbers = new Float64Array(positions.length * axes);
+  positions.forEach((position, index) => {
+    if (position.length < axes) throw new SpinneyError({ code: "invalid", message: `point ${index}: got ${position.length} coordinates, expected ${axes}` });
+    for (let axis = 0; axis < axes; axis += 1) numbers[index * axes + axis] = Number(position[axis]);
   });
   return numbers;
 }
@@ -200,48 +200,48 @@ function geoJson(zones) {
 /** A file of cells: a raster, or a volume. */
 export class Dataset extends Opened {
   async window(request = {}) {
-    return samples(await this.ask("window", request, { ...request, buffers: 2 }));
+    return samples(await this.query("window", request, { ...request, buffers: 2 }));
   }
 
-  async point(place, options = {}) {
-    return (await this.points([place], options))[0];
+  async point(position, options = {}) {
+    return (await this.points([position], options))[0];
   }
 
-  async points(places, options = {}) {
-    const numbers = flat(places, this.header.dimension);
-    return (await this.ask("points", options, { ...options, places: numbers })).json;
+  async points(positions, options = {}) {
+    const numbers = flat(positions, this.header.dimension);
+    return (await this.query("points", options, { ...options, coordinates: numbers })).json;
   }
 
   async stats({ geometry, ...request } = {}) {
-    if (geometry === undefined) return (await this.ask("stats", request, request)).json;
+    if (geometry === undefined) return (await this.query("stats", request, request)).json;
     const { zones } = await this.zonal(geometry, request);
     return zones[0];
   }
 
   async zonal(zones, request = {}) {
-    return (await this.ask("zonal", { ...request, zones: geoJson(zones) }, request)).json;
+    return (await this.query("zonal", { ...request, zones: geoJson(zones) }, request)).json;
   }
 
   async histogram(request = {}) {
-    return (await this.ask("histogram", request, request)).json;
+    return (await this.query("histogram", request, request)).json;
   }
 
   async find({ where, ...request } = {}) {
-    return (await this.ask("find", { ...request, ...where }, request)).json;
+    return (await this.query("find", { ...request, ...where }, request)).json;
   }
 
   async image({ style, ...request } = {}) {
-    const { json, buffers } = await this.ask("image", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
-    return picture(buffers[0], json.width, json.height, json);
+    const { json, buffers } = await this.query("image", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
+    return image(buffers[0], json.width, json.height, json);
   }
 
   async tile({ style, ...request }) {
-    const { json, buffers } = await this.ask("tile", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
-    return json.isEmpty ? null : picture(buffers[0], json.side, json.side);
+    const { json, buffers } = await this.query("tile", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
+    return json.isEmpty ? null : image(buffers[0], json.side, json.side);
   }
 
   async legend({ style, ...request } = {}) {
-    return (await this.ask("legend", { style: styleText(style) }, request)).json;
+    return (await this.query("legend", { style: styleText(style) }, request)).json;
   }
 
   async openLayer(layer, options = {}) {
@@ -253,55 +253,55 @@ export class Dataset extends Opened {
   }
 
   async commits(options = {}) {
-    return (await this.ask("commits", options, options)).json;
+    return (await this.query("commits", options, options)).json;
   }
 
   async diff(from, to, options = {}) {
-    return (await this.ask("diff", { ...options, from: Number(from), to: to === undefined ? undefined : Number(to) }, options)).json;
+    return (await this.query("diff", { ...options, from: Number(from), to: to === undefined ? undefined : Number(to) }, options)).json;
   }
 
   async slice({ style, ...request }) {
     if (style !== undefined) {
-      const { json, buffers } = await this.ask("slice", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
-      return picture(buffers[0], json.width, json.height, json);
+      const { json, buffers } = await this.query("slice", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
+      return image(buffers[0], json.width, json.height, json);
     }
-    return samples(await this.ask("slice", request, { ...request, buffers: 2 }));
+    return samples(await this.query("slice", request, { ...request, buffers: 2 }));
   }
 
-  async geographic(places, options = {}) {
-    return (await this.ask("geographic", options, { ...options, places: flat(places, 2) })).json;
+  async geographic(positions, options = {}) {
+    return (await this.query("geographic", options, { ...options, coordinates: flat(positions, 2) })).json;
   }
 
   async mesh(request = {}) {
-    const { json, buffers } = await this.ask("mesh", request, { ...request, buffers: 2 });
+    const { json, buffers } = await this.query("mesh", request, { ...request, buffers: 2 });
     return { ...json, positions: new Float32Array(buffers[0].buffer), indices: new Uint32Array(buffers[1].buffer) };
   }
 
-  async contains(place, options = {}) {
-    return (await this.ask("contains", options, { ...options, places: flat([place], 3) })).json[0];
+  async contains(position, options = {}) {
+    return (await this.query("contains", options, { ...options, coordinates: flat([position], 3) })).json[0];
   }
 }
 
 /** An exact model. */
 export class Model extends Opened {
   async measures(options = {}) {
-    return (await this.ask("measures", options, options)).json;
+    return (await this.query("measures", options, options)).json;
   }
 
-  async locate(place, options = {}) {
-    return (await this.ask("contains", options, { ...options, places: flat([place], 3) })).json[0];
+  async locate(position, options = {}) {
+    return (await this.query("contains", options, { ...options, coordinates: flat([position], 3) })).json[0];
   }
 
-  async contains(place, options = {}) {
-    return (await this.locate(place, options)) !== "outside";
+  async contains(position, options = {}) {
+    return (await this.locate(position, options)) !== "outside";
   }
 
   async section(request) {
-    return (await this.ask("section", request, request)).json;
+    return (await this.query("section", request, request)).json;
   }
 
   async triangles(options = {}) {
-    const { json, buffers } = await this.ask("triangles", options, { ...options, buffers: 2 });
+    const { json, buffers } = await this.query("triangles", options, { ...options, buffers: 2 });
     return { ...json, positions: new Float32Array(buffers[0].buffer), objects: new Uint32Array(buffers[1].buffer) };
   }
 }

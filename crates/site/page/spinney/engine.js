@@ -6,7 +6,7 @@ import { PanicError, SpinneyError } from "./errors.js";
 /** Size in bytes of the range cache for all files. */
 const CACHE = 64 * 2 ** 20;
 /** Maximum bytes that a single query may need at the same time. */
-const MOST = 2 ** 30;
+const MAX_NEEDED = 2 ** 30;
 
 /**
  * Number of batches after which single ranges are fetched with read-ahead, and the initial and
@@ -29,7 +29,7 @@ let cache = CACHE;
  * of these. The default is a file next to this one.
  */
 export function setModule(source) {
-  if (ready || compiled) throw new SpinneyError({ code: "invalid", message: "the module is loaded already: say where it is before the first file is opened" });
+  if (ready || compiled) throw new SpinneyError({ code: "invalid", message: "the module is already loaded; call setModule() before the first file is opened" });
   compiled = compile(source);
   // (Callers that await it get the error.)
   compiled.catch(() => {});
@@ -40,7 +40,7 @@ const SIMD = new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123
 
 async function compileBytes(bytes) {
   if (!WebAssembly.validate(SIMD)) {
-    const message = "WebAssembly without SIMD (simd128), which the module needs: use Chrome 91, Firefox 89, Safari 16.4, Node 16.4 or newer";
+    const message = "this WebAssembly engine has no SIMD (simd128), which the module needs; use Chrome 91, Firefox 89, Safari 16.4, Node 16.4 or newer";
     throw new SpinneyError({ code: "unsupported", message });
   }
   return WebAssembly.compile(bytes);
@@ -56,7 +56,7 @@ async function compile(from) {
     return compileBytes(await readFile(new URL(url, "file:///")));
   }
   const response = url instanceof Response ? url : await fetch(url);
-  if (!response.ok) throw new SpinneyError({ code: "io", message: `${response.url}: the module is not to be had: ${response.status}`, file: response.url });
+  if (!response.ok) throw new SpinneyError({ code: "io", message: `${response.url}: cannot fetch the module: the host returned ${response.status}`, file: response.url });
   return compileBytes(await response.arrayBuffer());
 }
 
@@ -86,7 +86,7 @@ export function instance() {
 
 /** Sets the size in bytes of the range cache for all files. */
 export function setCacheBytes(bytes) {
-  cache = Math.min(Math.max(bytes, 2 ** 20), MOST);
+  cache = Math.min(Math.max(bytes, 2 ** 20), MAX_NEEDED);
   if (ready) glue.setCache(cache);
 }
 
@@ -112,26 +112,26 @@ export function call(work) {
 }
 
 /** Tries a query once: returns `{missing}`, or `{json, buffers}`. */
-function attempt(text, places) {
+function tryOnce(text, coordinates) {
   return call((glue) => {
-    const answer = glue.ask(text, places);
+    const result = glue.query(text, coordinates);
     try {
-      const missing = answer.missing;
+      const missing = result.missing;
       if (missing.length > 0) return { missing };
-      const json = parse(answer.text);
-      if (answer.isFailure) return { failure: json };
-      return { json, take: (number) => answer.take(number), answer };
+      const json = parse(result.text);
+      if (result.isFailure) return { failure: json };
+      return { json, take: (number) => result.take(number), result };
     } catch (error) {
-      answer.free();
+      result.free();
       throw error;
     }
   });
 }
 
 /** Writes JSON in which BigInts are integers. */
-function write(question) {
+function write(request) {
   let hasBig = false;
-  const text = JSON.stringify(question, (_, value) => {
+  const text = JSON.stringify(request, (_, value) => {
     if (typeof value !== "bigint") return value;
     hasBig = true;
     return `\u0000${value}`;
@@ -161,10 +161,10 @@ export class Replaced extends Error {}
  *
  * @param source source of the bytes: `fetch(ranges, signal)` supplies them.
  */
-export async function ask(source, question, { places = NONE, signal, progress, buffers = 0 } = {}) {
-  const text = write(question);
+export async function query(source, request, { coordinates = NONE, signal, progress, buffers = 0 } = {}) {
+  const text = write(request);
   const fetched = new Set();
-  const total = { rounds: 0, requests: 0, bytes: 0 };
+  const total = { batches: 0, requests: 0, bytes: 0 };
   const own = generation;
   let needed = 0;
   let ahead = 0;
@@ -173,7 +173,7 @@ export async function ask(source, question, { places = NONE, signal, progress, b
     for (;;) {
       signal?.throwIfAborted();
       if (own !== generation) throw new Replaced();
-      const { missing, failure, json, take, answer } = attempt(text, places);
+      const { missing, failure, json, take, result } = tryOnce(text, coordinates);
       if (failure) throw new SpinneyError(failure);
       if (!missing) {
         try {
@@ -181,7 +181,7 @@ export async function ask(source, question, { places = NONE, signal, progress, b
           for (let number = 0; number < buffers; number += 1) found.push(call(() => take(number)));
           return { json, buffers: found };
         } finally {
-          if (own === generation) answer.free();
+          if (own === generation) result.free();
         }
       }
       const ranges = [];
@@ -196,7 +196,7 @@ export async function ask(source, question, { places = NONE, signal, progress, b
       }
       // (A query that needs single ranges in turn scans the file: each is fetched with increasing
       // read-ahead.)
-      if (ranges.length === 1 && total.rounds >= ALONE) {
+      if (ranges.length === 1 && total.batches >= ALONE) {
         ahead = Math.min(Math.max(2 * ahead, FIRST_AHEAD), MAX_AHEAD);
         const [range] = ranges;
         const end = source.aheadOf(range[1], range[1] + ahead);
@@ -205,20 +205,20 @@ export async function ask(source, question, { places = NONE, signal, progress, b
       }
       // (All ranges that a query has read must be in the cache for its last attempt.)
       if (needed > cache / 2 || isAgain) {
-        const room = Math.min(Math.max(4 * needed, 2 * cache), 2 * MOST);
-        if (needed > MOST) {
+        const capacity = Math.min(Math.max(4 * needed, 2 * cache), 2 * MAX_NEEDED);
+        if (needed > MAX_NEEDED) {
           throw new SpinneyError({
             code: "too-large",
-            message: `${source.name}: the question needs more than ${MOST} bytes of the file at the same time; ask for a smaller part, or for a coarser level`,
+            message: `${source.name}: the query needs more than ${MAX_NEEDED} bytes of the file at the same time; request a smaller region or a coarser level`,
             file: source.name,
-            advice: "ask for a smaller part, or for a coarser level",
+            advice: "request a smaller region or a coarser level",
           });
         }
-        glue.setCache(room);
+        glue.setCache(capacity);
         hasGrown = true;
       }
       const { requests, bytes } = await source.fetch(ranges, signal);
-      total.rounds += 1;
+      total.batches += 1;
       total.requests += requests;
       total.bytes += bytes;
       progress?.({ ...total });

@@ -15,20 +15,20 @@ export interface Reader {
 
 /** Work of a query so far: batches, requests, and bytes received. */
 export interface Traffic {
-  rounds: number;
+  batches: number;
   requests: number;
   bytes: number;
 }
 
 /** Options of queries. */
-export interface AskOptions {
+export interface QueryOptions {
   /** Aborts the query, between two batches or during one. */
   signal?: AbortSignal;
   /** Called after each batch. */
   progress?: (traffic: Traffic) => void;
 }
 
-export interface OpenOptions extends AskOptions {
+export interface OpenOptions extends QueryOptions {
   /** Headers of requests, for example with a token. */
   headers?: HeadersInit;
   /** Size in bytes of the cache for remote files, shared by all of them; default 64 MiB. */
@@ -156,7 +156,7 @@ export interface ModelHeader {
  * A region: cells of the deepest level (first ones, and exclusive ends), or minimum and maximum
  * coordinates. The default is everything.
  */
-export interface Part {
+export interface Region {
   cells?: number[];
   bounds?: number[];
   /**
@@ -175,7 +175,7 @@ export interface Detail {
   size?: number;
 }
 
-export interface WindowRequest extends Part, Detail, AskOptions {
+export interface WindowRequest extends Region, Detail, QueryOptions {
   /** Selected channels, from 0; default all. */
   channels?: number[];
   /** The number for cells without a value: by default `noData`, or 0, or NaN. */
@@ -279,7 +279,7 @@ export interface Zone extends Partial<ZoneStatistics> {
   layers?: (ZoneStatistics & { layer: string; time: string | null })[];
 }
 
-export interface ZonalRequest extends AskOptions {
+export interface ZonalRequest extends QueryOptions {
   /**
    * Coordinates of the vertices, if they are not those of the GeoJSON: longitude and latitude, or
    * its member `crs`.
@@ -308,7 +308,7 @@ export interface FoundBlock {
   value: Sample | null;
 }
 
-export interface FindRequest extends Part, AskOptions {
+export interface FindRequest extends Region, QueryOptions {
   where: { above: number } | { below: number } | { equal: number };
   /** Maximum number of blocks; default 10,000. */
   limit?: number;
@@ -329,14 +329,14 @@ export interface Difference {
   blocks: { min: number[]; size: number[]; world: [number[], number[]]; before: Sample | null; after: Sample | null }[];
 }
 
-export interface SliceRequest extends Part, Detail, AskOptions {
+export interface SliceRequest extends Region, Detail, QueryOptions {
   axis: "x" | "y" | "z";
   /** The coordinate along the axis, in the file's system, or the cell of the deepest level. */
   at?: number;
   index?: number;
 }
 
-export interface MeshRequest extends Part, AskOptions {
+export interface MeshRequest extends Region, QueryOptions {
   level?: number;
   /** The smooth surface, instead of the cells' faces. */
   smooth?: boolean;
@@ -364,7 +364,7 @@ export interface Pixels {
 }
 
 /** Pixels with their level and bounds. */
-export type Picture = (ImageData | Pixels) & { level: number; cells: number[]; bounds: number[] };
+export type RegionImage = (ImageData | Pixels) & { level: number; cells: number[]; bounds: number[] };
 
 export interface Legend {
   title: string;
@@ -384,7 +384,7 @@ interface Opened<H> {
    * Opens the file again if it has changed, for example if there are new commits; returns whether
    * it has.
    */
-  refresh(options?: AskOptions): Promise<boolean>;
+  refresh(options?: QueryOptions): Promise<boolean>;
   /** Releases the memory. */
   close(): void;
 }
@@ -392,38 +392,38 @@ interface Opened<H> {
 /** A raster, or a volume. */
 export interface Dataset extends Opened<Header> {
   window(request?: WindowRequest): Promise<Window>;
-  point(place: ArrayLike<number>, options?: { crs?: string; level?: number } & AskOptions): Promise<PointValue>;
-  points(places: ArrayLike<number>[], options?: { crs?: string; level?: number } & AskOptions): Promise<PointValue[]>;
+  point(position: ArrayLike<number>, options?: { crs?: string; level?: number } & QueryOptions): Promise<PointValue>;
+  points(positions: ArrayLike<number>[], options?: { crs?: string; level?: number } & QueryOptions): Promise<PointValue[]>;
   /** Exact statistics of a region. */
-  stats(request?: Part & { bins?: number } & AskOptions): Promise<Statistics>;
+  stats(request?: Region & { bins?: number } & QueryOptions): Promise<Statistics>;
   /** Exact statistics of a polygon; each cell counts by its share inside. */
   stats(request: { geometry: object | string } & ZonalRequest): Promise<Zone>;
   /** Exact statistics of each polygon of a GeoJSON. */
   zonal(zones: object | string, request?: ZonalRequest): Promise<{ zones: Zone[] }>;
-  histogram(request?: Part & { bins?: number; low?: number; high?: number } & AskOptions): Promise<{ low: number | null; high: number | null; bins: Bin[] }>;
+  histogram(request?: Region & { bins?: number; low?: number; high?: number } & QueryOptions): Promise<{ low: number | null; high: number | null; bins: Bin[] }>;
   /** Blocks whose cells all meet a condition on the first channel. */
   find(request: FindRequest): Promise<{ blocks: FoundBlock[]; isAll: boolean }>;
   /** An image of a region in a style. Its pixels are the cells of the level. */
-  image(request?: Part & Detail & { style?: Style } & AskOptions): Promise<Picture>;
+  image(request?: Region & Detail & { style?: Style } & QueryOptions): Promise<RegionImage>;
   /** A tile of web maps, or of the file's own square; null if it is empty. */
-  tile(request: { x: number; y: number; z: number; grid?: "web-mercator" | "native"; size?: number; style?: Style } & AskOptions): Promise<ImageData | Pixels | null>;
+  tile(request: { x: number; y: number; z: number; grid?: "web-mercator" | "native"; size?: number; style?: Style } & QueryOptions): Promise<ImageData | Pixels | null>;
   /** Meaning of the colours of a style. */
-  legend(request?: { style?: Style } & AskOptions): Promise<Legend>;
-  openLayer(layer: string | number, options?: AskOptions): Promise<Dataset>;
-  openCommit(commit: number, options?: AskOptions): Promise<Dataset>;
+  legend(request?: { style?: Style } & QueryOptions): Promise<Legend>;
+  openLayer(layer: string | number, options?: QueryOptions): Promise<Dataset>;
+  openCommit(commit: number, options?: QueryOptions): Promise<Dataset>;
   /** The commits of an `.autumn` file, newest first. */
-  commits(options?: { limit?: number } & AskOptions): Promise<Commit[]>;
-  diff(from: number, to?: number, options?: Part & { limit?: number } & AskOptions): Promise<Difference>;
+  commits(options?: { limit?: number } & QueryOptions): Promise<Commit[]>;
+  diff(from: number, to?: number, options?: Region & { limit?: number } & QueryOptions): Promise<Difference>;
   /** A slice of a volume: columns and rows are the other two axes, in their order. */
   slice(request: SliceRequest): Promise<Window>;
   /** Its colours in a style; a vertical slice has the highest cells at the top. */
-  slice(request: SliceRequest & { style: Style }): Promise<Picture>;
+  slice(request: SliceRequest & { style: Style }): Promise<RegionImage>;
   /** Longitudes and latitudes of positions in the file's own system; null if there are none. */
-  geographic(places: ArrayLike<number>[], options?: AskOptions): Promise<([number, number] | null)[]>;
+  geographic(positions: ArrayLike<number>[], options?: QueryOptions): Promise<([number, number] | null)[]>;
   /** The surface of a volume's level as triangles. */
   mesh(request?: MeshRequest): Promise<Mesh>;
   /** Whether a position is in the solid. */
-  contains(place: ArrayLike<number>, options?: { level?: number } & AskOptions): Promise<boolean>;
+  contains(position: ArrayLike<number>, options?: { level?: number } & QueryOptions): Promise<boolean>;
 }
 
 export interface Measures {
@@ -447,20 +447,20 @@ export interface Section {
 
 /** An exact model. */
 export interface Model extends Opened<ModelHeader> {
-  measures(options?: AskOptions): Promise<Measures>;
+  measures(options?: QueryOptions): Promise<Measures>;
   /** Whether a position is in the body or on its surface. */
-  contains(place: ArrayLike<number>, options?: AskOptions): Promise<boolean>;
-  locate(place: ArrayLike<number>, options?: AskOptions): Promise<"inside" | "outside" | "boundary">;
+  contains(position: ArrayLike<number>, options?: QueryOptions): Promise<boolean>;
+  locate(position: ArrayLike<number>, options?: QueryOptions): Promise<"inside" | "outside" | "boundary">;
   /**
    * The section of the model by a plane: across an axis at a coordinate, or the points whose
    * product with a normal is `at`.
    */
-  section(request: ({ axis: "x" | "y" | "z" } | { normal: [number, number, number] }) & { at: number } & AskOptions): Promise<Section>;
+  section(request: ({ axis: "x" | "y" | "z" } | { normal: [number, number, number] }) & { at: number } & QueryOptions): Promise<Section>;
   /**
    * All faces as triangles: nine numbers each, relative to an origin, and the object number of each
    * (index into `names`).
    */
-  triangles(options?: AskOptions): Promise<{ origin: [number, number, number]; triangles: number; names: string[]; positions: Float32Array; objects: Uint32Array }>;
+  triangles(options?: QueryOptions): Promise<{ origin: [number, number, number]; triangles: number; names: string[]; positions: Float32Array; objects: Uint32Array }>;
 }
 
 /**

@@ -1,97 +1,3 @@
-/**
- * The result of a query: its value, the ranges that it lacks, or an error.
- */
-export class Answer {
-    static __wrap(ptr) {
-        const obj = Object.create(Answer.prototype);
-        obj.__wbg_ptr = ptr;
-        Object.defineProperty(obj, '__wbg_inst', { value: __wbg_instance_id, writable: true });
-
-        AnswerFinalization.register(obj, { ptr, instance: __wbg_instance_id }, obj);
-        return obj;
-    }
-    __destroy_into_raw() {
-        const ptr = this.__wbg_ptr;
-        this.__wbg_ptr = 0;
-        AnswerFinalization.unregister(this);
-        return ptr;
-    }
-    free() {
-        const ptr = this.__destroy_into_raw();
-        __wbg_call_guard();
-        wasm.__wbg_answer_free(ptr, 0);
-
-    }
-    /**
-     * Whether the text is an error.
-     * @returns {boolean}
-     */
-    get isFailure() {
-        if (this.__wbg_inst !== undefined && this.__wbg_inst !== __wbg_instance_id) {
-            throw new Error('Invalid stale object from previous Wasm instance');
-        }
-        let ret;
-        __wbg_call_guard();
-        ret = wasm.answer_isFailure(this.__wbg_ptr);
-        return ret !== 0;
-    }
-    /**
-     * Ranges that the query lacks, three numbers each: file, first byte, exclusive end. If there
-     * are any, there is no result yet.
-     * @returns {Float64Array}
-     */
-    get missing() {
-        if (this.__wbg_inst !== undefined && this.__wbg_inst !== __wbg_instance_id) {
-            throw new Error('Invalid stale object from previous Wasm instance');
-        }
-        let ret;
-        __wbg_call_guard();
-        ret = wasm.answer_missing(this.__wbg_ptr);
-        var v1 = getArrayF64FromWasm0(ret[0], ret[1]).slice();
-        wasm.__wbindgen_free(ret[0], ret[1] * 8, 8);
-        return v1;
-    }
-    /**
-     * Moves one of the result's byte arrays out.
-     * @param {number} number
-     * @returns {Uint8Array}
-     */
-    take(number) {
-        if (this.__wbg_inst !== undefined && this.__wbg_inst !== __wbg_instance_id) {
-            throw new Error('Invalid stale object from previous Wasm instance');
-        }
-        let ret;
-        __wbg_call_guard();
-        ret = wasm.answer_take(this.__wbg_ptr, number);
-        var v1 = getArrayU8FromWasm0(ret[0], ret[1]).slice();
-        wasm.__wbindgen_free(ret[0], ret[1] * 1, 1);
-        return v1;
-    }
-    /**
-     * JSON: the value, or the error.
-     * @returns {string}
-     */
-    get text() {
-        let deferred1_0;
-        let deferred1_1;
-        try {
-            if (this.__wbg_inst !== undefined && this.__wbg_inst !== __wbg_instance_id) {
-                throw new Error('Invalid stale object from previous Wasm instance');
-            }
-            let ret;
-            __wbg_call_guard();
-            ret = wasm.answer_text(this.__wbg_ptr);
-            deferred1_0 = ret[0];
-            deferred1_1 = ret[1];
-            return getStringFromWasm0(ret[0], ret[1]);
-        } finally {
-            __wbg_call_guard();
-            wasm.__wbindgen_free(deferred1_0, deferred1_1, 1);
-        }
-    }
-}
-if (Symbol.dispose) Answer.prototype[Symbol.dispose] = Answer.prototype.free;
-
 export class Point {
     __destroy_into_raw() {
         const ptr = this.__wbg_ptr;
@@ -332,6 +238,100 @@ export class Projection {
 }
 if (Symbol.dispose) Projection.prototype[Symbol.dispose] = Projection.prototype.free;
 
+/**
+ * The result of a query: its value, the ranges that it lacks, or an error.
+ */
+export class QueryResult {
+    static __wrap(ptr) {
+        const obj = Object.create(QueryResult.prototype);
+        obj.__wbg_ptr = ptr;
+        Object.defineProperty(obj, '__wbg_inst', { value: __wbg_instance_id, writable: true });
+
+        QueryResultFinalization.register(obj, { ptr, instance: __wbg_instance_id }, obj);
+        return obj;
+    }
+    __destroy_into_raw() {
+        const ptr = this.__wbg_ptr;
+        this.__wbg_ptr = 0;
+        QueryResultFinalization.unregister(this);
+        return ptr;
+    }
+    free() {
+        const ptr = this.__destroy_into_raw();
+        __wbg_call_guard();
+        wasm.__wbg_queryresult_free(ptr, 0);
+
+    }
+    /**
+     * Whether the text is an error.
+     * @returns {boolean}
+     */
+    get isFailure() {
+        if (this.__wbg_inst !== undefined && this.__wbg_inst !== __wbg_instance_id) {
+            throw new Error('Invalid stale object from previous Wasm instance');
+        }
+        let ret;
+        __wbg_call_guard();
+        ret = wasm.queryresult_isFailure(this.__wbg_ptr);
+        return ret !== 0;
+    }
+    /**
+     * Ranges that the query lacks, three numbers each: file, first byte, exclusive end. If there
+     * are any, there is no result yet.
+     * @returns {Float64Array}
+     */
+    get missing() {
+        if (this.__wbg_inst !== undefined && this.__wbg_inst !== __wbg_instance_id) {
+            throw new Error('Invalid stale object from previous Wasm instance');
+        }
+        let ret;
+        __wbg_call_guard();
+        ret = wasm.queryresult_missing(this.__wbg_ptr);
+        var v1 = getArrayF64FromWasm0(ret[0], ret[1]).slice();
+        wasm.__wbindgen_free(ret[0], ret[1] * 8, 8);
+        return v1;
+    }
+    /**
+     * Moves one of the result's byte arrays out.
+     * @param {number} number
+     * @returns {Uint8Array}
+     */
+    take(number) {
+        if (this.__wbg_inst !== undefined && this.__wbg_inst !== __wbg_instance_id) {
+            throw new Error('Invalid stale object from previous Wasm instance');
+        }
+        let ret;
+        __wbg_call_guard();
+        ret = wasm.queryresult_take(this.__wbg_ptr, number);
+        var v1 = getArrayU8FromWasm0(ret[0], ret[1]).slice();
+        wasm.__wbindgen_free(ret[0], ret[1] * 1, 1);
+        return v1;
+    }
+    /**
+     * JSON: the value, or the error.
+     * @returns {string}
+     */
+    get text() {
+        let deferred1_0;
+        let deferred1_1;
+        try {
+            if (this.__wbg_inst !== undefined && this.__wbg_inst !== __wbg_instance_id) {
+                throw new Error('Invalid stale object from previous Wasm instance');
+            }
+            let ret;
+            __wbg_call_guard();
+            ret = wasm.queryresult_text(this.__wbg_ptr);
+            deferred1_0 = ret[0];
+            deferred1_1 = ret[1];
+            return getStringFromWasm0(ret[0], ret[1]);
+        } finally {
+            __wbg_call_guard();
+            wasm.__wbindgen_free(deferred1_0, deferred1_1, 1);
+        }
+    }
+}
+if (Symbol.dispose) QueryResult.prototype[Symbol.dispose] = QueryResult.prototype.free;
+
 export function __wbg_reset_state () {
     __wbg_instance_id++;
     cachedFloat64ArrayMemory0 = null;
@@ -401,30 +401,6 @@ export function add_nadgrid(key, array) {
 }
 
 /**
- * Runs a query on the available bytes. The coordinates of many points are passed separately.
- * @param {string} question
- * @param {Float64Array | number[]} places
- * @returns {Answer}
- */
-export function ask(question, places) {
-    let ptr0, len0, ptr1, len1;
-    try {
-        ptr0 = passStringToWasm0(question, wasm.__wbindgen_malloc, wasm.__wbindgen_realloc);
-        len0 = WASM_VECTOR_LEN;
-        ptr1 = passArrayF64ToWasm0(places, wasm.__wbindgen_malloc);
-        len1 = WASM_VECTOR_LEN;
-    } catch (e) {
-        if (ptr1) { wasm.__wbindgen_free(ptr1, len1 * 8, 8); }
-        if (ptr0) { wasm.__wbindgen_free(ptr0, len0 * 1, 1); }
-        throw e;
-    }
-    let ret;
-    __wbg_call_guard();
-    ret = wasm.ask(ptr0, len0, ptr1, len1);
-    return Answer.__wrap(ret);
-}
-
-/**
  * Closes a tree or a model.
  * @param {number} opened
  */
@@ -447,6 +423,30 @@ export function lastPanic() {
         wasm.__wbindgen_free(ret[0], ret[1] * 1, 1);
     }
     return v1;
+}
+
+/**
+ * Runs a query on the available bytes. The coordinates of many points are passed separately.
+ * @param {string} request
+ * @param {Float64Array | number[]} coordinates
+ * @returns {QueryResult}
+ */
+export function query(request, coordinates) {
+    let ptr0, len0, ptr1, len1;
+    try {
+        ptr0 = passStringToWasm0(request, wasm.__wbindgen_malloc, wasm.__wbindgen_realloc);
+        len0 = WASM_VECTOR_LEN;
+        ptr1 = passArrayF64ToWasm0(coordinates, wasm.__wbindgen_malloc);
+        len1 = WASM_VECTOR_LEN;
+    } catch (e) {
+        if (ptr1) { wasm.__wbindgen_free(ptr1, len1 * 8, 8); }
+        if (ptr0) { wasm.__wbindgen_free(ptr0, len0 * 1, 1); }
+        throw e;
+    }
+    let ret;
+    __wbg_call_guard();
+    ret = wasm.query(ptr0, len0, ptr1, len1);
+    return QueryResult.__wrap(ret);
 }
 
 /**
@@ -565,11 +565,6 @@ function __wbg_call_guard() {
 
 
 let __wbg_instance_id = 0;
-const AnswerFinalization = (typeof FinalizationRegistry === 'undefined')
-    ? { register: () => {}, unregister: () => {} }
-    : new FinalizationRegistry(({ ptr, instance }) => {
-    if (instance === __wbg_instance_id) wasm.__wbg_answer_free(ptr, 1);
-});
 const PointFinalization = (typeof FinalizationRegistry === 'undefined')
     ? { register: () => {}, unregister: () => {} }
     : new FinalizationRegistry(({ ptr, instance }) => {
@@ -579,6 +574,11 @@ const ProjectionFinalization = (typeof FinalizationRegistry === 'undefined')
     ? { register: () => {}, unregister: () => {} }
     : new FinalizationRegistry(({ ptr, instance }) => {
     if (instance === __wbg_instance_id) wasm.__wbg_projection_free(ptr, 1);
+});
+const QueryResultFinalization = (typeof FinalizationRegistry === 'undefined')
+    ? { register: () => {}, unregister: () => {} }
+    : new FinalizationRegistry(({ ptr, instance }) => {
+    if (instance === __wbg_instance_id) wasm.__wbg_queryresult_free(ptr, 1);
 });
 
 function _assertClass(instance, klass) {

@@ -1,7 +1,7 @@
 // Datasets that are open in a worker, with the same methods.
 
 import { fromParts } from "./errors.js";
-import { picture } from "./pictures.js";
+import { image } from "./images.js";
 
 let start = () => new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "spinney" });
 let worker;
@@ -18,23 +18,23 @@ function theWorker() {
   worker = start();
   const listen = (name, handle) => (worker.addEventListener ? worker.addEventListener(name, handle) : worker.on(name, (data) => handle({ data, message: data?.message })));
   listen("message", ({ data }) => {
-    const question = waiting.get(data.id);
-    if (!question) return;
+    const pending = waiting.get(data.id);
+    if (!pending) return;
     if (data.progress) {
-      question.progress?.(data.progress);
+      pending.progress?.(data.progress);
       return;
     }
     waiting.delete(data.id);
-    question.done();
-    if (data.error) question.reject(fromParts(data.error));
-    else question.resolve(data.found);
+    pending.done();
+    if (data.error) pending.reject(fromParts(data.error));
+    else pending.resolve(data.found);
   });
   listen("error", ({ message }) => {
     // (The worker cannot continue: pending queries fail, and the next one starts another worker.)
     worker = undefined;
-    for (const question of waiting.values()) {
-      question.done();
-      question.reject(fromParts({ name: "PanicError", message: `the worker failed: ${message}` }));
+    for (const pending of waiting.values()) {
+      pending.done();
+      pending.reject(fromParts({ name: "PanicError", message: `the worker failed: ${message}` }));
     }
     waiting.clear();
   });
@@ -121,9 +121,9 @@ class RemoteOpened {
 }
 
 /** Converts a result: opened objects get methods, images the platform's type. */
-function found(answer) {
-  if (answer?.isPicture) return picture(answer.data, answer.width, answer.height, answer);
-  return answer?.isOpened ? new RemoteOpened(answer) : answer;
+function found(result) {
+  if (result?.isImage) return image(result.data, result.width, result.height, result);
+  return result?.isOpened ? new RemoteOpened(result) : result;
 }
 
 /** Opens a file in a worker; the first call starts it. */

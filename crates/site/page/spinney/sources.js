@@ -126,7 +126,7 @@ class Source {
   async #get(start, end, signal) {
     const part = await this.read(start, end, signal);
     if (part.length !== end - start) {
-      throw new SpinneyError({ code: "changed", message: `${this.name}: ${part.length} bytes came where ${end - start} were asked for: the file was cut short; open it again`, file: this.name });
+      throw new SpinneyError({ code: "changed", message: `${this.name}: got ${part.length} bytes, expected ${end - start}: the file was truncated; open it again`, file: this.name });
     }
     this.#came += part.length;
     this.#since.push([start, end]);
@@ -246,20 +246,20 @@ class DiskSource extends Source {
     this.files = (await import(/* webpackIgnore: true */ /* @vite-ignore */ "node:fs")).promises;
     try {
       this.handle = await this.files.open(this.path, "r");
-      this.stamp = await this.look();
+      this.stamp = await this.stat();
     } catch (error) {
       await this.handle?.close();
       throw new SpinneyError({ code: "io", message: `${this.name}: cannot open: ${error.message}`, file: this.name }, { cause: error });
     }
     if (!this.stamp.isFile) {
       await this.handle.close();
-      throw new SpinneyError({ code: "io", message: `${this.name}: cannot open: it is no file`, file: this.name });
+      throw new SpinneyError({ code: "io", message: `${this.name}: cannot open: it is not a regular file`, file: this.name });
     }
     forgotten.register(this, this.handle, this);
     this.add(this.stamp.size);
   }
 
-  async look() {
+  async stat() {
     const found = await this.handle.stat({ bigint: true });
     return { size: Number(found.size), modified: found.mtimeNs, isFile: found.isFile() };
   }
@@ -267,9 +267,9 @@ class DiskSource extends Source {
   async fetch(ranges, signal) {
     const found = await super.fetch(ranges, signal);
     // (After the reads, so that they are verified to be of the opened version.)
-    const now = await this.look();
+    const now = await this.stat();
     if (now.size > this.stamp.size && this.grows) return found;
-    if (now.size !== this.stamp.size) throw this.changed(now.size < this.stamp.size ? "was cut short" : "has grown");
+    if (now.size !== this.stamp.size) throw this.changed(now.size < this.stamp.size ? "was truncated" : "has grown");
     if (now.modified !== this.stamp.modified) throw this.changed("was overwritten");
     return found;
   }
@@ -390,7 +390,7 @@ class HttpSource extends Source {
       this.check(found);
     }
     const refuse = (bytes) => {
-      const advice = "put it on a host that serves ranges and does not compress it";
+      const advice = "use a host that serves ranges and does not compress the file";
       return new SpinneyError({
         code: "unsupported",
         message: `${this.name}: ${why}, and ${bytes} bytes are too many to read all of it (at most ${MAX_WHOLE}); ${advice}`,
@@ -399,10 +399,10 @@ class HttpSource extends Source {
         advice,
       });
     };
-    const told = Number(found.headers.get("content-length"));
-    if (told > MAX_WHOLE) {
+    const contentLength = Number(found.headers.get("content-length"));
+    if (contentLength > MAX_WHOLE) {
       await found.body?.cancel().catch(() => {});
-      throw refuse(told);
+      throw refuse(contentLength);
     }
     const parts = [];
     let length = 0;
@@ -436,7 +436,7 @@ class HttpSource extends Source {
   /** Fails if there is no such file. */
   check(response) {
     if (response.ok) return;
-    const why = response.status === 404 ? "there is no such file" : `the host answers ${response.status} ${response.statusText}`;
+    const why = response.status === 404 ? "there is no such file" : `the host returned ${response.status} ${response.statusText}`;
     throw new SpinneyError({ code: response.status === 404 ? "not-found" : "io", message: `${this.name}: ${why}`, file: this.name });
   }
 
@@ -463,7 +463,7 @@ class HttpSource extends Source {
       }
       if (response.status !== 206) {
         await response.body?.cancel().catch(() => {});
-        throw new SpinneyError({ code: "unsupported", message: `${this.name}: the host has stopped serving ranges of it`, file: this.name });
+        throw new SpinneyError({ code: "unsupported", message: `${this.name}: the host stopped serving ranges of it`, file: this.name });
       }
       try {
         const bytes = new Uint8Array(await response.arrayBuffer());

@@ -3,7 +3,7 @@
 import { Dataset, Model, open } from "./dataset.js";
 import { setModule } from "./engine.js";
 import { toParts } from "./errors.js";
-import { packed } from "./pictures.js";
+import { packed } from "./images.js";
 // (Imported here, so that they load together with the modules that need them.)
 import "./module.js";
 import "./ranges.js";
@@ -39,24 +39,24 @@ function keep(dataset) {
 
 /** A source whose ranges arrive through a port. */
 function readerOf({ name, size, port: from }) {
-  const asked = new Map();
+  const pending = new Map();
   let next = 0;
   from.onmessage = ({ data: { id, bytes, failure } }) => {
-    const { resolve, reject } = asked.get(id);
-    asked.delete(id);
+    const { resolve, reject } = pending.get(id);
+    pending.delete(id);
     if (failure === undefined) resolve(bytes);
     else reject(new Error(failure));
   };
   const read = (start, end) =>
     new Promise((resolve, reject) => {
       next += 1;
-      asked.set(next, { resolve, reject });
+      pending.set(next, { resolve, reject });
       from.postMessage({ id: next, start, end });
     });
   return { name, size, read };
 }
 
-async function answer({ of, method, list, options }) {
+async function respond({ of, method, list, options }) {
   if (method === "open") return keep(await open(list[0].port ? readerOf(list[0]) : list[0], { ...list[1], ...options }));
   const dataset = opened.get(of);
   if (!dataset) throw new TypeError("the dataset is closed");
@@ -103,9 +103,9 @@ async function take(message) {
   const { id, wantsProgress } = message;
   const control = new AbortController();
   running.set(id, control);
-  const progress = wantsProgress ? (told) => port.postMessage({ id, progress: told }) : undefined;
+  const progress = wantsProgress ? (traffic) => port.postMessage({ id, progress: traffic }) : undefined;
   try {
-    const found = await answer({ ...message, options: { signal: control.signal, progress } });
+    const found = await respond({ ...message, options: { signal: control.signal, progress } });
     port.postMessage({ id, found }, transferred(found));
   } catch (error) {
     port.postMessage({ id, error: toParts(error) });

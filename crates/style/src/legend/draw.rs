@@ -26,7 +26,7 @@ const GAP: usize = 4;
 const RAISED: usize = 2;
 
 /// Draws a legend on white, enlarged by the factor `scale`.
-pub(super) fn picture(legend: &Legend, scale: usize) -> LegendImage {
+pub(super) fn draw_image(legend: &Legend, scale: usize) -> LegendImage {
     let letters = Letters::new(scale);
     // Measure first, then draw.
     let mut size = Canvas { scale, letters: &letters, width: 0, height: 0, rgba: None };

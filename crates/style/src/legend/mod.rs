@@ -120,7 +120,7 @@ impl Legend {
 
     /// Draws the legend, enlarged by a factor of 1 to 8. At 1, a line of text is 12 pixels high.
     pub fn draw(&self, scale: usize) -> LegendImage {
-        draw::picture(self, scale.clamp(1, 8))
+        draw::draw_image(self, scale.clamp(1, 8))
     }
 }
 
@@ -135,10 +135,10 @@ fn section(coat: &Coat, tree: &Dataset) -> Result<LegendSection> {
     };
     // Convert labels to physical units by scale and offset.
     let (factor, summand) = metadata.scale_offset.get(coat.band).copied().unwrap_or((1.0, 0.0));
-    let told = |number: f64| number * factor + summand;
+    let to_physical = |number: f64| number * factor + summand;
     let (title, key) = match &coat.ink {
         Ink::Classes(classes) => (name, Key::Classes(named(classes, tree)?)),
-        Ink::Scale(scale) => (with_unit(&name, &unit), scale_key(scale, &told)),
+        Ink::Scale(scale) => (with_unit(&name, &unit), scale_key(scale, &to_physical)),
         Ink::Slope { unit, scale, .. } => {
             let unit = if *unit == SlopeUnit::Degrees { "degrees" } else { "%" };
             (with_unit("Slope", unit), scale_key(scale, &|slope| slope))
@@ -183,12 +183,12 @@ fn section(coat: &Coat, tree: &Dataset) -> Result<LegendSection> {
     Ok(LegendSection { title, key })
 }
 
-/// The key of a scale. `told` converts its numbers to labels.
-fn scale_key(scale: &Scale, told: &dyn Fn(f64) -> f64) -> Key {
+/// The key of a scale. `to_physical` converts its numbers to labels.
+fn scale_key(scale: &Scale, to_physical: &dyn Fn(f64) -> f64) -> Key {
     let stops: Vec<(f64, [u8; 4])> = scale.stops().collect();
     let (low, high) = (stops[0].0, stops[stops.len() - 1].0);
     if scale.steps().is_some() && stops.len() <= MAX_STEPS {
-        let number = |number: f64| ticks::number(told(number));
+        let number = |number: f64| ticks::number(to_physical(number));
         let label = |i: usize| match (i, stops.get(i + 1)) {
             (0, Some(next)) => format!("below {}", number(next.0)),
             (_, Some(next)) => format!("{} to {}", number(stops[i].0), number(next.0)),
@@ -201,27 +201,27 @@ fn scale_key(scale: &Scale, told: &dyn Fn(f64) -> f64) -> Key {
         let share = i as f64 / (BAND - 1) as f64;
         scale.colour(low * (1.0 - share) + high * share)
     };
-    Key::Ramp { colours: (0..BAND).map(at).collect(), ticks: ticks(told(low), told(high)) }
+    Key::Ramp { colours: (0..BAND).map(at).collect(), ticks: ticks(to_physical(low), to_physical(high)) }
 }
 
 /// The key of classes: those of the style, or those with names, or else those that occur.
 fn named(classes: &Classes, tree: &Dataset) -> Result<Vec<LegendClass>> {
     let names = &tree.metadata().class_names;
     if !classes.names.is_empty() {
-        let told = classes.sparse.iter().zip(&classes.names).take(MAX_CLASSES);
-        return Ok(told.map(|(class, name)| LegendClass::of_value(class.0, class.1, name)).collect());
+        let listed = classes.sparse.iter().zip(&classes.names).take(MAX_CLASSES);
+        return Ok(listed.map(|(class, name)| LegendClass::of_value(class.0, class.1, name)).collect());
     }
     let of_tree = |value: f64, name: &str| LegendClass::of_value(value, classes.colour(value), name);
     if !names.is_empty() {
-        let told = names.iter().filter(|(_, name)| !name.is_empty()).take(MAX_CLASSES);
-        return Ok(told.map(|(value, name)| of_tree(value.to_f64(), name)).collect());
+        let listed = names.iter().filter(|(_, name)| !name.is_empty()).take(MAX_CLASSES);
+        return Ok(listed.map(|(value, name)| of_tree(value.to_f64(), name)).collect());
     }
     let header = tree.header();
     if header.counts_classes() && header.form.value.channels == 1 {
         let occurring = tree.statistics(None, &())?.classes;
-        let told = occurring.iter().take(MAX_CLASSES);
-        return Ok(told.map(|(value, _)| of_tree(value.to_f64(), &value.to_string())).collect());
+        let listed = occurring.iter().take(MAX_CLASSES);
+        return Ok(listed.map(|(value, _)| of_tree(value.to_f64(), &value.to_string())).collect());
     }
-    let told = classes.dense.iter().enumerate().take(MAX_CLASSES);
-    Ok(told.map(|(value, code)| LegendClass::of_value(value as f64, *code, "")).collect())
+    let listed = classes.dense.iter().enumerate().take(MAX_CLASSES);
+    Ok(listed.map(|(value, code)| LegendClass::of_value(value as f64, *code, "")).collect())
 }

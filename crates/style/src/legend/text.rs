@@ -23,7 +23,7 @@ pub(super) struct Line {
 impl Letters {
     /// Loads the font at this scale.
     pub(super) fn new(scale: usize) -> Letters {
-        let font = FontRef::try_from_slice(dejavu::sans::regular()).expect("the font is part of the program");
+        let font = FontRef::try_from_slice(dejavu::sans::regular()).expect("the built-in font is valid");
         Letters { font, scale: PxScale::from(HEIGHT * scale as f32) }
     }
 

@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn round_numbers_are_told() {
+    fn ticks_are_round_numbers() {
         let labels = |low: f64, high: f64| -> Vec<String> {
             ticks(low, high).into_iter().map(|tick| tick.label).collect()
         };

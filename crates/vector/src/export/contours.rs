@@ -37,8 +37,8 @@ impl ContourFeatures {
 /// use spinney::Output;
 /// use spinney::query::{ContourLevels, ContourRequest};
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("lines.geojson");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("lines.geojson");
 /// let map = spinney::open("fixtures/v1/elevation.goblin")?;
 /// let request = ContourRequest::new(ContourLevels::Every { step: 10.0, base: 0.0 });
 /// let (features, output) = (ContourFeatures::new(), Output::create(&path)?);
@@ -62,15 +62,15 @@ pub fn export_contours(
     let path = output.path().to_path_buf();
     if output.is_file() {
         // Temporary files of incomplete lines are in the output's directory.
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-        request.folder = Some(folder.map_or_else(|| ".".into(), PathBuf::from));
+        let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty());
+        request.directory = Some(directory.map_or_else(|| ".".into(), PathBuf::from));
     }
     let (kind, name, attributes): (_, _, &[&str]) = match features.filled {
         false => (GeometryKind::Line, "contours", &["value"]),
         true => (GeometryKind::Polygon, "bands", &["min", "max"]),
     };
     let frame = &tree.metadata().frame;
-    let [low, high] = frame.world_box(&tree.header().picture());
+    let [low, high] = frame.world_box(&tree.header().extent_bounds());
     let layer = VectorLayer {
         name: name.into(),
         kind: Some(kind),

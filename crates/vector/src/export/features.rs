@@ -5,7 +5,7 @@ use crate::import::feature::{FeatureAttribute, FeatureGeometry};
 use spinney_base::Result;
 
 /// A point, a line, or a ring of a polygon.
-struct Part<'a> {
+struct SimpleGeometry<'a> {
     kind: GeometryKind,
     is_outer: bool,
     points: &'a [[f64; 2]],
@@ -13,7 +13,7 @@ struct Part<'a> {
     heights: &'a [f64],
 }
 
-impl Part<'_> {
+impl SimpleGeometry<'_> {
     /// Returns a point with its height, or 0.
     fn point(&self, index: usize) -> [f64; 3] {
         let [x, y] = self.points[index];
@@ -30,7 +30,7 @@ impl Part<'_> {
 /// Geometry of an imported feature, for export. Rings are closed, and nested collections are
 /// flattened.
 pub struct FeatureParts<'a> {
-    parts: Vec<Part<'a>>,
+    parts: Vec<SimpleGeometry<'a>>,
     kind: GeometryKind,
 }
 
@@ -55,7 +55,7 @@ impl<'a> FeatureParts<'a> {
     }
 
     /// Returns all points, including those of lines and rings.
-    pub(crate) fn corners(&self) -> impl Iterator<Item = &[f64; 2]> {
+    pub(crate) fn vertices(&self) -> impl Iterator<Item = &[f64; 2]> {
         self.parts.iter().flat_map(|part| part.points)
     }
 
@@ -65,10 +65,10 @@ impl<'a> FeatureParts<'a> {
     }
 }
 
-fn collect<'a>(geometry: &'a FeatureGeometry, parts: &mut Vec<Part<'a>>) {
+fn collect<'a>(geometry: &'a FeatureGeometry, parts: &mut Vec<SimpleGeometry<'a>>) {
     match geometry {
         FeatureGeometry::Points(points) => {
-            let part = |point| Part {
+            let part = |point| SimpleGeometry {
                 kind: GeometryKind::Point,
                 is_outer: true,
                 points: std::slice::from_ref(point),
@@ -77,13 +77,17 @@ fn collect<'a>(geometry: &'a FeatureGeometry, parts: &mut Vec<Part<'a>>) {
             parts.extend(points.iter().map(part));
         }
         FeatureGeometry::Lines(lines) => {
-            let part =
-                |points: &'a Vec<_>| Part { kind: GeometryKind::Line, is_outer: true, points, heights: &[] };
+            let part = |points: &'a Vec<_>| SimpleGeometry {
+                kind: GeometryKind::Line,
+                is_outer: true,
+                points,
+                heights: &[],
+            };
             parts.extend(lines.iter().map(part));
         }
         FeatureGeometry::Polygons(polygons) => {
             for rings in polygons {
-                let part = |(index, points): (usize, &'a Vec<_>)| Part {
+                let part = |(index, points): (usize, &'a Vec<_>)| SimpleGeometry {
                     kind: GeometryKind::Polygon,
                     is_outer: index == 0,
                     points,
@@ -97,12 +101,12 @@ fn collect<'a>(geometry: &'a FeatureGeometry, parts: &mut Vec<Part<'a>>) {
 }
 
 /// Returns the minimum and maximum of x and y; zeros if there are no points.
-pub(crate) fn bounds_of(corners: &mut dyn Iterator<Item = &[f64; 2]>) -> [[f64; 2]; 2] {
+pub(crate) fn bounds_of(vertices: &mut dyn Iterator<Item = &[f64; 2]>) -> [[f64; 2]; 2] {
     let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
-    for corner in corners {
+    for vertex in vertices {
         for axis in 0..2 {
-            bounds[0][axis] = bounds[0][axis].min(corner[axis]);
-            bounds[1][axis] = bounds[1][axis].max(corner[axis]);
+            bounds[0][axis] = bounds[0][axis].min(vertex[axis]);
+            bounds[1][axis] = bounds[1][axis].max(vertex[axis]);
         }
     }
     if bounds[0][0] > bounds[1][0] { [[0.0; 2]; 2] } else { bounds }
@@ -114,7 +118,7 @@ impl Geometry for FeatureParts<'_> {
     }
 
     fn count(&self, part: usize) -> u64 {
-        let count = |part: &Part<'_>| part.points.len() + usize::from(part.closing().is_some());
+        let count = |part: &SimpleGeometry<'_>| part.points.len() + usize::from(part.closing().is_some());
         self.parts.get(part).map_or(0, count) as u64
     }
 

@@ -18,7 +18,7 @@ use super::geometry::Shape;
 use super::{AttributeType, AttributeValue, FormatWriter, GeometryKind, VectorLayer};
 use spinney_base::io::platform::read_exact_at;
 use spinney_base::io::spill::failed;
-use spinney_base::io::{Output, Sorter, Spool, SpooledWords, WordSpooler, folder};
+use spinney_base::io::{Output, Sorter, Spool, SpooledWords, WordSpooler, directory_of};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
@@ -50,7 +50,7 @@ pub(super) struct FlatGeobuf {
     length: u64,
     items: Sorter,
     /// Whether all features have a geometry; otherwise there is no index.
-    has_places: bool,
+    all_have_geometry: bool,
     extent: NodeBox,
     /// Bounding box of the current feature.
     around: NodeBox,
@@ -73,8 +73,8 @@ impl NodeBox {
 
     fn bytes(&self) -> [u8; 32] {
         let mut bytes = [0; 32];
-        for (place, number) in bytes.as_chunks_mut::<8>().0.iter_mut().zip(self.0) {
-            *place = number.to_le_bytes();
+        for (slot, number) in bytes.as_chunks_mut::<8>().0.iter_mut().zip(self.0) {
+            *slot = number.to_le_bytes();
         }
         bytes
     }
@@ -85,18 +85,23 @@ impl FlatGeobuf {
         // Values refer to their columns by 16-bit numbers.
         if layer.attributes.len() > 1 << 16 {
             let found = format!("{} attributes", layer.attributes.len());
-            return Err(Error::unsupported(output.path(), found, "choose those that are needed, or GeoJSON"));
+            return Err(Error::unsupported(
+                output.path(),
+                found,
+                "select fewer attributes, or choose GeoJSON",
+            ));
         }
-        let folder = temporary_folder(&output);
-        let file = tempfile::tempfile_in(&folder).map_err(Error::io(&folder, "make a temporary file in"))?;
+        let directory = temporary_directory(&output);
+        let file =
+            tempfile::tempfile_in(&directory).map_err(Error::io(&directory, "create a temporary file in"))?;
         Ok(FlatGeobuf {
             output,
             layer,
             file,
             buffer: Vec::new(),
             length: 0,
-            items: Sorter::new(&folder, ITEM, MEMORY),
-            has_places: true,
+            items: Sorter::new(&directory, ITEM, MEMORY),
+            all_have_geometry: true,
             extent: NodeBox::NOTHING,
             around: NodeBox::NOTHING,
             builder: FlatBufferBuilder::new(),
@@ -151,7 +156,7 @@ impl FlatGeobuf {
     }
 
     fn has_index(&self) -> bool {
-        self.has_places && !self.items.is_empty()
+        self.all_have_geometry && !self.items.is_empty()
     }
 
     /// Adds parts to the current feature, as one geometry.
@@ -212,11 +217,11 @@ impl FlatGeobuf {
     fn key(&self, around: NodeBox) -> u64 {
         let [[west, south], [east, north]] = self.layer.bounds;
         let NodeBox([left, bottom, right, top]) = around;
-        let place = |at: f64, low: f64, high: f64| {
+        let cell = |at: f64, low: f64, high: f64| {
             // NaN and positions outside the bounds also get a key.
             (65_535.0 * ((at - low) / (high - low)).clamp(0.0, 1.0)) as u32
         };
-        hilbert(place((left + right) / 2.0, west, east), place((bottom + top) / 2.0, south, north))
+        hilbert(cell((left + right) / 2.0, west, east), cell((bottom + top) / 2.0, south, north))
     }
 
     fn flush(&mut self) -> Result<()> {
@@ -229,11 +234,11 @@ impl FlatGeobuf {
 
 /// Returns the Hilbert curve position of a cell in a grid of 2^16 x 2^16.
 fn hilbert(mut x: u32, mut y: u32) -> u64 {
-    let mut place = 0;
+    let mut position = 0;
     for level in (0..16).rev() {
         let side = 1u32 << level;
         let (right, up) = (x & side > 0, y & side > 0);
-        place = place << 2 | (u64::from(right) * 3) ^ u64::from(up);
+        position = position << 2 | (u64::from(right) * 3) ^ u64::from(up);
         if !up {
             if right {
                 (x, y) = (side.wrapping_sub(1).wrapping_sub(x), side.wrapping_sub(1).wrapping_sub(y));
@@ -241,7 +246,7 @@ fn hilbert(mut x: u32, mut y: u32) -> u64 {
             (x, y) = (y, x);
         }
     }
-    place
+    position
 }
 
 fn type_of(kind: GeometryKind, is_multi: bool) -> GeometryType {
@@ -267,7 +272,7 @@ fn column_type(kind: AttributeType) -> ColumnType {
 
 /// Appends the value of a column.
 fn push_property(bytes: &mut Vec<u8>, column: usize, kind: AttributeType, value: AttributeValue<'_>) {
-    let value = value.told();
+    let value = value.finite_or_none();
     if value == AttributeValue::None {
         return;
     }
@@ -300,7 +305,7 @@ impl FormatWriter for FlatGeobuf {
     ) -> Result<()> {
         let points = shape.map_or(0, Shape::count);
         if points > MAX_POINTS {
-            let advice = "choose GeoPackage, which needs no memory for them";
+            let advice = "choose GeoPackage, which streams large features";
             let found = format!("a feature of {points} points");
             return Err(Error::unsupported(self.output.path(), found, advice));
         }
@@ -308,16 +313,16 @@ impl FormatWriter for FlatGeobuf {
         self.around = NodeBox::NOTHING;
         let geometry = shape.map(|shape| self.geometry(shape)).transpose()?;
         let around = self.around;
-        self.has_places &= points > 0;
+        self.all_have_geometry &= points > 0;
         self.extent = self.extent.with(around);
         let mut properties = std::mem::take(&mut self.properties);
         properties.clear();
         for (column, ((_, kind), value)) in self.layer.attributes.iter().zip(attributes).enumerate() {
             push_property(&mut properties, column, *kind, *value);
         }
-        let told = (!properties.is_empty()).then(|| self.builder.create_vector(&properties));
+        let encoded = (!properties.is_empty()).then(|| self.builder.create_vector(&properties));
         self.properties = properties;
-        let feature = FeatureArgs { geometry, properties: told, ..FeatureArgs::default() };
+        let feature = FeatureArgs { geometry, properties: encoded, ..FeatureArgs::default() };
         let feature = Feature::create(&mut self.builder, &feature);
         self.builder.finish_size_prefixed(feature, None);
         let bytes = self.builder.finished_data();
@@ -344,10 +349,10 @@ impl FormatWriter for FlatGeobuf {
         let FlatGeobuf { mut output, file, items, length, .. } = *self;
         let features = Features { file, path: path.clone() };
         if has_index {
-            let folder = temporary_folder(&output);
-            let (index, order) = Index::of(items, &folder)?;
+            let directory = temporary_directory(&output);
+            let (index, order) = Index::of(items, &directory)?;
             index.write(&mut output)?;
-            order.each(&mut |words| features.copy(&mut places(words), &mut output))?;
+            order.each(&mut |words| features.copy(&mut byte_ranges(words), &mut output))?;
         } else {
             features.copy(&mut std::iter::once((0, length)), &mut output)?;
         }
@@ -356,7 +361,7 @@ impl FormatWriter for FlatGeobuf {
 }
 
 /// Decodes offsets and sizes of features.
-fn places(words: &[u32]) -> impl Iterator<Item = (u64, u64)> {
+fn byte_ranges(words: &[u32]) -> impl Iterator<Item = (u64, u64)> {
     let number = |words: [u32; 2]| u64::from(words[0]) | u64::from(words[1]) << 32;
     words.as_chunks::<4>().0.iter().map(move |[a, b, c, d]| (number([*a, *b]), number([*c, *d])))
 }
@@ -365,8 +370,8 @@ fn words(number: u64) -> [u32; 2] {
     [number as u32, (number >> 32) as u32]
 }
 
-fn temporary_folder(output: &Output) -> PathBuf {
-    if output.is_file() { folder(output.path()).to_path_buf() } else { std::env::temp_dir() }
+fn temporary_directory(output: &Output) -> PathBuf {
+    if output.is_file() { directory_of(output.path()).to_path_buf() } else { std::env::temp_dir() }
 }
 
 /// Buffered features in a temporary file.
@@ -377,20 +382,20 @@ struct Features {
 
 impl Features {
     /// Copies features to the output in the given order. Contiguous ones are copied together.
-    fn copy(&self, places: &mut dyn Iterator<Item = (u64, u64)>, output: &mut Output) -> Result<()> {
+    fn copy(&self, ranges: &mut dyn Iterator<Item = (u64, u64)>, output: &mut Output) -> Result<()> {
         let mut buffer = vec![0; BUFFER];
-        let mut places = places.peekable();
-        while let Some((from, size)) = places.next() {
+        let mut ranges = ranges.peekable();
+        while let Some((from, size)) = ranges.next() {
             let mut until = from + size;
-            while let Some((_, more)) = places.next_if(|(next, _)| *next == until) {
+            while let Some((_, more)) = ranges.next_if(|(next, _)| *next == until) {
                 until += more;
             }
             let mut at = from;
             while at < until {
-                let piece = &mut buffer[..(until - at).min(BUFFER as u64) as usize];
-                read_exact_at(&self.file, piece, at).map_err(failed(&self.path))?;
-                output.write_all(piece).map_err(failed(&self.path))?;
-                at += piece.len() as u64;
+                let chunk = &mut buffer[..(until - at).min(BUFFER as u64) as usize];
+                read_exact_at(&self.file, chunk, at).map_err(failed(&self.path))?;
+                output.write_all(chunk).map_err(failed(&self.path))?;
+                at += chunk.len() as u64;
             }
         }
         Ok(())
@@ -417,9 +422,9 @@ const NODE: usize = 10;
 impl Index {
     /// Builds the index of the features, and returns it with their offsets and sizes in index
     /// order.
-    fn of(items: Sorter, folder: &Path) -> Result<(Index, SpooledWords)> {
-        let spool = Spool::create(folder, NODE)?;
-        let mut order = WordSpooler::new(&Spool::create(folder, 4)?);
+    fn of(items: Sorter, directory: &Path) -> Result<(Index, SpooledWords)> {
+        let spool = Spool::create(directory, NODE)?;
+        let mut order = WordSpooler::new(&Spool::create(directory, 4)?);
         let new = || Level { nodes: WordSpooler::new(&spool), count: 0, around: NodeBox::NOTHING };
         let mut levels = vec![new()];
         let mut length = 0;

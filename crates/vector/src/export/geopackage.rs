@@ -77,7 +77,7 @@ fn quoted(name: &str) -> String {
 impl GeoPackage {
     pub(super) fn new(output: Output, layer: VectorLayer) -> Result<GeoPackage> {
         let Some(path) = output.unfinished_path().map(Path::to_path_buf) else {
-            let advice = "give the name of a file: it is a database";
+            let advice = "write to a named file: GeoPackage is a database";
             return Err(Error::unsupported(output.path(), "writing GeoPackage to a stream", advice));
         };
         let connection = Connection::open(&path).map_err(failed(&path))?;
@@ -110,8 +110,8 @@ impl GeoPackage {
         let columns: String = layer.attributes.iter().map(column).collect();
         let create =
             format!("CREATE TABLE {table} (fid INTEGER PRIMARY KEY NOT NULL, geom {geometry_type}{columns})");
-        let places = ", ?".repeat(layer.attributes.len());
-        let insert = format!("INSERT INTO {table} VALUES (?, ?{places})");
+        let placeholders = ", ?".repeat(layer.attributes.len());
+        let insert = format!("INSERT INTO {table} VALUES (?, ?{placeholders})");
         let insert_srs = "INSERT INTO gpkg_spatial_ref_sys VALUES (?1, ?2, ?3, ?4, ?5, NULL)";
         let srs = srs_of(layer.crs.as_ref());
         let run = || -> rusqlite::Result<()> {
@@ -262,7 +262,7 @@ impl FormatWriter for GeoPackage {
         let axes = if layer.has_z { 3 } else { 2 };
         let size = shape.map_or(0, |shape| size_of(shape, is_multi, axes).saturating_add(8));
         if size > 1_000_000_000 {
-            let advice = "choose another format: databases have features of at most 1 GB";
+            let advice = "choose another format: SQLite values have at most 1 GB";
             return Err(Error::unsupported(self.output.path(), format!("a feature of {size} bytes"), advice));
         }
         let fid = match id {
@@ -270,12 +270,12 @@ impl FormatWriter for GeoPackage {
             Some(id) => match id.as_i64() {
                 Some(id) => Cell::Integer(id),
                 None => {
-                    let advice = "a whole number (hand out others as an attribute)";
-                    return Err(Error::invalid("id of a feature in a GeoPackage", id.to_string(), advice));
+                    let expected = "an integer (write other ids as an attribute)";
+                    return Err(Error::invalid("feature id in a GeoPackage", id.to_string(), expected));
                 }
             },
         };
-        let cell = |value: &AttributeValue<'_>| match value.told() {
+        let cell = |value: &AttributeValue<'_>| match value.finite_or_none() {
             AttributeValue::None => Cell::Null,
             AttributeValue::Integer(number) => Cell::Integer(number),
             AttributeValue::Number(number) => Cell::Real(number),
@@ -284,11 +284,9 @@ impl FormatWriter for GeoPackage {
         };
         let cells = attributes.iter().map(cell);
         let failed = |error: rusqlite::Error| match (error.sqlite_error_code(), id) {
-            (Some(rusqlite::ErrorCode::ConstraintViolation), Some(id)) => Error::invalid(
-                "ids of features",
-                format!("{id} more than once"),
-                "ids of their own in a GeoPackage",
-            ),
+            (Some(rusqlite::ErrorCode::ConstraintViolation), Some(id)) => {
+                Error::invalid("feature ids", format!("{id} more than once"), "unique ids in a GeoPackage")
+            }
             _ => failed(path)(error),
         };
         let Some(shape) = shape else {

@@ -85,16 +85,16 @@ impl AttributeValue<'_> {
     }
 
     /// Returns the value, with numbers that are not finite replaced by no value.
-    pub(super) fn told(self) -> Self {
+    pub(super) fn finite_or_none(self) -> Self {
         match self {
             AttributeValue::Number(number) if !number.is_finite() => AttributeValue::None,
-            told => told,
+            other => other,
         }
     }
 
     /// Converts the value to a string, for formats without types; empty for no value.
     pub(super) fn to_text(self) -> String {
-        match self.told() {
+        match self.finite_or_none() {
             AttributeValue::None => String::new(),
             AttributeValue::Integer(number) => number.to_string(),
             AttributeValue::Number(number) => shortest(number),
@@ -155,7 +155,7 @@ impl VectorLayer {
     /// Returns a remark if a file of the format cannot store the layer's coordinate system.
     pub(super) fn unknown_system(&self, format: VectorFormat) -> Option<String> {
         let crs = self.crs.as_ref()?;
-        let is_told = match format {
+        let is_stored = match format {
             VectorFormat::GeoPackage | VectorFormat::FlatGeobuf => {
                 crs.numbers().is_some() || crs.to_wkt2().is_ok() || crs.foreign_text().is_some()
             }
@@ -167,7 +167,6 @@ impl VectorLayer {
             | VectorFormat::Obj
             | VectorFormat::Ply => true,
         };
-        (!is_told)
-            .then(|| format!("the coordinate system is not in the file, which has no words for it: {crs}"))
+        (!is_stored).then(|| format!("the format cannot store the coordinate system, which is {crs}"))
     }
 }

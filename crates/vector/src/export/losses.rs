@@ -24,26 +24,26 @@ enum Loss {
 }
 
 /// Message for each loss, before its count.
-const TEXTS: [&str; 8] = [
-    "ids that are left out, since the format has none",
-    "infinite numbers that are left out",
-    "whole numbers beyond 2^53 that are rounded",
-    "texts that are cut to 254 bytes",
-    "texts that are empty or end with blanks, which the format cannot tell",
-    "texts whose control characters have become blanks",
-    "features whose attributes are left out, since they have no edges",
-    "attributes of segments that are 0, since the format has no word for nothing",
+const MESSAGES: [&str; 8] = [
+    "dropped ids, since the format has none",
+    "dropped infinite numbers",
+    "rounded integers beyond 2^53",
+    "strings truncated to 254 bytes",
+    "empty strings or trailing blanks that the format cannot distinguish",
+    "strings with control characters replaced by blanks",
+    "features with dropped attributes, since they have no edges",
+    "missing segment attributes written as 0",
 ];
 
 /// Loss counts.
 pub(super) struct Losses {
     format: VectorFormat,
-    counts: [u64; TEXTS.len()],
+    counts: [u64; MESSAGES.len()],
 }
 
 impl Losses {
     pub(super) fn new(format: VectorFormat) -> Losses {
-        Losses { format, counts: [0; TEXTS.len()] }
+        Losses { format, counts: [0; MESSAGES.len()] }
     }
 
     fn add(&mut self, loss: Loss, is_lost: bool) {
@@ -67,8 +67,9 @@ impl Losses {
             // PLY stores attributes with edges.
             let kinds = shape.iter().flat_map(|shape| &shape.members).map(|(kind, _)| *kind);
             let has_edges = kinds.into_iter().any(|kind| kind != GeometryKind::Point);
-            let is_told = feature.attributes.iter().any(|value| value.told() != AttributeValue::None);
-            self.add(Loss::Unplaced, !has_edges && is_told);
+            let has_values =
+                feature.attributes.iter().any(|value| value.finite_or_none() != AttributeValue::None);
+            self.add(Loss::Unplaced, !has_edges && has_values);
             let values = feature.attributes.iter().zip(attributes).filter(|(value, (_, kind))| {
                 **value == AttributeValue::None && *kind == AttributeType::PerSegment
             });
@@ -100,8 +101,8 @@ impl Losses {
     }
 
     /// Returns messages about the losses of features.
-    pub(super) fn told(&self) -> Vec<String> {
-        let lost = TEXTS.iter().zip(self.counts).filter(|(_, count)| *count > 0);
+    pub(super) fn messages(&self) -> Vec<String> {
+        let lost = MESSAGES.iter().zip(self.counts).filter(|(_, count)| *count > 0);
         lost.map(|(text, count)| format!("{text}: {count}")).collect()
     }
 }
@@ -109,25 +110,25 @@ impl Losses {
 /// Returns remarks on what the format loses of a layer. `names` are the attribute names in the
 /// file.
 pub(super) fn of_layer(format: VectorFormat, layer: &VectorLayer, names: &[String]) -> Vec<String> {
-    let mut told: Vec<String> = layer.unknown_system(format).into_iter().collect();
+    let mut remarks: Vec<String> = layer.unknown_system(format).into_iter().collect();
     let renamed = layer.attributes.iter().zip(names).filter(|((own, _), name)| own != *name);
     let renamed: Vec<String> = renamed.map(|((own, _), name)| format!("`{own}` is `{name}`")).collect();
     if !renamed.is_empty() {
-        told.push(format!("attributes have other names there: {}", listed(&renamed)));
+        remarks.push(format!("attributes are renamed: {}", listed(&renamed)));
     }
     if format == VectorFormat::Ply {
         use AttributeType::{Integer, Number, PerSegment};
-        let is_told = |kind: &AttributeType| matches!(kind, Integer | Number | PerSegment);
-        let lost = layer.attributes.iter().filter(|(_, kind)| !is_told(kind));
+        let is_numeric = |kind: &AttributeType| matches!(kind, Integer | Number | PerSegment);
+        let lost = layer.attributes.iter().filter(|(_, kind)| !is_numeric(kind));
         let lost: Vec<String> = lost.map(|(name, _)| format!("`{name}`")).collect();
         if !lost.is_empty() {
-            told.push(format!("attributes that are not numbers are left out: {}", listed(&lost)));
+            remarks.push(format!("attributes that are not numbers are dropped: {}", listed(&lost)));
         }
     }
     if format == VectorFormat::Svg && layer.has_z {
-        told.push("the third coordinate is left out, since a drawing is flat".into());
+        remarks.push("the third coordinate is dropped, since the format is two-dimensional".into());
     }
-    told
+    remarks
 }
 
 /// Lists the first names, and the number of further ones.

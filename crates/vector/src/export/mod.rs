@@ -8,8 +8,8 @@
 //! use spinney::raw::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorLayer, VectorWriter};
 //! use spinney::Output;
 //!
-//! # let folder = tempfile::tempdir().unwrap();
-//! # let path = folder.path().join("paths.geojson");
+//! # let directory = tempfile::tempdir().unwrap();
+//! # let path = directory.path().join("paths.geojson");
 //! let layer = VectorLayer {
 //!     name: "paths".into(),
 //!     kind: Some(GeometryKind::Line),
@@ -206,7 +206,9 @@ impl VectorWriter {
             Some(kind) => {
                 self.write_feature(&VectorFeature { id: None, geometry: Some((kind, geometry)), attributes })
             }
-            None => Err(Error::invalid("kind of a feature", "none", "one, since the layer has several")),
+            None => {
+                Err(Error::invalid("geometry type of a feature", "none", "one, since the layer has several"))
+            }
         }
     }
 
@@ -221,17 +223,26 @@ impl VectorWriter {
         let fits = |((_, kind), value): (&(String, AttributeType), &AttributeValue<'_>)| value.fits(*kind);
         if attributes.len() != self.attributes.len() || !self.attributes.iter().zip(attributes).all(fits) {
             let found = format!("{attributes:?}");
-            return Err(Error::invalid("attributes of a feature", found, "those of the layer, in order"));
+            return Err(Error::invalid(
+                "attributes of a feature",
+                found,
+                "values for the layer's attributes, in order",
+            ));
         }
         let shape = feature.geometry.map(|(kind, geometry)| Shape::of(geometry, kind));
         if let Some(shape) = &shape {
             if self.kind.is_some() && shape.kind != self.kind {
                 let found = shape.kind.map_or_else(|| "several".into(), |kind| format!("{kind:?}"));
-                return Err(Error::invalid("kind of a feature", found, format!("{:?}", self.kind)));
+                let expected = self.kind.map_or_else(String::new, |kind| format!("{kind:?}"));
+                return Err(Error::invalid("geometry type of a feature", found, expected));
             }
             if self.kind.is_some() && !self.is_multi && shape.members.len() > 1 {
                 let found = format!("{} geometries", shape.members.len());
-                return Err(Error::invalid("geometry of a feature", found, "one, since the layer says so"));
+                return Err(Error::invalid(
+                    "geometry of a feature",
+                    found,
+                    "one, since the layer is not multi",
+                ));
             }
         }
         self.writer.write(feature.id, shape.as_ref(), attributes)?;
@@ -246,7 +257,7 @@ impl VectorWriter {
     pub fn finish(self, progress: &dyn Progress) -> Result<()> {
         let VectorWriter { writer, path, remarks, losses, .. } = self;
         writer.finish()?;
-        remarks.iter().chain(&losses.told()).for_each(|text| progress.warn(&path, text));
+        remarks.iter().chain(&losses.messages()).for_each(|text| progress.warn(&path, text));
         Ok(())
     }
 }

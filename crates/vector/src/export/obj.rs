@@ -67,9 +67,9 @@ impl FormatWriter for ObjLines {
         let ObjLines { text, layer, features, .. } = self;
         text.push(&format!("o feature_{features}\n"));
         *features += 1;
-        let told =
+        let present =
             layer.attributes.iter().zip(attributes).filter(|(_, value)| **value != AttributeValue::None);
-        for ((name, _), value) in told {
+        for ((name, _), value) in present {
             // A line break would end the comment.
             let plain = |text: &str| text.replace(|letter: char| letter.is_control(), " ");
             text.push(&format!("# {name} "));

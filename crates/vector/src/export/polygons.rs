@@ -58,8 +58,8 @@ impl Geometry for Region<'_> {
 /// use spinney::Output;
 /// use spinney::query::PolygonRequest;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("regions.geojson");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("regions.geojson");
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;
 /// let output = Output::create(&path)?;
 /// let made = export_polygons(&map, &PolygonRequest::new(), output, VectorFormat::GeoJson, &())?;
@@ -81,11 +81,11 @@ pub fn export_polygons(
     let path = output.path().to_path_buf();
     if output.is_file() {
         // Temporary files of incomplete borders are in the output's directory.
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-        request.folder = Some(folder.map_or_else(|| ".".into(), PathBuf::from));
+        let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty());
+        request.directory = Some(directory.map_or_else(|| ".".into(), PathBuf::from));
     }
     let metadata = tree.metadata();
-    let [low, high] = metadata.frame.world_box(&tree.header().picture());
+    let [low, high] = metadata.frame.world_box(&tree.header().extent_bounds());
     let (has_names, has_colours) = (!metadata.class_names.is_empty(), metadata.palette.is_some());
     // GeoJSON numbers are read in double precision, so 64-bit integers are written as strings,
     // which are exact.

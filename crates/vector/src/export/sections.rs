@@ -72,7 +72,7 @@ impl FromStr for SectionPlanes {
         // The quotient of doubles may be off by one from the exact number of steps.
         let quotient = ((to - from) / step).floor();
         if !(step > 0.0 && from <= to && quotient < f64::from(u32::MAX - 1)) {
-            let expected = "FROM..TO/STEP with a step above 0, and less than 2^32 steps";
+            let expected = "FROM..TO/STEP with a step above 0, and fewer than 2^32 steps";
             return Err(Error::invalid("planes", text, expected));
         }
         let near = quotient as i64 - 1..=quotient as i64 + 1;
@@ -103,8 +103,8 @@ pub struct SectionSummary {
 /// use spinney::export::VectorFormat;
 /// use spinney::raw::export::vector::export_section;
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let [mesh, path, out] = ["tetrahedron.off", "tetrahedron.goblin", "slices.csv"].map(|name| folder.path().join(name));
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let [mesh, path, out] = ["tetrahedron.off", "tetrahedron.goblin", "slices.csv"].map(|name| directory.path().join(name));
 /// # let text = "OFF\n4 4 0\n0 0 0\n6 0 0\n0 6 0\n0 0 6\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
 /// # std::fs::write(&mesh, text).unwrap();
 /// # import_exact(open_all(&[mesh], 64 << 20)?, &ExactOptions::new(), Output::create(&path)?, &())?;
@@ -207,12 +207,12 @@ mod tests {
             assert_eq!(read(text).unwrap().count(), count, "{text}");
         }
         for wrong in ["z", "z=", "w=1", "z=nan", "z=0..1", "plane=1,2,3", "plane=1,2,3,4,5", "z=1..inf/1"] {
-            let told = read(wrong).unwrap_err().to_string();
-            assert!(told.contains(wrong) && told.contains("FROM..TO/STEP, or plane="), "{told}");
+            let error = read(wrong).unwrap_err().to_string();
+            assert!(error.contains(wrong) && error.contains("FROM..TO/STEP, or plane="), "{error}");
         }
         for wrong in ["z=0..1/0", "z=1..0/1", "z=0..1/-1", "z=0..1/1e-12"] {
-            let told = read(wrong).unwrap_err().to_string();
-            assert!(told.contains(wrong) && told.contains("a step above 0"), "{told}");
+            let error = read(wrong).unwrap_err().to_string();
+            assert!(error.contains(wrong) && error.contains("a step above 0"), "{error}");
         }
     }
 }

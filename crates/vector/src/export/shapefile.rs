@@ -30,7 +30,7 @@ const MOST: u64 = 2 * i32::MAX as u64;
 
 pub(super) struct Shapefile {
     shapes: Output,
-    places: Output,
+    index_file: Output,
     table: Output,
     /// Small sidecar files.
     others: Vec<Output>,
@@ -55,33 +55,32 @@ pub(super) fn definition(crs: &Crs) -> Option<String> {
 impl Shapefile {
     pub(super) fn new(shapes: Output, layer: VectorLayer) -> Result<Shapefile> {
         if !shapes.is_file() {
-            let advice = "give the name of a file: there are others beside it";
+            let advice = "write to a named file: a shapefile consists of several files";
             return Err(Error::unsupported(shapes.path(), "writing a shapefile to a stream", advice));
         }
         // Strings in the table are too short for one number per segment.
         let has_lists = layer.attributes.iter().any(|(_, kind)| *kind == AttributeType::PerSegment);
         if matches!(layer.kind, None | Some(GeometryKind::Point)) || has_lists {
-            let found =
-                "a shapefile of features of several kinds, of points, or with numbers for each segment";
+            let found = "a shapefile of points, of several geometry types, or with numbers per segment";
             return Err(Error::unsupported(shapes.path(), found, "choose another format"));
         }
-        let beside = |ending: &str| shapes.access().create(&shapes.path().with_extension(ending));
-        let (places, table) = (beside("shx")?, beside("dbf")?);
+        let sidecar = |ending: &str| shapes.access().create(&shapes.path().with_extension(ending));
+        let (index_file, table) = (sidecar("shx")?, sidecar("dbf")?);
         let mut others = Vec::new();
         let definition = layer.crs.as_ref().and_then(definition);
         for (ending, text) in [("cpg", Some("UTF-8")), ("prj", definition.as_deref())] {
             if let Some(text) = text {
-                let mut other = beside(ending)?;
+                let mut other = sidecar(ending)?;
                 write(&mut other, text.as_bytes())?;
                 others.push(other);
             }
         }
         let (low, high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         let mut file =
-            Shapefile { shapes, places, table, others, layer, length: HEADER, count: 0, low, high };
+            Shapefile { shapes, index_file, table, others, layer, length: HEADER, count: 0, low, high };
         let header = file.header(0);
         write(&mut file.shapes, &header)?;
-        write(&mut file.places, &header)?;
+        write(&mut file.index_file, &header)?;
         let header = file.table_header()?;
         write(&mut file.table, &header)?;
         Ok(file)
@@ -136,8 +135,8 @@ impl Shapefile {
 
     /// Writes a feature without a geometry.
     fn write_null(&mut self, attributes: &[AttributeValue<'_>]) -> Result<()> {
-        let place = self.length;
-        if place + 12 > MOST {
+        let offset = self.length;
+        if offset + 12 > MOST {
             return Err(self.too_large());
         }
         self.length += 12;
@@ -146,7 +145,7 @@ impl Shapefile {
         bytes.extend_from_slice(&2u32.to_be_bytes());
         bytes.extend_from_slice(&0u32.to_le_bytes());
         write(&mut self.shapes, &bytes)?;
-        write(&mut self.places, [(place / 2) as u32, 2].map(u32::to_be_bytes).as_flattened())?;
+        write(&mut self.index_file, [(offset / 2) as u32, 2].map(u32::to_be_bytes).as_flattened())?;
         self.write_attributes(attributes)
     }
 
@@ -158,7 +157,7 @@ impl Shapefile {
         let mut row = vec![b' '];
         for (value, (_, kind)) in attributes.iter().zip(&self.layer.attributes) {
             let (_, width, _) = field(*kind);
-            let field = match value.told() {
+            let field = match value.finite_or_none() {
                 AttributeValue::Number(number) => {
                     let short = number.to_string();
                     // The shortest form with an exponent always fits, and is exact.
@@ -241,8 +240,8 @@ impl FormatWriter for Shapefile {
         }
         let heights = if self.layer.has_z { 16 + 8 * count as u128 } else { 0 };
         let bytes = 44 + 4 * parts as u128 + 16 * count as u128 + heights;
-        let place = self.length;
-        if u128::from(place) + 8 + bytes > u128::from(MOST) {
+        let offset = self.length;
+        if u128::from(offset) + 8 + bytes > u128::from(MOST) {
             return Err(self.too_large());
         }
         let bytes = bytes as u64;
@@ -286,8 +285,8 @@ impl FormatWriter for Shapefile {
                 write(&mut self.shapes, bytes.as_flattened())?;
             }
         }
-        let index = [(place / 2) as u32, (bytes / 2) as u32].map(u32::to_be_bytes);
-        write(&mut self.places, index.as_flattened())?;
+        let index = [(offset / 2) as u32, (bytes / 2) as u32].map(u32::to_be_bytes);
+        write(&mut self.index_file, index.as_flattened())?;
         self.low = std::array::from_fn(|axis| self.low[axis].min(low[axis]));
         self.high = std::array::from_fn(|axis| self.high[axis].max(high[axis]));
         self.write_attributes(attributes)
@@ -297,13 +296,13 @@ impl FormatWriter for Shapefile {
         write(&mut self.table, b"\x1a")?;
         let headers =
             [self.header(self.length), self.header(HEADER + 8 * u64::from(self.count)), self.table_header()?];
-        let Shapefile { shapes, places, table, others, .. } = *self;
-        let mut files = [shapes, places, table];
+        let Shapefile { shapes, index_file, table, others, .. } = *self;
+        let mut files = [shapes, index_file, table];
         for (file, header) in files.iter_mut().zip(&headers) {
             let written = file.overwrite(0, header);
             written.map_err(|cause| Error::io(file.path(), "write")(cause))?;
         }
-        let [shapes, places, table] = files;
-        commit_all(others.into_iter().chain([places, table, shapes]).collect())
+        let [shapes, index_file, table] = files;
+        commit_all(others.into_iter().chain([index_file, table, shapes]).collect())
     }
 }

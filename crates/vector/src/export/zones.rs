@@ -27,12 +27,12 @@ struct Column {
     /// Index of the layer, and of its channel.
     layer: usize,
     channel: usize,
-    answer: Answer,
+    statistic: Statistic,
     kind: AttributeType,
 }
 
 /// Statistic of a column.
-enum Answer {
+enum Statistic {
     Measure(ZoneMeasure),
     /// Quantile, by its index in the request.
     Quantile(usize),
@@ -61,12 +61,12 @@ enum Answer {
 /// use spinney::{Coordinates, Output};
 /// use spinney::query::EdgeRule;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let (path, table) = (folder.path().join("parcels.geojson"), folder.path().join("parcels.csv"));
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let (path, table) = (directory.path().join("parcels.geojson"), directory.path().join("parcels.csv"));
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;
-/// let [low, high] = map.metadata().frame.world_box(&map.header().picture());
+/// let [low, high] = map.metadata().frame.world_box(&map.header().extent_bounds());
 /// let ring = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], low[1]]];
-/// std::fs::write(&path, format!(r#"{{"type":"Polygon","coordinates":[{ring:?}]}}"#)).unwrap();
+/// std::fs::write(&path, format!(r#"{{"type":"Polygon","crs":null,"coordinates":[{ring:?}]}}"#)).unwrap();
 /// let reader = PolygonReader::open(&path, &FeatureOptions::default())?;
 /// let (request, output) = (EdgeRule::Area.into(), Output::create(&table)?);
 /// let count = export_zones(reader, Some(&Coordinates::World), &[&map], &request, output, VectorFormat::Csv, &())?;
@@ -94,8 +94,8 @@ pub fn export_zones(
     let (mut output, mut writer, mut count) = (Some(output), None, 0u64);
     while let Some(layer) = reader.next_layer().map_err(|error| in_file(reader.path(), error))? {
         if let Some(output) = output.take() {
-            let told = (&schema, &layer);
-            writer = Some(ZoneWriter::create(output, format, told, trees, request, progress)?);
+            let first = (&schema, &layer);
+            writer = Some(ZoneWriter::create(output, format, first, trees, request, progress)?);
         }
         zones.each(&layer, progress, &mut |number, zone| {
             count += 1;
@@ -105,7 +105,7 @@ pub fn export_zones(
     zones.finish(progress)?;
     match writer {
         Some(writer) => writer.finish(progress).map(|()| count),
-        None => Err(Error::invalid(format!("{}: features", reader.path().display()), "none", "some")),
+        None => Err(Error::invalid(format!("{}: features", reader.path().display()), "none", "at least one")),
     }
 }
 
@@ -159,9 +159,10 @@ impl ZoneWriter {
             if push_attribute(&mut names, name.clone(), kind)
                 && let Some((unique, _)) = names.last()
             {
-                let told =
-                    format!("`{name}` of the answers is `{unique}`, since features have that attribute");
-                progress.warn(&path, &told);
+                let text = format!(
+                    "statistic `{name}` is written as `{unique}`, since features have an attribute `{name}`"
+                );
+                progress.warn(&path, &text);
             }
         };
         for (name, kind) in &schema.attributes {
@@ -178,11 +179,11 @@ impl ZoneWriter {
                 columns.push(column);
             }
             if columns.len() > MAX_CLASSES + 64 * trees.len() {
-                let found = format!("{} columns of answers", columns.len());
+                let found = format!("a table with {} columns of statistics", columns.len());
                 return Err(Error::unsupported(
                     &path,
                     found,
-                    "choose measures without classes, or print JSON",
+                    "select measures without classes, or print JSON",
                 ));
             }
         }
@@ -195,7 +196,7 @@ impl ZoneWriter {
             has_z: false,
             attributes: names,
             crs: schema.crs.clone(),
-            bounds: bounds_of(&mut parts.iter().flat_map(FeatureParts::corners)),
+            bounds: bounds_of(&mut parts.iter().flat_map(FeatureParts::vertices)),
         };
         let writer = VectorWriter::create(output, format, layer)?;
         Ok(ZoneWriter { writer, path, columns, has_id_column, keeps_ids, with_heights: 0 })
@@ -204,13 +205,13 @@ impl ZoneWriter {
     /// Writes the next feature with its statistics of each layer.
     fn write(&mut self, feature: &Feature, zones: &[ZoneStatistics]) -> Result<()> {
         self.with_heights += u64::from(feature.heights.any());
-        let answers: Vec<FeatureAttribute> =
+        let statistics: Vec<FeatureAttribute> =
             self.columns.iter().map(|column| column.value(&zones[column.layer])).collect();
         let mut values: Vec<AttributeValue<'_>> =
             feature.attributes.iter().map(AttributeValue::from).collect();
         let id = self.has_id_column.then(|| feature.id_attribute());
         values.extend(id.iter().map(AttributeValue::from));
-        values.extend(answers.iter().map(AttributeValue::from));
+        values.extend(statistics.iter().map(AttributeValue::from));
         let geometry = feature.geometry.as_ref().map(FeatureParts::of);
         self.writer.write_feature(&VectorFeature {
             id: feature.id.as_ref().filter(|_| self.keeps_ids),
@@ -223,7 +224,7 @@ impl ZoneWriter {
     fn finish(self, progress: &dyn Progress) -> Result<()> {
         if self.with_heights > 0 {
             let count = self.with_heights;
-            progress.warn(&self.path, &format!("heights and measures of {count} features are left out"));
+            progress.warn(&self.path, &format!("heights and measures of {count} features are dropped"));
         }
         self.writer.finish(progress)
     }
@@ -231,13 +232,13 @@ impl ZoneWriter {
 
 impl Column {
     fn value(&self, zone: &ZoneStatistics) -> FeatureAttribute {
-        let number = match &self.answer {
-            Answer::Measure(measure) => zone.number(*measure, self.channel),
-            Answer::Quantile(place) => {
+        let number = match &self.statistic {
+            Statistic::Measure(measure) => zone.number(*measure, self.channel),
+            Statistic::Quantile(index) => {
                 let values = zone.channels.get(self.channel).and_then(|channel| channel.values.as_ref());
-                values.and_then(|values| values.quantiles.get(*place)).map(|quantile| Number::from(*quantile))
+                values.and_then(|values| values.quantiles.get(*index)).map(|quantile| Number::from(*quantile))
             }
-            Answer::Class(class, area) => {
+            Statistic::Class(class, area) => {
                 let found = zone.classes.iter().find(|(own, _)| own == class);
                 Some(Number::from(found.map_or(0.0, |(_, cells)| cells * area)))
             }
@@ -270,7 +271,7 @@ fn columns_of(
     let header = tree.header();
     let (channels, sample) = (usize::from(header.form.value.channels), header.form.value.sample);
     let counts_classes = header.counts_classes();
-    let is_asked = |measure: &ZoneMeasure| match request.measures.is_empty() {
+    let is_requested = |measure: &ZoneMeasure| match request.measures.is_empty() {
         true => !measure.needs_values() && (*measure != ZoneMeasure::Void),
         false => request.measures.contains(measure),
     };
@@ -286,7 +287,7 @@ fn columns_of(
         _ => format!("{name}_{}", channel + 1),
     };
     let mut columns = Vec::new();
-    for measure in ZoneMeasure::ALL.iter().filter(|measure| is_asked(measure)) {
+    for measure in ZoneMeasure::ALL.iter().filter(|measure| is_requested(measure)) {
         let (kind, of_each) = match measure {
             ZoneMeasure::Count | ZoneMeasure::Void => (cells, false),
             ZoneMeasure::VoidShare | ZoneMeasure::Outside => (AttributeType::Number, false),
@@ -305,18 +306,18 @@ fn columns_of(
             continue;
         }
         for channel in 0..if of_each { channels } else { 1 } {
-            let answer = Answer::Measure(*measure);
-            columns.push((of_channel(measure.name(), channel), Column { layer, channel, answer, kind }));
+            let statistic = Statistic::Measure(*measure);
+            columns.push((of_channel(measure.name(), channel), Column { layer, channel, statistic, kind }));
         }
     }
-    for (place, quantile) in request.quantiles.iter().enumerate() {
+    for (index, quantile) in request.quantiles.iter().enumerate() {
         for channel in 0..channels {
             let column =
-                Column { layer, channel, answer: Answer::Quantile(place), kind: AttributeType::Number };
+                Column { layer, channel, statistic: Statistic::Quantile(index), kind: AttributeType::Number };
             columns.push((of_channel(&quantile_name(*quantile), channel), column));
         }
     }
-    if counts_classes && is_asked(&ZoneMeasure::Classes) {
+    if counts_classes && is_requested(&ZoneMeasure::Classes) {
         let frame = &tree.metadata().frame;
         let (name, measure) = match header.form.axes() {
             3 => ("volume", frame.cell_volume()),
@@ -325,7 +326,7 @@ fn columns_of(
         let (name, area) = measure.map_or(("cells", 1.0), |each| (name, each));
         let classes = tree.statistics(None, progress)?.classes;
         if classes.len() > MAX_CLASSES {
-            let advice = "choose measures without classes, or print JSON";
+            let advice = "select measures without classes, or print JSON";
             return Err(Error::unsupported(
                 tree.name(),
                 format!("{} classes as columns", classes.len()),
@@ -336,7 +337,7 @@ fn columns_of(
             let kind = if name == "cells" { cells } else { AttributeType::Number };
             columns.push((
                 format!("{name}_{class}"),
-                Column { layer, channel: 0, answer: Answer::Class(class, area), kind },
+                Column { layer, channel: 0, statistic: Statistic::Class(class, area), kind },
             ));
         }
     }

@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 
 use super::feature::{
     AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
-    Wanted,
+    RequestedAttributes,
 };
 use super::heights::Heights;
 use super::rows::Rows;
 use super::{wkb, wkt};
 use crate::export::GeometryKind;
+use spinney_base::io::shown;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
@@ -24,7 +25,7 @@ const MAX_COLUMNS: usize = 4096;
 
 /// Columns of the geometry.
 #[derive(Clone, Copy)]
-enum Place {
+enum GeometryColumns {
     Geometry(usize),
     Point { columns: [usize; 2] },
 }
@@ -33,12 +34,13 @@ pub(super) struct Csv {
     rows: Rows,
     path: PathBuf,
     schema: FeatureSchema,
-    place: Place,
+    geometry_columns: GeometryColumns,
     /// Column indices of the attributes.
     columns: Vec<usize>,
     /// Number of all columns.
     width: usize,
     number: u64,
+    assumes_degrees: bool,
 }
 
 impl Csv {
@@ -46,22 +48,27 @@ impl Csv {
         file: File,
         path: &Path,
         options: &FeatureOptions,
-        wanted: &mut Wanted,
+        wanted: &mut RequestedAttributes,
     ) -> Result<Csv> {
         let mut rows = Rows::open(file, path, options.memory)?;
         rows.step(1)?;
         let width = rows.len();
         if width > MAX_COLUMNS {
-            return Err(Error::unsupported(path, format!("a table of {width} columns"), "leave some out"));
+            return Err(Error::unsupported(
+                path,
+                format!("a table of {width} columns"),
+                "remove some of them",
+            ));
         }
         let heading = |index: usize| rows.field(index).0.trim_start_matches('\u{feff}').trim().to_owned();
         let names: Vec<String> = (0..width).map(heading).collect();
-        let (place, degrees) = place_of(&names).ok_or_else(|| {
+        let (geometry_columns, degrees) = geometry_columns_of(&names).ok_or_else(|| {
             let found = format!("the columns {}", names.join(", ").chars().take(400).collect::<String>());
-            let expected = "a geometry in a column wkt, wkb, geometry, geom or the_geom, or a point in x and y or lon and lat";
-            Error::corrupt(path, "first row", found, expected)
+            let expected = "a geometry column wkt, wkb, geometry, geom or the_geom, or coordinate columns x and y, or lon and lat";
+            Error::invalid(format!("{}: first row", shown(path)), found, expected)
         })?;
-        let is_attribute = |index: &usize| !matches!(place, Place::Geometry(own) if own == *index);
+        let is_attribute =
+            |index: &usize| !matches!(geometry_columns, GeometryColumns::Geometry(own) if own == *index);
         let columns: Vec<usize> =
             (0..width).filter(is_attribute).filter(|index| wanted.takes(&names[*index])).collect();
         // Column types, and the coordinate system that geometries may specify.
@@ -74,10 +81,14 @@ impl Csv {
                     *kind = Some(kind.map_or(kind_of(&text), |known| joined(known, kind_of(&text))));
                 }
             }
-            if let Place::Geometry(column) = place {
+            if let GeometryColumns::Geometry(column) = geometry_columns {
                 let own = system_of(&rows.field(column).0).map_err(|found| wrong(path, number, found))?;
                 if number > 1 && own != system {
-                    return Err(wrong(path, number, "another coordinate system than before".into()));
+                    return Err(wrong(
+                        path,
+                        number,
+                        "a coordinate system that differs from that of earlier features".into(),
+                    ));
                 }
                 system = own;
             }
@@ -88,7 +99,7 @@ impl Csv {
         let crs = match (system, degrees) {
             (Some(number), _) => Some(Crs::epsg(number)),
             (None, true) => Some(Crs::epsg(4326)),
-            (None, false) => super::beside::definition(path)?,
+            (None, false) => super::sidecar::definition(path)?,
         };
         let attributes = columns.iter().zip(kinds);
         let schema = FeatureSchema {
@@ -97,15 +108,16 @@ impl Csv {
             attributes: attributes
                 .map(|(column, kind)| (names[*column].clone(), kind.unwrap_or(AttributeType::Text)))
                 .collect(),
-            kind: matches!(place, Place::Point { .. }).then_some(GeometryKind::Point),
+            kind: matches!(geometry_columns, GeometryColumns::Point { .. }).then_some(GeometryKind::Point),
             count: Some(number - 1),
         };
-        Ok(Csv { rows, path: path.into(), schema, place, columns, width, number: 1 })
+        let (path, assumes_degrees) = (path.into(), degrees && system.is_none());
+        Ok(Csv { rows, path, schema, geometry_columns, columns, width, number: 1, assumes_degrees })
     }
 
     fn geometry(&self) -> std::result::Result<(Option<FeatureGeometry>, Heights), String> {
-        match self.place {
-            Place::Geometry(column) => {
+        match self.geometry_columns {
+            GeometryColumns::Geometry(column) => {
                 let text = self.rows.field(column).0;
                 match text.trim() {
                     "" => Ok((None, Heights::default())),
@@ -115,7 +127,7 @@ impl Csv {
                     },
                 }
             }
-            Place::Point { columns } => {
+            GeometryColumns::Point { columns } => {
                 let [x, y] = columns.map(|column| self.rows.field(column).0);
                 if x.trim().is_empty() && y.trim().is_empty() {
                     return Ok((None, Heights::default()));
@@ -130,22 +142,19 @@ impl Csv {
 }
 
 fn wrong(path: &Path, number: u64, found: String) -> Error {
-    Error::corrupt(
-        path,
-        format!("feature {number}"),
-        found,
-        "geometries in well-known text or binary, or points",
-    )
+    Error::corrupt(path, format!("feature {number}"), found, "a geometry in WKT or WKB, or a point")
 }
 
 /// Finds the geometry columns of a table, and returns whether they are in degrees.
-fn place_of(names: &[String]) -> Option<(Place, bool)> {
+fn geometry_columns_of(names: &[String]) -> Option<(GeometryColumns, bool)> {
     let column = |wanted: &str| names.iter().position(|name| name.eq_ignore_ascii_case(wanted));
-    let pair = |[x, y]: [&str; 2]| Some(Place::Point { columns: [column(x)?, column(y)?] });
-    let geometry =
-        GEOMETRIES.iter().find_map(|name| column(name)).map(|column| (Place::Geometry(column), false));
-    let degrees = || DEGREES.into_iter().find_map(pair).map(|place| (place, true));
-    geometry.or_else(|| pair(PLANE).map(|place| (place, false))).or_else(degrees)
+    let pair = |[x, y]: [&str; 2]| Some(GeometryColumns::Point { columns: [column(x)?, column(y)?] });
+    let geometry = GEOMETRIES
+        .iter()
+        .find_map(|name| column(name))
+        .map(|column| (GeometryColumns::Geometry(column), false));
+    let degrees = || DEGREES.into_iter().find_map(pair).map(|geometry_columns| (geometry_columns, true));
+    geometry.or_else(|| pair(PLANE).map(|geometry_columns| (geometry_columns, false))).or_else(degrees)
 }
 
 /// Returns the EPSG code that a geometry specifies.
@@ -191,12 +200,16 @@ impl FeatureReader for Csv {
         &self.schema
     }
 
+    fn assumes_degrees(&self) -> bool {
+        self.assumes_degrees
+    }
+
     fn next(&mut self) -> Result<Option<Feature>> {
         if !self.rows.step(self.number)? {
             return Ok(None);
         }
         if self.rows.len() > self.width {
-            let found = format!("{} fields, and {} columns", self.rows.len(), self.width);
+            let found = format!("{} fields for {} columns", self.rows.len(), self.width);
             return Err(wrong(&self.path, self.number, found));
         }
         let (geometry, heights) = self.geometry().map_err(|found| wrong(&self.path, self.number, found))?;

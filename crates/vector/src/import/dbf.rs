@@ -4,9 +4,9 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use super::beside;
 use super::encoding::TextEncoding;
-use super::feature::{AttributeType, FeatureAttribute, Wanted};
+use super::feature::{AttributeType, FeatureAttribute, RequestedAttributes};
+use super::sidecar;
 use spinney_base::{Error, Result};
 
 /// Table whose rows are read in sequence.
@@ -32,13 +32,18 @@ struct Column {
 
 impl Table {
     /// Opens the table of a shapefile; `None` if it does not exist.
-    pub(super) fn beside(path: &Path, wanted: &mut Wanted) -> Result<Option<Table>> {
-        let Some((file, table)) = beside::open(path, "dbf")? else { return Ok(None) };
-        let named = beside::text(path, "cpg")?;
+    pub(super) fn open_sidecar(path: &Path, wanted: &mut RequestedAttributes) -> Result<Option<Table>> {
+        let Some((file, table)) = sidecar::open(path, "dbf")? else { return Ok(None) };
+        let named = sidecar::text(path, "cpg")?;
         Table::open(file, &table, named.as_deref(), wanted).map(Some)
     }
 
-    fn open(file: File, path: &Path, encoding: Option<&str>, wanted: &mut Wanted) -> Result<Table> {
+    fn open(
+        file: File,
+        path: &Path,
+        encoding: Option<&str>,
+        wanted: &mut RequestedAttributes,
+    ) -> Result<Table> {
         let mut input = BufReader::with_capacity(1 << 16, file);
         let mut head = [0; 32];
         let cut = |place: &str, cause: std::io::Error| match cause.kind() {
@@ -60,12 +65,12 @@ impl Table {
         {
             let name = field[..11].split(|byte| *byte == 0).next().unwrap_or_default();
             let wrong = |found: String| {
-                Error::corrupt(path, format!("column {}", index + 1), found, "one of dBASE's")
+                Error::corrupt(path, format!("column {}", index + 1), found, "a column type of dBASE")
             };
             let name = encoding.decode(name).map_err(&wrong)?.trim().to_owned();
             let end = begin + usize::from(field[16]);
             if end > width {
-                return Err(wrong(format!("a field up to byte {end} of rows of {width}")));
+                return Err(wrong(format!("a field that ends at byte {end} of rows of {width} bytes")));
             }
             if wanted.takes(&name) {
                 let kind = match (field[11], field[16], field[17]) {
@@ -76,11 +81,7 @@ impl Table {
                     (other, ..) => {
                         let found =
                             format!("the attribute {name}, of type `{}` of dBASE,", other.escape_ascii());
-                        return Err(Error::unsupported(
-                            path,
-                            found,
-                            "choose the attributes that are needed, without it",
-                        ));
+                        return Err(Error::unsupported(path, found, "select other attributes"));
                     }
                 };
                 columns.push(Column { name, letter: field[11], begin, end, kind });
@@ -88,12 +89,7 @@ impl Table {
             begin = end;
         }
         if width == 0 && rows > 0 {
-            return Err(Error::corrupt(
-                path,
-                "header",
-                "rows without bytes",
-                "the mark of what is deleted at least",
-            ));
+            return Err(Error::corrupt(path, "header", "rows without bytes", "at least the deletion flag"));
         }
         Ok(Table { input, path: path.into(), columns, encoding, rows, row: vec![0; width] })
     }

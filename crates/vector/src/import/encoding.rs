@@ -85,7 +85,7 @@ impl TextEncoding {
             0xca => 1254,
             0xcb => 1253,
             0xcc => 1257,
-            other => return TextEncoding::Other(format!("number {other} of dBASE's languages")),
+            other => return TextEncoding::Other(format!("with dBASE language number {other}")),
         };
         TextEncoding::numbered(page).unwrap_or(TextEncoding::Unknown)
     }
@@ -102,9 +102,7 @@ impl TextEncoding {
             }
             (TextEncoding::Dos(_) | TextEncoding::Other(_), Ok(text)) if text.is_ascii() => Ok(text.into()),
             (TextEncoding::Dos(table), _) => Ok(table.decode_string_lossy(bytes).into()),
-            (TextEncoding::Other(name), _) => {
-                Err(format!("text in the encoding {name}, which is not known here"))
-            }
+            (TextEncoding::Other(name), _) => Err(format!("text in the unknown encoding {name}")),
         }
     }
 }

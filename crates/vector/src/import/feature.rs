@@ -21,7 +21,7 @@
 
 use std::collections::BTreeSet;
 use std::io::Cursor;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
@@ -32,6 +32,7 @@ use super::geojson::GeoJson;
 pub use super::heights::Heights;
 pub use crate::export::AttributeType;
 use crate::export::GeometryKind;
+use crate::zonal::in_file;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, PolygonParts};
 
@@ -131,7 +132,7 @@ impl FeatureGeometry {
                 parts.retain(|part| part.iter().any(|ring| !ring.is_empty()));
                 let mut rings = parts.iter().flatten();
                 if let Some(ring) = rings.clone().find(|ring| ring.len() < 3) {
-                    return Err(format!("a ring of {} corners", ring.len()));
+                    return Err(format!("a ring of {} vertices", ring.len()));
                 }
                 rings.all(|ring| all_finite(ring))
             }
@@ -140,7 +141,7 @@ impl FeatureGeometry {
                 return members.collect::<Result<_, _>>().map(FeatureGeometry::Collection);
             }
         };
-        if is_finite { Ok(self) } else { Err("a coordinate that is no number".into()) }
+        if is_finite { Ok(self) } else { Err("a coordinate that is not a number".into()) }
     }
 }
 
@@ -251,6 +252,12 @@ pub trait FeatureReader {
     /// If the file cannot be read, violates the rules of its format, or the feature exceeds the
     /// memory limit, or has an invalid geometry. Errors contain the feature's number, from 1.
     fn next(&mut self) -> Result<Option<Feature>>;
+
+    /// Returns whether the coordinate system is not specified, but WGS 84 by the rules of the
+    /// format: see [`FeatureOptions::check_degrees`].
+    fn assumes_degrees(&self) -> bool {
+        false
+    }
 }
 
 /// Options of reading features.
@@ -264,11 +271,21 @@ pub struct FeatureOptions {
     pub filter: FeatureFilter,
     /// Names of the attributes to read, in this order; `None` for all.
     pub attributes: Option<Vec<String>>,
+    /// Whether to reject coordinates that are not degrees in a file that names no coordinate
+    /// system, whose format then means WGS 84 (GeoJSON, and tables with columns `lon` and `lat`).
+    /// False if the caller does not use the system of the file.
+    pub check_degrees: bool,
 }
 
 impl Default for FeatureOptions {
     fn default() -> FeatureOptions {
-        FeatureOptions { memory: 256 << 20, layer: None, filter: FeatureFilter::default(), attributes: None }
+        FeatureOptions {
+            memory: 256 << 20,
+            layer: None,
+            filter: FeatureFilter::default(),
+            attributes: None,
+            check_degrees: true,
+        }
     }
 }
 
@@ -279,7 +296,8 @@ impl Default for FeatureOptions {
 ///
 /// # Errors
 /// If it cannot be read, or has another format; if it has several layers, and none or an unknown
-/// one is named; if no feature has a requested attribute.
+/// one is named; if no feature has a requested attribute. Readers fail at coordinates that are not
+/// degrees: see [`FeatureOptions::check_degrees`].
 pub fn open_features(path: &Path, options: &FeatureOptions) -> Result<Box<dyn FeatureReader>> {
     open_with(path, options, None)
 }
@@ -290,9 +308,9 @@ pub(super) fn open_with(
     options: &FeatureOptions,
     more: Option<&str>,
 ) -> Result<Box<dyn FeatureReader>> {
-    let mut wanted = Wanted::new(options, more);
+    let mut wanted = RequestedAttributes::new(options, more);
     let reader = formats::open(path, options, &mut wanted)?;
-    Selected::of(reader, options, &wanted, more)
+    checked(reader, path, options, &wanted, more)
 }
 
 /// Reads GeoJSON text like a file; `path` is for messages.
@@ -302,13 +320,59 @@ pub(super) fn open_geojson(
     options: &FeatureOptions,
     more: Option<&str>,
 ) -> Result<Box<dyn FeatureReader>> {
-    let mut wanted = Wanted::new(options, more);
+    let mut wanted = RequestedAttributes::new(options, more);
     let reader = GeoJson::open(Box::new(Cursor::new(text)), path, options, &mut wanted)?;
-    Selected::of(Box::new(reader), options, &wanted, more)
+    checked(Box::new(reader), path, options, &wanted, more)
+}
+
+/// Returns a reader of the selected features, whose coordinates are checked if they must be
+/// degrees.
+fn checked(
+    reader: Box<dyn FeatureReader>,
+    path: &Path,
+    options: &FeatureOptions,
+    wanted: &RequestedAttributes,
+    more: Option<&str>,
+) -> Result<Box<dyn FeatureReader>> {
+    let is_checked = options.check_degrees && reader.assumes_degrees();
+    let reader = FilteredReader::of(reader, path, options, wanted, more)?;
+    Ok(if is_checked { Box::new(DegreeReader { reader, path: path.into() }) } else { reader })
+}
+
+/// A reader that fails at coordinates that are not degrees.
+struct DegreeReader {
+    reader: Box<dyn FeatureReader>,
+    path: PathBuf,
+}
+
+impl FeatureReader for DegreeReader {
+    fn schema(&self) -> &FeatureSchema {
+        self.reader.schema()
+    }
+
+    fn next(&mut self) -> Result<Option<Feature>> {
+        let feature = self.reader.next()?;
+        let Some([x, y]) = feature.as_ref().and_then(beyond_degrees) else { return Ok(feature) };
+        let found = format!(
+            "the position {x},{y}, which is not in degrees, in a file that names no coordinate system"
+        );
+        let advice = "say which it is: --crs EPSG:NUMBER (of zones: --in; in Python: crs=), or in the file: `spinney \
+                      transform FILE crs=EPSG:NUMBER -o OUT`; of local coordinates: a member \"crs\": null";
+        Err(Error::unsupported(&self.path, found, advice))
+    }
+}
+
+/// Returns the first position of a feature that is not in degrees.
+fn beyond_degrees(feature: &Feature) -> Option<[f64; 2]> {
+    /// Maximum absolute longitude and latitude. Longitudes may continue across the antimeridian;
+    /// the excess over 90 allows for rounding.
+    const MAX: [f64; 2] = [360.0, 90.000_001];
+    let mut points = feature.geometry.as_ref()?.points();
+    points.find(|[x, y]| x.abs() > MAX[0] || y.abs() > MAX[1]).copied()
 }
 
 /// Attributes to read, and those found in the file.
-pub(super) struct Wanted {
+pub(super) struct RequestedAttributes {
     /// Attributes that are requested or used by a filter; `None` for all.
     names: Option<BTreeSet<String>>,
     /// The first attributes found.
@@ -318,13 +382,13 @@ pub(super) struct Wanted {
 /// Maximum number of known names in an error message.
 const MAX_REMEMBERED: usize = 200;
 
-impl Wanted {
-    pub(super) fn new(options: &FeatureOptions, more: Option<&str>) -> Wanted {
+impl RequestedAttributes {
+    pub(super) fn new(options: &FeatureOptions, more: Option<&str>) -> RequestedAttributes {
         let names = options.attributes.as_ref().map(|chosen| {
             let others = options.filter.names().chain(more).map(str::to_owned);
             others.chain(chosen.iter().cloned()).collect()
         });
-        Wanted { names, known: BTreeSet::new() }
+        RequestedAttributes { names, known: BTreeSet::new() }
     }
 
     /// Returns whether an attribute of the file is to be read.
@@ -342,62 +406,69 @@ impl Wanted {
 
 /// Error for a requested attribute that no feature has.
 pub(super) fn unknown_attribute(name: &str, known: &str) -> Error {
-    let expected = format!("the name of one that a feature has: {known}");
+    let expected = format!("one of the features' attributes: {known}");
     Error::invalid("attribute", format!("{name}, which no feature has"), expected)
 }
 
 /// Selects features and attributes of a reader.
-struct Selected {
+struct FilteredReader {
     reader: Box<dyn FeatureReader>,
     filter: FeatureFilter,
     /// Indices of the attributes used by the filter.
-    asked: Vec<usize>,
+    filter_columns: Vec<usize>,
     /// Indices of the output attributes; `None` for all.
     chosen: Option<Vec<usize>>,
     schema: FeatureSchema,
 }
 
-impl Selected {
+impl FilteredReader {
     fn of(
         reader: Box<dyn FeatureReader>,
+        path: &Path,
         options: &FeatureOptions,
-        wanted: &Wanted,
+        wanted: &RequestedAttributes,
         more: Option<&str>,
     ) -> Result<Box<dyn FeatureReader>> {
         let mut schema = reader.schema().clone();
-        let place =
-            |name: &str| schema.position(name).ok_or_else(|| unknown_attribute(name, &wanted.known()));
-        let asked = options.filter.names().map(place).collect::<Result<Vec<_>>>()?;
+        let unknown = |name: &str| in_file(path, unknown_attribute(name, &wanted.known()));
+        let index = |name: &str| schema.position(name).ok_or_else(|| unknown(name));
+        let filter_columns = options.filter.names().map(index).collect::<Result<Vec<_>>>()?;
         let chosen = match &options.attributes {
             Some(names) => {
                 let more = more.filter(|more| !names.iter().any(|name| name == more));
                 let more = more.and_then(|more| schema.position(more)).map(Ok);
-                let chosen = names.iter().map(|name| place(name)).chain(more);
+                let chosen = names.iter().map(|name| index(name)).chain(more);
                 Some(chosen.collect::<Result<Vec<_>>>()?)
             }
             None => None,
         };
-        if asked.is_empty() && chosen.is_none() {
+        if filter_columns.is_empty() && chosen.is_none() {
             return Ok(reader);
         }
         if let Some(chosen) = &chosen {
-            schema.attributes = chosen.iter().map(|place| schema.attributes[*place].clone()).collect();
+            schema.attributes = chosen.iter().map(|index| schema.attributes[*index].clone()).collect();
         }
-        Ok(Box::new(Selected { reader, filter: options.filter.clone(), asked, chosen, schema }))
+        Ok(Box::new(FilteredReader {
+            reader,
+            filter: options.filter.clone(),
+            filter_columns,
+            chosen,
+            schema,
+        }))
     }
 }
 
-impl FeatureReader for Selected {
+impl FeatureReader for FilteredReader {
     fn schema(&self) -> &FeatureSchema {
         &self.schema
     }
 
     fn next(&mut self) -> Result<Option<Feature>> {
         while let Some(mut feature) = self.reader.next()? {
-            if self.filter.holds(|condition| feature.attributes.get(self.asked[condition])) {
+            if self.filter.holds(|condition| feature.attributes.get(self.filter_columns[condition])) {
                 if let Some(chosen) = &self.chosen {
-                    let value = |place: &usize| {
-                        feature.attributes.get(*place).cloned().unwrap_or(FeatureAttribute::None)
+                    let value = |index: &usize| {
+                        feature.attributes.get(*index).cloned().unwrap_or(FeatureAttribute::None)
                     };
                     feature.attributes = chosen.iter().map(value).collect();
                 }

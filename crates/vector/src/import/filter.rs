@@ -7,7 +7,7 @@ use std::str::FromStr;
 use super::feature::FeatureAttribute;
 use spinney_base::{Error, Result};
 pub use spinney_points::Relation;
-use spinney_points::{PointAttribute, PointCondition, position};
+use spinney_points::{PointAttribute, PointCondition, attribute_index};
 
 /// Comparisons of attributes, all of which must hold.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -128,10 +128,10 @@ impl FeatureFilter {
     pub fn for_points(&self, attributes: &[PointAttribute]) -> Result<Vec<PointCondition>> {
         let condition = |condition: &AttributeCondition| {
             let number = condition.value.parse().map_err(|_| {
-                let expected = format!("a number, with which {} is compared", condition.name);
+                let expected = format!("a number to compare `{}` with", condition.name);
                 Error::invalid("condition", format!("`{condition}`"), expected)
             })?;
-            let attribute = position(attributes, &condition.name)?;
+            let attribute = attribute_index(attributes, &condition.name)?;
             Ok(PointCondition { attribute, relation: condition.relation, number })
         };
         self.conditions.iter().map(condition).collect()
@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_compare_as_numbers_and_texts_as_texts() {
+    fn numbers_and_strings_compare_by_type() {
         let holds =
             |text: &str, value: &FeatureAttribute| text.parse::<AttributeCondition>().unwrap().holds(value);
         let (ten, half) = (FeatureAttribute::Integer(10), FeatureAttribute::Number(0.5));

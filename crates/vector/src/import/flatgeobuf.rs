@@ -10,7 +10,7 @@ use flatgeobuf::{
 
 use super::feature::{
     AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
-    Wanted,
+    RequestedAttributes,
 };
 use super::heights::Heights;
 use super::wkb::MAX_DEPTH;
@@ -57,11 +57,11 @@ impl FlatGeobuf {
         file: File,
         path: &Path,
         options: &FeatureOptions,
-        wanted: &mut Wanted,
+        wanted: &mut RequestedAttributes,
     ) -> Result<FlatGeobuf> {
         let length = file.metadata().map_err(Error::io(path, "read"))?.len();
         let mut input = BufReader::with_capacity(1 << 16, file);
-        let wrong = |found: String| Error::corrupt(path, "header", found, "that of a FlatGeobuf file");
+        let wrong = |found: String| Error::corrupt(path, "header", found, "the header of a FlatGeobuf file");
         let mut head = [0; 12];
         input.read_exact(&mut head).map_err(Error::io(path, "read the header"))?;
         let bytes = u64::from(u32::from_le_bytes([head[8], head[9], head[10], head[11]]));
@@ -131,13 +131,13 @@ impl FlatGeobuf {
         }
         let mut size = [0; 4];
         if self.left < 4 {
-            return Err(self.wrong(format!("{} bytes at the end of the file", self.left)));
+            return Err(self.wrong(format!("{} bytes before the end of the file", self.left)));
         }
         self.input.read_exact(&mut size).map_err(Error::io(&self.path, "read"))?;
         let size = u64::from(u32::from_le_bytes(size));
         self.left -= 4;
         if size > self.left {
-            return Err(self.wrong(format!("{size} bytes, and {} in the rest of the file", self.left)));
+            return Err(self.wrong(format!("a size of {size} bytes with {} left in the file", self.left)));
         }
         if size.saturating_mul(BYTES_FOR_BYTE) > self.memory {
             return Err(Error::TooLarge {
@@ -145,7 +145,7 @@ impl FlatGeobuf {
                 what: format!("feature {}", self.number),
                 needed: size.saturating_mul(BYTES_FOR_BYTE),
                 limit: self.memory,
-                advice: "allow more, or divide the feature".into(),
+                advice: "allow more memory, or divide the feature".into(),
             });
         }
         self.left -= size;
@@ -164,7 +164,7 @@ impl FlatGeobuf {
     fn feature(&self) -> Parsed<Feature> {
         let feature = size_prefixed_root_as_feature(&self.bytes).map_err(|error| error.to_string())?;
         if feature.columns().is_some_and(|columns| !columns.is_empty()) {
-            return Err("columns of its own".into());
+            return Err("columns that differ from the header's".into());
         }
         // Parts may be referenced more than once, so their total is limited.
         let mut left = self.bytes.len() / 8 + 1;
@@ -175,7 +175,8 @@ impl FlatGeobuf {
         let mut bytes = feature.properties().map(|own| own.bytes()).unwrap_or_default();
         while !bytes.is_empty() {
             let column = usize::from(u16::from_le_bytes(take(&mut bytes)?));
-            let (kind, place) = *self.columns.get(column).ok_or_else(|| format!("a column {column}"))?;
+            let (kind, place) =
+                *self.columns.get(column).ok_or_else(|| format!("an unknown column {column}"))?;
             let value = value(kind, &mut bytes)?;
             if let Some(place) = place {
                 attributes[place] = value;
@@ -253,7 +254,7 @@ fn kind_of(kind: ColumnType) -> AttributeType {
 }
 
 fn take<const BYTES: usize>(bytes: &mut &[u8]) -> Parsed<[u8; BYTES]> {
-    let (taken, rest) = bytes.split_first_chunk().ok_or("fewer bytes than its attributes have")?;
+    let (taken, rest) = bytes.split_first_chunk().ok_or("truncated attributes")?;
     *bytes = rest;
     Ok(*taken)
 }
@@ -278,7 +279,7 @@ fn value(kind: ColumnType, bytes: &mut &[u8]) -> Parsed<FeatureAttribute> {
         ColumnType::Double => Ok(FeatureAttribute::Number(f64::from_le_bytes(take(bytes)?))),
         ColumnType::String | ColumnType::Json | ColumnType::DateTime | ColumnType::Binary => {
             let size = u32::from_le_bytes(take(bytes)?) as usize;
-            let (own, rest) = bytes.split_at_checked(size).ok_or("fewer bytes than its texts have")?;
+            let (own, rest) = bytes.split_at_checked(size).ok_or("truncated strings")?;
             *bytes = rest;
             match kind {
                 ColumnType::Binary => {
@@ -302,10 +303,10 @@ fn geometry_of(
     let kind = if own.type_() == GeometryType::Unknown { kind } else { own.type_() };
     let members = || own.parts().into_iter().flatten();
     if own.parts().is_some() && depth == MAX_DEPTH {
-        return Err(format!("geometries in each other, {depth} deep"));
+        return Err(format!("geometries nested {depth} deep"));
     }
     let mut take = |count: usize| {
-        *left = left.checked_sub(count).ok_or("points that are told more than once")?;
+        *left = left.checked_sub(count).ok_or("more points than the feature has bytes for")?;
         Ok::<(), String>(())
     };
     match kind {
@@ -334,8 +335,8 @@ fn geometry_of(
             }
             Ok(Some(FeatureGeometry::Collection(found)))
         }
-        GeometryType::PolyhedralSurface | GeometryType::TIN => Err("a surface of faces in space".into()),
-        GeometryType(8..=14) => Err("a curve (ogr2ogr -nlt CONVERT_TO_LINEAR makes lines of curves)".into()),
+        GeometryType::PolyhedralSurface | GeometryType::TIN => Err("a 3D surface".into()),
+        GeometryType(8..=14) => Err("a curve (convert it to lines: ogr2ogr -nlt CONVERT_TO_LINEAR)".into()),
         GeometryType(other) => Err(format!("a geometry of type {other}")),
     }
 }
@@ -344,7 +345,7 @@ fn points(own: &Geometry<'_>, take: &mut dyn FnMut(usize) -> Parsed<()>) -> Pars
     let Some(numbers) = own.xy() else { return Ok(Vec::new()) };
     take(numbers.len() / 2)?;
     if numbers.len() % 2 == 1 {
-        return Err("a point of one number".into());
+        return Err("a point with one coordinate".into());
     }
     Ok((0..numbers.len() / 2).map(|index| [numbers.get(2 * index), numbers.get(2 * index + 1)]).collect())
 }
@@ -375,5 +376,5 @@ fn rings(own: &Geometry<'_>, take: &mut dyn FnMut(usize) -> Parsed<()>) -> Parse
         ring.ok_or_else(|| format!("a ring that ends at point {end} of {}", points.len()))
     };
     let rings: Vec<_> = ends.iter().map(ring).collect::<Parsed<_>>()?;
-    if begin < points.len() { Err("points behind the last ring".into()) } else { Ok(rings) }
+    if begin < points.len() { Err("points after the last ring".into()) } else { Ok(rings) }
 }

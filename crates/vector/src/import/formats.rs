@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 
-use super::feature::{FeatureOptions, FeatureReader, Wanted};
+use super::feature::{FeatureOptions, FeatureReader, RequestedAttributes};
 #[cfg(feature = "flatgeobuf")]
 use super::flatgeobuf;
 #[cfg(feature = "geopackage")]
@@ -17,7 +17,7 @@ use spinney_container::{FIRST_BYTES, OtherFormat};
 pub(super) fn open(
     path: &Path,
     options: &FeatureOptions,
-    wanted: &mut Wanted,
+    wanted: &mut RequestedAttributes,
 ) -> Result<Box<dyn FeatureReader>> {
     let (path, layer) = divided(path);
     let layer = layer.or_else(|| options.layer.clone());
@@ -34,17 +34,18 @@ pub(super) fn open(
         open_flatgeobuf(file, &first, &path, options, wanted)?
     } else if first_sign(&first) == Some(b'{') {
         Box::new(geojson::GeoJson::open(Box::new(file), &path, options, wanted)?)
-    } else if is_table(&path) {
+    } else if is_table(&path) && !(first.contains(&0) && OtherFormat::is_marked(&first)) {
         Box::new(csv::Csv::open(file, &path, options, wanted)?)
     } else {
         let read = "features in GeoJSON, GeoPackage, FlatGeobuf, a shapefile (.shp) or a table (.csv)";
         let found = if first.is_empty() { "nothing" } else { "another format" };
         let other = || Error::corrupt(&path, "first bytes", found, read);
-        return Err(OtherFormat::refuse_unread(&path, &first).unwrap_or_else(other));
+        let marked = || OtherFormat::refuse_content(&path, &first, read);
+        return Err(OtherFormat::refuse_unread(&path, &first).or_else(marked).unwrap_or_else(other));
     };
     match layer {
         Some(layer) if layer != reader.schema().name => {
-            let expected = format!("{}, the only one of the file", reader.schema().name);
+            let expected = format!("{}, the only layer of the file", reader.schema().name);
             Err(Error::invalid("layer", layer, expected))
         }
         _ => Ok(reader),
@@ -102,7 +103,7 @@ fn open_geopackage(
     path: &Path,
     layer: Option<&str>,
     options: &FeatureOptions,
-    wanted: &mut Wanted,
+    wanted: &mut RequestedAttributes,
 ) -> Result<Box<dyn FeatureReader>> {
     Ok(Box::new(geopackage::GeoPackage::open(path, layer, options, wanted)?))
 }
@@ -112,7 +113,7 @@ fn open_geopackage(
     path: &Path,
     _: Option<&str>,
     _: &FeatureOptions,
-    _: &mut Wanted,
+    _: &mut RequestedAttributes,
 ) -> Result<Box<dyn FeatureReader>> {
     Err(Error::unsupported(
         path,
@@ -127,11 +128,11 @@ fn open_flatgeobuf(
     first: &[u8],
     path: &Path,
     options: &FeatureOptions,
-    wanted: &mut Wanted,
+    wanted: &mut RequestedAttributes,
 ) -> Result<Box<dyn FeatureReader>> {
     if !flatgeobuf::is_one(first) {
-        let advice = "write it anew with a newer program (ogr2ogr new.fgb old.fgb)";
-        return Err(Error::unsupported(path, "FlatGeobuf of another version than 3", advice));
+        let advice = "convert it with a newer program (ogr2ogr new.fgb old.fgb)";
+        return Err(Error::unsupported(path, "a FlatGeobuf version other than 3", advice));
     }
     Ok(Box::new(flatgeobuf::FlatGeobuf::open(file, path, options, wanted)?))
 }
@@ -142,7 +143,7 @@ fn open_flatgeobuf(
     _: &[u8],
     path: &Path,
     _: &FeatureOptions,
-    _: &mut Wanted,
+    _: &mut RequestedAttributes,
 ) -> Result<Box<dyn FeatureReader>> {
     Err(Error::unsupported(
         path,

@@ -14,7 +14,7 @@ use serde_json::value::RawValue;
 
 use super::feature::{
     AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
-    Wanted,
+    RequestedAttributes,
 };
 use super::heights::Heights;
 use super::scanner::{Input, List, Record, ScannedItem, Scanner};
@@ -35,6 +35,7 @@ pub(super) struct GeoJson {
     columns: Columns,
     /// Number of the next feature, from 1.
     number: u64,
+    assumes_degrees: bool,
 }
 
 impl GeoJson {
@@ -42,10 +43,10 @@ impl GeoJson {
         input: Box<dyn Input>,
         path: &Path,
         options: &FeatureOptions,
-        wanted: &mut Wanted,
+        wanted: &mut RequestedAttributes,
     ) -> Result<GeoJson> {
         let mut scanner = Scanner::new(input, path, options.memory);
-        let mut sketch = Sketch::default();
+        let mut sketch = GeoJsonSurvey::default();
         let (mut record, mut number) = (Record::default(), 1);
         while let Some(step) = scanner.step(&mut record)? {
             let is_feature = sketch.add(step, &record, wanted).map_err(|found| wrong(path, number, found))?;
@@ -64,7 +65,8 @@ impl GeoJson {
             kind: sketch.kind.flatten(),
             count: Some(number - 1),
         };
-        Ok(GeoJson { scanner, path: path.into(), schema, columns: sketch.columns, number: 1 })
+        let GeoJsonSurvey { columns, assumes_degrees, .. } = sketch;
+        Ok(GeoJson { scanner, path: path.into(), schema, columns, number: 1, assumes_degrees })
     }
 }
 
@@ -80,6 +82,10 @@ fn wrong(path: &Path, number: u64, found: String) -> Error {
 impl FeatureReader for GeoJson {
     fn schema(&self) -> &FeatureSchema {
         &self.schema
+    }
+
+    fn assumes_degrees(&self) -> bool {
+        self.assumes_degrees
     }
 
     fn next(&mut self) -> Result<Option<Feature>> {
@@ -112,20 +118,22 @@ fn parsed<'t, T: Deserialize<'t>>(text: &'t str) -> Parsed<T> {
 
 /// Result of the first pass.
 #[derive(Default)]
-struct Sketch {
+struct GeoJsonSurvey {
     columns: Columns,
     /// Coordinate system of all documents; the inner `None` if it is unknown in some, the outer one
     /// before the first document.
     crs: Option<Option<Crs>>,
+    /// Whether some documents do not specify it.
+    assumes_degrees: bool,
     name: Option<String>,
     /// Kind of the features; the inner `None` for several kinds, the outer one before the first
     /// feature.
     kind: Option<Option<GeometryKind>>,
 }
 
-impl Sketch {
+impl GeoJsonSurvey {
     /// Adds an item; returns whether it is a feature.
-    fn add(&mut self, step: ScannedItem, record: &Record, wanted: &mut Wanted) -> Parsed<bool> {
+    fn add(&mut self, step: ScannedItem, record: &Record, wanted: &mut RequestedAttributes) -> Parsed<bool> {
         if let ScannedItem::Document(list) = step {
             let kind = record.kind()?;
             let expected = match kind.as_str() {
@@ -134,16 +142,19 @@ impl Sketch {
                 _ => None,
             };
             match (expected, list) {
-                (Some(List::Features), None) => return Err("no array `features`".into()),
-                (Some(List::Geometries), None) => return Err("no array `geometries`".into()),
+                (Some(List::Features), None) => return Err("a collection without an array `features`".into()),
+                (Some(List::Geometries), None) => {
+                    return Err("a collection without an array `geometries`".into());
+                }
                 (expected, list) if expected != list => {
                     return Err(format!("a list of features in a `{kind}`"));
                 }
                 _ => {}
             }
             let crs = system(record.get("crs"))?;
+            self.assumes_degrees |= record.get("crs").is_none();
             if self.crs.get_or_insert_with(|| crs.clone()) != &crs {
-                return Err("another coordinate system than before".into());
+                return Err("a coordinate system that differs from that of earlier features".into());
             }
             if let (Some(_), Some(name)) = (list, record.get("name")) {
                 self.name = parsed(name).ok();
@@ -191,33 +202,38 @@ fn geometry_kind(name: &str) -> Parsed<Option<GeometryKind>> {
 #[derive(Default)]
 struct Columns {
     /// Index of each requested attribute, and `None` for the others.
-    places: HashMap<String, Option<usize>>,
+    indices: HashMap<String, Option<usize>>,
     attributes: Vec<(String, Option<AttributeType>)>,
 }
 
 impl Columns {
     /// Adds a value.
-    fn see(&mut self, name: &str, kind: Option<AttributeType>, wanted: &mut Wanted) -> Parsed<()> {
-        let place = match self.places.get(name) {
-            Some(place) => *place,
+    fn see(
+        &mut self,
+        name: &str,
+        kind: Option<AttributeType>,
+        wanted: &mut RequestedAttributes,
+    ) -> Parsed<()> {
+        let index = match self.indices.get(name) {
+            Some(index) => *index,
             None => {
-                let place = wanted.takes(name).then_some(self.attributes.len());
-                if place.is_some() {
+                let index = wanted.takes(name).then_some(self.attributes.len());
+                if index.is_some() {
                     if self.attributes.len() == MAX_NAMES {
                         return Err(format!(
-                            "more than {MAX_NAMES} names of attributes, of which some can be chosen"
+                            "more than {MAX_NAMES} names of attributes (select some of them)"
                         ));
                     }
                     self.attributes.push((name.into(), None));
                 }
-                if place.is_some() || self.places.len() < 2 * MAX_NAMES {
-                    self.places.insert(name.into(), place);
+                if index.is_some() || self.indices.len() < 2 * MAX_NAMES {
+                    self.indices.insert(name.into(), index);
                 }
-                place
+                index
             }
         };
-        if let (Some(place), Some(kind)) = (place, kind) {
-            let known = &mut self.attributes[place].1;
+        if let (Some(index), Some(kind)) = (index, kind) {
+            let known = &mut self.attributes[index].1;
             *known = Some(known.map_or(kind, |known| known.with(kind)));
         }
         Ok(())
@@ -244,7 +260,7 @@ fn system(crs: Option<&str>) -> Parsed<Option<Crs>> {
     if name.ends_with(":CRS84") || name.ends_with("/CRS84") {
         return Ok(Some(degrees));
     }
-    Crs::parse(name).map(Some).map_err(|error| format!("a member `crs` of another kind: {error}"))
+    Crs::parse(name).map(Some).map_err(|error| format!("a member `crs` that is not supported: {error}"))
 }
 
 fn feature(step: ScannedItem, record: &Record, columns: &Columns) -> Parsed<Feature> {
@@ -262,8 +278,8 @@ fn feature(step: ScannedItem, record: &Record, columns: &Columns) -> Parsed<Feat
     };
     if let Some(properties) = record.get("properties") {
         for (name, value) in parsed::<Option<Pairs>>(properties)?.into_iter().flat_map(|pairs| pairs.0) {
-            if let Some(Some(place)) = columns.places.get(&name) {
-                attributes[*place] = attribute(value.get())?;
+            if let Some(Some(index)) = columns.indices.get(&name) {
+                attributes[*index] = attribute(value.get())?;
             }
         }
     }
@@ -329,7 +345,7 @@ fn geometry(
             let parts: Vec<Vec<Vec<Position>>> = parsed(coordinates()?)?;
             Ok(FeatureGeometry::Polygons(parts.into_iter().map(|part| lines(part, heights)).collect()))
         }
-        "GeometryCollection" if depth == MAX_DEPTH => Err(format!("geometries in each other, {depth} deep")),
+        "GeometryCollection" if depth == MAX_DEPTH => Err(format!("geometries nested {depth} deep")),
         "GeometryCollection" => {
             let members: Vec<&RawValue> = parsed(geometries.ok_or("no array `geometries`")?)?;
             let members = members.into_iter().map(|member| geometry_of(member.get(), depth + 1, heights));

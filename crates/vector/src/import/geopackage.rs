@@ -8,7 +8,7 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension, Row};
 
 use super::feature::{
     AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
-    Wanted,
+    RequestedAttributes,
 };
 use super::heights::Heights;
 use super::wkb;
@@ -44,7 +44,7 @@ fn failed(path: &Path, place: String, memory: u64) -> impl FnOnce(rusqlite::Erro
             what: place,
             needed: memory.saturating_add(1),
             limit: memory,
-            advice: "allow more, or divide the feature".into(),
+            advice: "allow more memory, or divide the feature".into(),
         },
         Some(
             ErrorCode::CannotOpen
@@ -63,7 +63,7 @@ impl GeoPackage {
         path: &Path,
         layer: Option<&str>,
         options: &FeatureOptions,
-        wanted: &mut Wanted,
+        wanted: &mut RequestedAttributes,
     ) -> Result<GeoPackage> {
         let memory = options.memory;
         let broken = |place: &str| failed(path, place.to_owned(), memory);
@@ -94,15 +94,17 @@ impl GeoPackage {
             .map_err(broken("sqlite_master"))?;
         // A view or a virtual table could run a query that never ends.
         if root.is_none_or(|root| root <= 0) {
-            let advice = format!("make a table of it first (ogr2ogr table.gpkg {} {table})", path.display());
-            return Err(Error::unsupported(path, format!("the layer {table}, which is a view,"), advice));
+            let advice = format!("convert it to a table (ogr2ogr table.gpkg {} {table})", path.display());
+            return Err(Error::unsupported(path, format!("layer {table}, a view,"), advice));
         }
         let columns = columns_of(&connection, &table).map_err(broken("columns"))?;
         let rowid = ["rowid", "_rowid_", "oid"];
         let is_free = |name: &&str| columns.iter().all(|(own, _, _)| !own.eq_ignore_ascii_case(name));
         let rowid = rowid.into_iter().find(is_free);
-        let rowid = rowid
-            .ok_or_else(|| Error::unsupported(path, "a table with a column rowid", "rename the column"))?;
+        let rowid = rowid.ok_or_else(|| {
+            let found = "a table with columns rowid, _rowid_ and oid";
+            Error::unsupported(path, found, "rename one of the columns")
+        })?;
         let mut attributes = Vec::new();
         for (name, declared, is_key) in &columns {
             // The primary key is the feature's id.
@@ -152,28 +154,22 @@ fn table_of(connection: &Connection, path: &Path, layer: Option<&str>, memory: u
         names.collect::<rusqlite::Result<Vec<_>>>()
     };
     let mut names = find().map_err(failed(path, "gpkg_contents".into(), memory))?;
-    let told = |names: &[String]| {
+    let listed = |names: &[String]| {
         names.iter().take(MAX_NAMES_LISTED).map(String::as_str).collect::<Vec<_>>().join(", ")
     };
     match (layer, names.len()) {
-        (_, 0) => Err(Error::unsupported(
-            path,
-            "a GeoPackage without features",
-            "its tiles or tables are no features",
-        )),
+        (_, 0) => {
+            Err(Error::unsupported(path, "a GeoPackage without features", "it has only tiles or tables"))
+        }
         (Some(name), _) => match names.iter().any(|own| own == name) {
             true => Ok(name.into()),
-            false => Err(Error::invalid("layer", name, format!("one of {}", told(&names)))),
+            false => Err(Error::invalid("layer", name, format!("one of {}", listed(&names)))),
         },
         (None, 1) => Ok(names.remove(0)),
         (None, count) => {
-            let expected = format!(
-                "the name of one behind a colon, as in {}:{}: {}",
-                path.display(),
-                names[0],
-                told(&names)
-            );
-            Err(Error::invalid("layer", format!("none, of a file of {count}"), expected))
+            let expected =
+                format!("one of {} after a colon, such as {}:{}", listed(&names), path.display(), names[0]);
+            Err(Error::invalid("layer", format!("none for a file with {count} layers"), expected))
         }
     }
 }
@@ -199,9 +195,10 @@ fn system_of(connection: &Connection, path: &Path, number: i64, memory: u64) -> 
         .query_row(query, [number], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))
         .optional()
         .map_err(failed(path, "gpkg_spatial_ref_sys".into(), memory))?;
-    let wrong =
-        |found: String| Error::corrupt(path, "gpkg_spatial_ref_sys", found, "the layer's coordinate system");
-    let (organization, code, definition) = row.ok_or_else(|| wrong(format!("none of number {number}")))?;
+    let wrong = |found: String| {
+        Error::corrupt(path, "gpkg_spatial_ref_sys", found, "the coordinate system of the layer")
+    };
+    let (organization, code, definition) = row.ok_or_else(|| wrong(format!("no srs_id {number}")))?;
     match u32::try_from(code) {
         Ok(code @ 1..) if organization.eq_ignore_ascii_case("EPSG") => Ok(Some(Crs::epsg(code))),
         _ if definition.is_empty() || definition.eq_ignore_ascii_case("undefined") => Ok(None),
@@ -240,24 +237,24 @@ fn geometry(value: ValueRef<'_>) -> std::result::Result<(Option<FeatureGeometry>
     let bytes = match value {
         ValueRef::Null => return Ok((None, Heights::default())),
         ValueRef::Blob(bytes) => bytes,
-        _ => return Err("a value that is no geometry".into()),
+        _ => return Err("a value that is not a geometry".into()),
     };
     let (head, rest) = bytes.split_first_chunk::<8>().ok_or("a geometry without a header")?;
     if !head.starts_with(b"GP\0") {
-        return Err("a geometry without the mark GP of version 0".into());
+        return Err("a geometry without the magic bytes `GP` and version 0".into());
     }
     let flags = head[3];
     if flags & 0x20 != 0 {
-        return Err("a geometry of a type of its own".into());
+        return Err("a geometry of an extended type".into());
     }
     let extent = match flags >> 1 & 7 {
         0 => 0,
         1 => 32,
         2 | 3 => 48,
         4 => 64,
-        other => return Err(format!("a box of kind {other}")),
+        other => return Err(format!("envelope type {other}")),
     };
-    let rest = rest.get(extent..).ok_or("fewer bytes than the geometry's header has")?;
+    let rest = rest.get(extent..).ok_or("a truncated geometry header")?;
     wkb::parse(rest)?.checked()
 }
 
@@ -286,7 +283,7 @@ impl FeatureReader for GeoPackage {
             Error::corrupt(&self.path, place(), found, "a feature of points, lines or polygons")
         };
         if id < next {
-            return Err(wrong(format!("a row of number {id} behind one of {next}")));
+            return Err(wrong(format!("row {id} after row {}", next - 1)));
         }
         let (geometry, heights) = geometry.map_err(|found| wrong(format!("{found} (fid {id})")))?;
         drop(statement);

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::feature::{
     AttributeType, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, open_features,
 };
+use spinney_base::io::shown;
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
@@ -40,8 +41,8 @@ pub fn open_feature_lines(path: &Path, options: &FeatureOptions) -> Result<Featu
     };
     let gridded = GriddedPoints::new(Box::new(vertices))?;
     if gridded.skipped() > 0 {
-        let found = format!("{} vertices with a coordinate that is NaN or infinite", gridded.skipped());
-        return Err(Error::corrupt(path, "features", found, "coordinates that are numbers"));
+        let found = format!("{} vertices with NaN or infinite coordinates", gridded.skipped());
+        return Err(Error::corrupt(path, "features", found, "finite coordinates"));
     }
     let found = gridded.schema();
     // The world bounds determine one scale for both axes: the finer one, if it spans all lines.
@@ -59,12 +60,7 @@ pub fn open_feature_lines(path: &Path, options: &FeatureOptions) -> Result<Featu
         (None, None) => {
             let found =
                 format!("coordinates from {:?} to {:?}", ends.map(|end| end[0]), ends.map(|end| end[1]));
-            return Err(Error::corrupt(
-                path,
-                "features",
-                found,
-                "coordinates that a grid of 32 bits reaches over",
-            ));
+            return Err(Error::invalid(shown(path), found, "coordinates that fit on a 32-bit grid"));
         }
     };
     // Scales are powers of ten (rounded) or of two, so their ratio is either an integer within
@@ -138,7 +134,7 @@ fn lines_of(path: &Path, number: u64, geometry: Option<FeatureGeometry>) -> Resu
         Some(FeatureGeometry::Polygons(_)) => "a polygon",
         Some(FeatureGeometry::Collection(_)) => "a collection of geometries",
     };
-    let advice = "a tree of lines has lines alone; points become trees with `--index points`, and polygons cells with --cell";
+    let advice = "line trees contain lines only; index points with `--index points`, and rasterize polygons with --cell";
     Err(Error::unsupported(path, format!("feature {number}, which is {found},"), advice))
 }
 
@@ -228,15 +224,15 @@ mod tests {
 
     #[test]
     fn bounds_contain_all_vertices_if_the_grids_of_the_axes_differ() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("lines.geojson");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("lines.geojson");
         for seed in 0..60u32 {
             // More digits than fit into a 32-bit grid; the finest grid of the first axis is
             // coarser.
             let share = |number: u32| f64::from(17 * seed + number + 1).sqrt().fract();
             let line: Vec<[f64; 2]> =
                 (0..8).map(|n| [3e5 + 10_261.0 * share(n), 3.19e6 + 7_438.0 * share(n + 50)]).collect();
-            let geometry = serde_json::json!({ "type": "LineString", "coordinates": line });
+            let geometry = serde_json::json!({ "type": "LineString", "crs": null, "coordinates": line });
             std::fs::write(&path, geometry.to_string()).unwrap();
             let mut source = open_feature_lines(&path, &FeatureOptions::default()).unwrap();
             assert!(source.is_rounded());

@@ -1,6 +1,5 @@
 //! Readers of features.
 
-mod beside;
 mod csv;
 mod dbf;
 mod encoding;
@@ -20,6 +19,7 @@ mod rings;
 mod rows;
 mod scanner;
 mod shapefile;
+mod sidecar;
 mod wkb;
 mod wkt;
 pub mod zones;

@@ -37,10 +37,10 @@ impl FeaturePoints {
         let mut remarks = Vec::new();
         if !self.left_out.is_empty() {
             remarks
-                .push(format!("attributes that are no numbers are left out: {}", self.left_out.join(", ")));
+                .push(format!("attributes that are not numbers are left out: {}", self.left_out.join(", ")));
         }
         if self.with_more > 0 {
-            let what = "features have measures in their geometries, or heights that not all points have, which are not kept";
+            let what = "features have measures, or heights that other points lack; these are not stored";
             remarks.push(format!("{} {what}", self.with_more));
         }
         if self.without_geometry > 0 {
@@ -65,7 +65,8 @@ pub fn plan_point_files(
     let filter = &features.filter;
     let mut import = match paths {
         [path] if is_feature_file(path) => {
-            let found = open_feature_points(path, features)?;
+            let check_degrees = features.check_degrees && options.crs.is_none();
+            let found = open_feature_points(path, &FeatureOptions { check_degrees, ..features.clone() })?;
             let remarks = found.remarks();
             let mut import = plan_points(Box::new(found.points), paths, Vec::new(), options)?;
             remarks.into_iter().for_each(|remark| import.add_remark(path, remark));
@@ -74,8 +75,8 @@ pub fn plan_point_files(
         [path, ..] if is_feature_file(path) => {
             return Err(Error::unsupported(
                 path,
-                "points of several files of features",
-                "build a tree of each",
+                "several feature files as one tree of points",
+                "build one tree per file",
             ));
         }
         _ => plan_files(paths, &mut |attributes| filter.for_points(attributes), options)?,
@@ -273,8 +274,8 @@ impl Points {
             None => Vec::new(),
             Some(FeatureGeometry::Points(points)) => points,
             Some(_) => {
-                let advice = "lines become trees with `--index lines`, and cells with --cell";
-                return Err(Error::unsupported(&self.path, "a feature that is no point", advice));
+                let advice = "index lines with `--index lines`, or rasterize features with --cell";
+                return Err(Error::unsupported(&self.path, "a feature that is not a point", advice));
             }
         };
         let above = |point: usize| match self.height {

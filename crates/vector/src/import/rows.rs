@@ -68,13 +68,18 @@ impl Rows {
         self.bytes.clear();
         self.ends.clear();
         // Inside quotes, and after a quote that may have ended them.
-        let (mut is_quoted, mut in_quotes, mut is_behind, mut is_begun) = (false, false, false, false);
+        let (mut is_quoted, mut in_quotes, mut is_after_quote, mut is_begun) = (false, false, false, false);
         loop {
             let chunk = self.input.fill_buf().map_err(Error::io(&self.path, "read"))?;
             if chunk.is_empty() {
-                if in_quotes && !is_behind {
-                    let found = "the end of the file in a field in quotes";
-                    return Err(Error::corrupt(&self.path, format!("feature {number}"), found, "a quote"));
+                if in_quotes && !is_after_quote {
+                    let found = "the end of the file in a quoted field";
+                    return Err(Error::corrupt(
+                        &self.path,
+                        format!("feature {number}"),
+                        found,
+                        "a closing quote",
+                    ));
                 }
                 if is_begun {
                     self.ends.push((self.bytes.len(), is_quoted));
@@ -85,8 +90,8 @@ impl Rows {
             let mut taken = chunk.len();
             let mut is_done = false;
             for (index, &byte) in chunk.iter().enumerate() {
-                if is_behind {
-                    is_behind = false;
+                if is_after_quote {
+                    is_after_quote = false;
                     if byte == b'"' {
                         self.bytes.push(byte);
                         continue;
@@ -95,7 +100,7 @@ impl Rows {
                 }
                 let is_empty = self.bytes.len() == self.ends.last().map_or(0, |(end, _)| *end);
                 match byte {
-                    b'"' if in_quotes => is_behind = true,
+                    b'"' if in_quotes => is_after_quote = true,
                     _ if in_quotes => self.bytes.push(byte),
                     b'"' if is_empty && !is_quoted => (is_quoted, in_quotes) = (true, true),
                     b'\n' => {
@@ -120,7 +125,7 @@ impl Rows {
                     what: format!("feature {number}"),
                     needed: used,
                     limit: self.memory,
-                    advice: "allow more, or look for a quote without another one".into(),
+                    advice: "allow more memory, or close an open quote".into(),
                 });
             }
             if is_done {

@@ -148,7 +148,7 @@ impl Scanner {
                         && self.peek()? == Some(b'[')
                     {
                         if self.list.is_some() {
-                            return Err(self.wrong("a second list of features", "one"));
+                            return Err(self.wrong("a second list of features", "only one"));
                         }
                         self.at += 1;
                         self.list = Some(list);
@@ -211,8 +211,7 @@ impl Scanner {
                 let mut bytes = Vec::new();
                 self.value(Some(&mut bytes))?;
                 let text = String::from_utf8(bytes);
-                record.0[place] =
-                    Some(text.map_err(|error| self.wrong(&error.to_string(), "text in UTF-8"))?);
+                record.0[place] = Some(text.map_err(|error| self.wrong(&error.to_string(), "UTF-8"))?);
                 Ok(())
             }
         }
@@ -288,7 +287,7 @@ impl Scanner {
                         depth += 1;
                         marks += 1;
                         if depth > MAX_DEPTH {
-                            return Err(self.wrong(&format!("values in each other, {depth} deep"), "fewer"));
+                            return Err(self.wrong(&format!("values nested {depth} deep"), "fewer levels"));
                         }
                     }
                     b'}' | b']' if depth == 0 => break Some(index),
@@ -315,7 +314,7 @@ impl Scanner {
                         what: format!("feature {}", self.number),
                         needed: self.used,
                         limit: self.memory,
-                        advice: "allow more, or divide the feature".into(),
+                        advice: "allow more memory, or divide the feature".into(),
                     });
                 }
             }

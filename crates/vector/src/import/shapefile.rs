@@ -4,11 +4,13 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use super::beside;
 use super::dbf::Table;
-use super::feature::{Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema, Wanted};
+use super::feature::{
+    Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema, RequestedAttributes,
+};
 use super::heights::Heights;
 use super::rings;
+use super::sidecar;
 use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
 
@@ -20,7 +22,7 @@ pub(super) struct Shapefile {
     path: PathBuf,
     length: u64,
     /// Index of the shapes; without it, they are contiguous.
-    places: Option<(BufReader<File>, PathBuf)>,
+    index_file: Option<(BufReader<File>, PathBuf)>,
     table: Option<Table>,
     schema: FeatureSchema,
     /// Number of features in the file, if known.
@@ -44,7 +46,7 @@ impl Shapefile {
         file: File,
         path: &Path,
         options: &FeatureOptions,
-        wanted: &mut Wanted,
+        wanted: &mut RequestedAttributes,
     ) -> Result<Shapefile> {
         let length = file.metadata().map_err(Error::io(path, "read"))?.len();
         let mut shapes = BufReader::with_capacity(1 << 16, file);
@@ -57,25 +59,25 @@ impl Shapefile {
             _ => None,
         };
         let mut count = None;
-        let mut places = None;
-        if let Some((file, path)) = beside::open(path, "shx")? {
+        let mut index_file = None;
+        if let Some((file, path)) = sidecar::open(path, "shx")? {
             let length = file.metadata().map_err(Error::io(&path, "read"))?.len();
             let mut input = BufReader::with_capacity(1 << 16, file);
             input.seek(SeekFrom::Start(HEADER)).map_err(Error::io(&path, "read"))?;
             count = Some(length.saturating_sub(HEADER) / 8);
-            places = Some((input, path));
+            index_file = Some((input, path));
         }
-        let table = Table::beside(path, wanted)?;
+        let table = Table::open_sidecar(path, wanted)?;
         if let (Some(count), Some(table)) = (count, &table)
             && table.rows != count
         {
             let found = format!("{count} shapes, and {} rows in the table", table.rows);
-            return Err(Error::corrupt(path, "files beside it", found, "as many of both"));
+            return Err(Error::corrupt(path, "sidecar files", found, "equal counts"));
         }
         let count = count.or(table.as_ref().map(|table| table.rows));
         let schema = FeatureSchema {
             name: path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
-            crs: beside::definition(path)?,
+            crs: sidecar::definition(path)?,
             attributes: table.as_ref().map(Table::attributes).unwrap_or_default(),
             kind,
             count,
@@ -85,7 +87,7 @@ impl Shapefile {
             shapes,
             path: path.into(),
             length,
-            places,
+            index_file,
             table,
             schema,
             count,
@@ -104,7 +106,7 @@ impl Shapefile {
         if self.count.is_some_and(|count| self.number > count) {
             return Ok(None);
         }
-        match &mut self.places {
+        match &mut self.index_file {
             None if self.at >= self.length => {
                 return match self.count {
                     Some(count) => Err(self.wrong("the end of the file", &format!("{count} shapes"))),
@@ -113,15 +115,16 @@ impl Shapefile {
             }
             None => {}
             Some((input, path)) => {
-                let mut place = [0; 8];
-                input.read_exact(&mut place).map_err(Error::io(&*path, "read"))?;
-                self.at = 2 * u64::from(u32::from_be_bytes([place[0], place[1], place[2], place[3]]));
+                let mut entry = [0; 8];
+                input.read_exact(&mut entry).map_err(Error::io(&*path, "read"))?;
+                self.at = 2 * u64::from(u32::from_be_bytes([entry[0], entry[1], entry[2], entry[3]]));
             }
         }
         if self.at < HEADER || self.length.saturating_sub(self.at) < 8 {
-            return Err(
-                self.wrong(format!("a shape at byte {} of {}", self.at, self.length), "one in the file")
-            );
+            return Err(self.wrong(
+                format!("a shape at byte {} of {}", self.at, self.length),
+                "an offset inside the file",
+            ));
         }
         // A seek within the buffer reads nothing.
         let before = self.shapes.stream_position().map_err(Error::io(&self.path, "read"))?;
@@ -132,7 +135,7 @@ impl Shapefile {
         let bytes = 2 * u64::from(u32::from_be_bytes([head[4], head[5], head[6], head[7]]));
         if bytes > self.length - self.at - 8 {
             let found = format!("a shape of {bytes} bytes at byte {} of {}", self.at, self.length);
-            return Err(self.wrong(found, "one in the file"));
+            return Err(self.wrong(found, "a shape inside the file"));
         }
         if bytes.saturating_mul(BYTES_FOR_BYTE) > self.memory {
             return Err(Error::TooLarge {
@@ -140,7 +143,7 @@ impl Shapefile {
                 what: format!("feature {}", self.number),
                 needed: bytes.saturating_mul(BYTES_FOR_BYTE),
                 limit: self.memory,
-                advice: "allow more, or divide the feature".into(),
+                advice: "allow more memory, or divide the feature".into(),
             });
         }
         let mut shape = vec![0; bytes as usize];
@@ -223,9 +226,7 @@ fn heights(shape: &[u8], geometry: Option<&FeatureGeometry>) -> std::result::Res
 fn geometry(shape: &[u8]) -> std::result::Result<Option<FeatureGeometry>, String> {
     let number = |at: usize| -> std::result::Result<usize, String> {
         let bytes = shape.get(at..).and_then(|rest| rest.first_chunk());
-        bytes
-            .map(|bytes| u32::from_le_bytes(*bytes) as usize)
-            .ok_or_else(|| "fewer bytes than the shape has".into())
+        bytes.map(|bytes| u32::from_le_bytes(*bytes) as usize).ok_or_else(|| "a truncated shape".into())
     };
     let points = |at: usize, count: usize| -> std::result::Result<Vec<[f64; 2]>, String> {
         let bytes = shape.get(at..).and_then(|rest| rest.get(..count.checked_mul(16)?));
@@ -259,7 +260,7 @@ fn geometry(shape: &[u8]) -> std::result::Result<Option<FeatureGeometry>, String
                         lines.iter().find(|ring| ring.iter().flatten().any(|number| !number.is_finite()))
                     {
                         return Err(format!(
-                            "a ring of {} corners, of which some are no numbers",
+                            "a ring of {} vertices, some of which are not numbers",
                             ring.len()
                         ));
                     }
@@ -267,7 +268,7 @@ fn geometry(shape: &[u8]) -> std::result::Result<Option<FeatureGeometry>, String
                 }
             }
         }
-        31 => Err("a surface of faces in space (type 31, multipatch)".into()),
+        31 => Err("a 3D surface (type 31, multipatch)".into()),
         other => Err(format!("a shape of type {other}")),
     }
 }

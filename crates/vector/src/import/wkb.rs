@@ -10,20 +10,20 @@ type Parsed<T> = Result<T, String>;
 
 /// Parsed geometry, its SRID if it has one, and its heights.
 #[derive(Debug, PartialEq)]
-pub(super) struct Read {
+pub(super) struct ParsedGeometry {
     pub(super) geometry: FeatureGeometry,
     pub(super) system: Option<u32>,
     pub(super) heights: Heights,
 }
 
 /// Parses a geometry.
-pub(super) fn parse(bytes: &[u8]) -> Parsed<Read> {
+pub(super) fn parse(bytes: &[u8]) -> Parsed<ParsedGeometry> {
     let mut reader = Reader { bytes, is_little: true, heights: Heights::default() };
     let mut system = None;
     let geometry = reader.geometry(&mut system, 0)?;
     match reader.bytes.len() {
-        0 => Ok(Read { geometry, system, heights: reader.heights }),
-        more => Err(format!("{more} bytes behind the geometry")),
+        0 => Ok(ParsedGeometry { geometry, system, heights: reader.heights }),
+        more => Err(format!("{more} bytes after the geometry")),
     }
 }
 
@@ -62,7 +62,7 @@ struct Head {
     axes: Axes,
 }
 
-impl Read {
+impl ParsedGeometry {
     /// Removes empty parts; returns geometry and heights, or an error message.
     pub(super) fn checked(self) -> Parsed<(Option<FeatureGeometry>, Heights)> {
         self.geometry.checked().map(|geometry| (Some(geometry), self.heights))
@@ -71,7 +71,7 @@ impl Read {
 
 impl Reader<'_> {
     fn take<const BYTES: usize>(&mut self) -> Parsed<[u8; BYTES]> {
-        let (taken, rest) = self.bytes.split_first_chunk().ok_or("fewer bytes than the geometry has")?;
+        let (taken, rest) = self.bytes.split_first_chunk().ok_or("a truncated geometry")?;
         self.bytes = rest;
         Ok(*taken)
     }
@@ -85,7 +85,7 @@ impl Reader<'_> {
         self.is_little = match self.take::<1>()? {
             [0] => false,
             [1] => true,
-            [other] => return Err(format!("an order of bytes {other}")),
+            [other] => return Err(format!("byte order {other}")),
         };
         let number = self.number()?;
         let (plain, marks) = (number & 0x1fff_ffff, number >> 29);
@@ -177,14 +177,14 @@ impl Reader<'_> {
             }
             5 => Ok(FeatureGeometry::Lines(self.members(2, Reader::points)?)),
             6 => Ok(FeatureGeometry::Polygons(self.members(3, Reader::rings)?)),
-            7 if depth == MAX_DEPTH => Err(format!("geometries in each other, {depth} deep")),
+            7 if depth == MAX_DEPTH => Err(format!("geometries nested {depth} deep")),
             7 => {
                 let count = self.count(9)?;
                 let members = (0..count).map(|_| self.geometry(&mut None, depth + 1));
                 members.collect::<Parsed<_>>().map(FeatureGeometry::Collection)
             }
-            8..=14 => Err("a curve (ogr2ogr -nlt CONVERT_TO_LINEAR makes lines of curves)".into()),
-            15 | 16 => Err("a surface of faces in space (type 15 or 16)".into()),
+            8..=14 => Err("a curve (convert it to lines: ogr2ogr -nlt CONVERT_TO_LINEAR)".into()),
+            15 | 16 => Err("a 3D surface (type 15 or 16)".into()),
             other => Err(format!("a geometry of type {other}")),
         }
     }

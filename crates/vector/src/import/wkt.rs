@@ -2,19 +2,19 @@
 
 use super::feature::FeatureGeometry;
 use super::heights::Heights;
-use super::wkb::{MAX_DEPTH, Read};
+use super::wkb::{MAX_DEPTH, ParsedGeometry};
 
 type Parsed<T> = Result<T, String>;
 
 /// Parses a geometry.
-pub(super) fn parse(text: &str) -> Parsed<Read> {
+pub(super) fn parse(text: &str) -> Parsed<ParsedGeometry> {
     let (system, rest) = system_of(text)?;
     let mut reader = Reader { rest: rest.trim(), heights: Heights::default(), is_measured: false };
     let geometry = reader.geometry(0)?;
     if reader.rest.is_empty() {
-        Ok(Read { geometry, system, heights: reader.heights })
+        Ok(ParsedGeometry { geometry, system, heights: reader.heights })
     } else {
-        Err(format!("`{}` behind it", reader.shown()))
+        Err(format!("`{}` after the geometry", reader.shown()))
     }
 }
 
@@ -55,7 +55,7 @@ impl<'t> Reader<'t> {
     }
 
     fn expect(&mut self, sign: char) -> Parsed<()> {
-        if self.has(sign) { Ok(()) } else { Err(format!("`{}` in the place of `{sign}`", self.shown())) }
+        if self.has(sign) { Ok(()) } else { Err(format!("`{}` instead of `{sign}`", self.shown())) }
     }
 
     /// Consumes the next word; empty if there is none.
@@ -76,7 +76,7 @@ impl<'t> Reader<'t> {
         match word.as_str() {
             "" => Ok(false),
             "EMPTY" => Ok(true),
-            other => Err(format!("`{other}` behind the kind of a geometry")),
+            other => Err(format!("`{other}` after a geometry type")),
         }
     }
 
@@ -104,8 +104,7 @@ impl<'t> Reader<'t> {
             if number.is_empty() {
                 break;
             }
-            let number =
-                number.parse().map_err(|_| format!("`{}` in the place of a number", self.shown()))?;
+            let number = number.parse().map_err(|_| format!("`{}` instead of a number", self.shown()))?;
             if let Some(own) = point.get_mut(axes) {
                 *own = number;
             }
@@ -116,7 +115,7 @@ impl<'t> Reader<'t> {
         self.heights.are_there |= has_height;
         self.heights.have_measures |= axes > 3 || axes > 2 && self.is_measured;
         match point {
-            _ if axes < 2 => Err(format!("`{}` in the place of two numbers", self.shown())),
+            _ if axes < 2 => Err(format!("`{}` instead of two numbers", self.shown())),
             [x, y, height, _] => Ok(([x, y], has_height.then_some(height))),
         }
     }
@@ -142,7 +141,9 @@ impl<'t> Reader<'t> {
         self.is_measured = &word[kind.len()..] == "M";
         match kind {
             "POINT" => Ok(FeatureGeometry::Points(self.points()?)).and_then(|points| match &points {
-                FeatureGeometry::Points(several) if several.len() > 1 => Err("a point of several".into()),
+                FeatureGeometry::Points(several) if several.len() > 1 => {
+                    Err("a POINT with several points".into())
+                }
                 _ => Ok(points),
             }),
             "LINESTRING" => Ok(FeatureGeometry::Lines(vec![self.points()?])),
@@ -157,9 +158,7 @@ impl<'t> Reader<'t> {
             }
             "MULTILINESTRING" => Ok(FeatureGeometry::Lines(self.lines()?)),
             "MULTIPOLYGON" => Ok(FeatureGeometry::Polygons(self.list(Reader::lines)?)),
-            "GEOMETRYCOLLECTION" if depth == MAX_DEPTH => {
-                Err(format!("geometries in each other, {depth} deep"))
-            }
+            "GEOMETRYCOLLECTION" if depth == MAX_DEPTH => Err(format!("geometries nested {depth} deep")),
             "GEOMETRYCOLLECTION" => {
                 Ok(FeatureGeometry::Collection(self.list(|reader| reader.geometry(depth + 1))?))
             }

@@ -1,17 +1,15 @@
 //! Polygon features as zones for cell queries, held in memory all at once or in batches.
 
 use std::borrow::Cow;
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
 use super::feature::{
     AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
-    Wanted, open_geojson, open_with, unknown_attribute,
+    open_geojson, open_with, unknown_attribute,
 };
 use super::filter::FeatureFilter;
-use super::geojson::GeoJson;
 use spinney_base::{Error, Result};
 use spinney_crs::{CellLocator, Coordinates, Crs, PolygonParts, corners_text};
 use spinney_overlay::Polygon;
@@ -53,8 +51,12 @@ fn parts_of(feature: &Feature) -> Cow<'_, PolygonParts> {
 
 /// Returns a warning about polygons whose rings cross or touch, or whose parts overlap.
 pub(crate) fn invalid_polygons(count: u64) -> String {
+    let (subject, repaired) = match count {
+        1 => ("1 polygon is".into(), "it was"),
+        _ => (format!("{count} polygons are"), "they were"),
+    };
     format!(
-        "{count} polygons are invalid (rings cross or touch, or parts overlap): rings of one part were combined even-odd, and parts were united"
+        "{subject} invalid (rings cross or touch, or parts overlap); {repaired} repaired: rings of a part by the even-odd rule, and parts were united"
     )
 }
 
@@ -70,16 +72,16 @@ pub(crate) fn take_polygons(geometry: FeatureGeometry, parts: &mut PolygonParts)
 }
 
 /// Converts a feature to a polygon in cells of a tree; `None` if it is outside or has no parts.
-fn in_cells(feature: &Feature, places: &CellLocator) -> Result<Option<Polygon>> {
+fn in_cells(feature: &Feature, locator: &CellLocator) -> Result<Option<Polygon>> {
     let parts = parts_of(feature);
     if parts.is_empty() {
         return Ok(None);
     }
     // Errors in the original vertices are reported before transforming them.
     Polygon::check_parts(&parts)?;
-    let near = places.parts(&parts);
+    let near = locator.parts(&parts);
     // Parts far from the tree count only towards the area.
-    let whole = places.whole_parts(&parts).map(|whole| Polygon::of_parts(&whole)).transpose()?;
+    let whole = locator.whole_parts(&parts).map(|whole| Polygon::of_parts(&whole)).transpose()?;
     match (near.is_empty(), whole) {
         (true, whole) => Ok(whole),
         (false, None) => Polygon::of_parts(&near).map(Some),
@@ -124,6 +126,7 @@ impl PolygonLayer {
     /// Keeps the features of some layers that satisfy all conditions of a filter.
     ///
     /// ```
+    /// use spinney::import::feature::FeatureOptions;
     /// use spinney::raw::import::feature::{PolygonLayer, parse_polygons};
     ///
     /// let ring = "[[[0, 0], [1, 0], [1, 1], [0, 0]]]";
@@ -132,7 +135,7 @@ impl PolygonLayer {
     ///     format!(r#"{{"type": "Feature", "properties": {{"kind": "{kind}"}}, "geometry": {geometry}}}"#)
     /// };
     /// let text = format!(r#"{{"type": "FeatureCollection", "features": [{}, {}]}}"#, feature("wood"), feature("lake"));
-    /// let mut layers = [parse_polygons(&text)?];
+    /// let mut layers = [parse_polygons(&text, &FeatureOptions::default())?];
     /// PolygonLayer::select(&mut layers, &"kind!=wood".parse()?)?;
     /// assert_eq!(layers[0].features.len(), 1);
     /// # Ok::<(), spinney::Error>(())
@@ -152,10 +155,10 @@ impl PolygonLayer {
             return Err(unknown_attribute(name, &known.join(", ")));
         }
         for layer in layers.iter_mut() {
-            let places: Vec<Option<usize>> = filter.names().map(|name| layer.position(name)).collect();
+            let indices: Vec<Option<usize>> = filter.names().map(|name| layer.position(name)).collect();
             layer
                 .features
-                .retain(|feature| filter.holds(|condition| feature.attributes.get(places[condition]?)));
+                .retain(|feature| filter.holds(|condition| feature.attributes.get(indices[condition]?)));
         }
         if layers.iter().all(|layer| layer.features.is_empty()) { Err(none_with(filter)) } else { Ok(()) }
     }
@@ -171,12 +174,12 @@ impl PolygonLayer {
     /// # Errors
     /// If a ring has too few vertices, or one that is not finite, with the feature's number; if
     /// there are polygons and all of them are outside of the tree.
-    pub fn in_cells(&self, places: &CellLocator, extent: [u64; 3]) -> Result<Vec<Option<Polygon>>> {
-        let polygons = self.polygons(places)?;
+    pub fn in_cells(&self, locator: &CellLocator, extent: [u64; 3]) -> Result<Vec<Option<Polygon>>> {
+        let polygons = self.polygons(locator)?;
         if self.meets(&polygons, extent) {
             Ok(polygons)
         } else {
-            Err(self.outside(&self.coordinates(), places))
+            Err(self.outside(&self.coordinates(), locator))
         }
     }
 
@@ -191,15 +194,16 @@ impl PolygonLayer {
         coordinates: &Coordinates,
         trees: &[(CellLocator, [u64; 3])],
     ) -> Result<FoundPolygons> {
-        let all = trees.iter().map(|(places, _)| self.polygons(places)).collect::<Result<Vec<_>>>()?;
+        let all = trees.iter().map(|(locator, _)| self.polygons(locator)).collect::<Result<Vec<_>>>()?;
         let is_met = trees.iter().zip(&all).any(|((_, extent), polygons)| self.meets(polygons, *extent));
-        let outside = trees.first().filter(|_| !is_met).map(|(places, _)| self.outside(coordinates, places));
+        let outside =
+            trees.first().filter(|_| !is_met).map(|(locator, _)| self.outside(coordinates, locator));
         Ok(FoundPolygons { trees: all, outside })
     }
 
-    fn polygons(&self, places: &CellLocator) -> Result<Vec<Option<Polygon>>> {
+    fn polygons(&self, locator: &CellLocator) -> Result<Vec<Option<Polygon>>> {
         let numbered = |(number, feature): (u64, &Feature)| {
-            in_cells(feature, places).map_err(|error| match error {
+            in_cells(feature, locator).map_err(|error| match error {
                 Error::Invalid { what, found, expected } => {
                     Error::invalid(format!("feature {number}: {what}"), found, expected)
                 }
@@ -223,12 +227,12 @@ impl PolygonLayer {
     }
 
     /// Error if all polygons are outside of a tree.
-    fn outside(&self, coordinates: &Coordinates, places: &CellLocator) -> Error {
+    fn outside(&self, coordinates: &Coordinates, locator: &CellLocator) -> Error {
         let (mut least, mut most) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut swapped = false;
         for [x, y] in self.features.iter().map(parts_of).flat_map(|parts| parts.concat().concat()) {
             (least, most) = ([least[0].min(x), least[1].min(y)], [most[0].max(x), most[1].max(y)]);
-            swapped = swapped || places.cell([y, x, 0.0]).is_some_and(|cell| places.is_inside(cell));
+            swapped = swapped || locator.cell([y, x, 0.0]).is_some_and(|cell| locator.is_inside(cell));
         }
         let system = match coordinates {
             Coordinates::World => "the tree's own system".into(),
@@ -236,10 +240,11 @@ impl PolygonLayer {
         };
         let found = format!("{} in {system}, all outside of the tree", corners_text(least, most));
         let advice = match swapped {
-            true => "x and y of the corners seem to be swapped",
-            false => "a member \"crs\" or the option for coordinates says in which system they are",
+            true => "x and y of the vertices seem to be swapped",
+            false => "name their coordinate system: --in (in Python: crs=), or a member \"crs\" of GeoJSON",
         };
-        let expected = format!("polygons that touch the tree, which is {} there; {advice}", places.picture());
+        let expected =
+            format!("polygons that touch the tree, which is {} there; {advice}", locator.bounds_text());
         Error::invalid("extent of the polygons", found, expected)
     }
 }
@@ -248,7 +253,7 @@ impl PolygonLayer {
 const MAX_REMEMBERED: usize = 200;
 
 fn none_with(filter: &FeatureFilter) -> Error {
-    Error::invalid("features", format!("none with {filter}"), "values that a feature has")
+    Error::invalid("features", format!("none with {filter}"), "a condition that some features meet")
 }
 
 /// Reads the polygons of a file in any format of [`open_features`](super::feature::open_features),
@@ -264,10 +269,10 @@ pub fn read_polygons(path: &Path, options: &FeatureOptions) -> Result<PolygonLay
         None => Ok(layer),
         Some((_, needed)) => Err(Error::TooLarge {
             path: path.into(),
-            what: format!("what the first {} features are", reader.count),
+            what: format!("the first {} features", reader.count),
             needed: reader.needed + needed,
             limit: options.memory,
-            advice: "allow more, or give the polygons in several files".into(),
+            advice: "allow more memory, or split the polygons into several files".into(),
         }),
     }
 }
@@ -375,27 +380,23 @@ impl PolygonReader {
         let Some(geometry) = &feature.geometry else { return Ok(()) };
         kind_of_others(geometry).map_or(Ok(()), |kind| {
             let found = format!("feature {}, a geometry of type `{kind}`, as a zone", self.count);
-            Err(Error::unsupported(&self.path, found, "zones are polygons: make some around it first"))
+            Err(Error::unsupported(&self.path, found, "zones are polygons: buffer it first"))
         })
     }
 }
 
-/// Reads the polygons of GeoJSON text.
+/// Reads the polygons of GeoJSON text, like [`read_polygons`] those of a file, but without a memory
+/// limit.
 ///
 /// # Errors
 /// If it is not GeoJSON, or contains geometries other than polygons.
-pub fn parse_polygons(text: &str) -> Result<PolygonLayer> {
-    let path = Path::new("GeoJSON");
-    let options = FeatureOptions { memory: u64::MAX, ..FeatureOptions::default() };
+pub fn parse_polygons(text: &str, options: &FeatureOptions) -> Result<PolygonLayer> {
+    let options = FeatureOptions { memory: u64::MAX, ..options.clone() };
     // A copy, since the reader needs an owned input.
-    let input = Box::new(Cursor::new(text.as_bytes().to_vec()));
-    let reader = GeoJson::open(input, path, &options, &mut Wanted::new(&options, None));
-    let layer = reader.and_then(|reader| {
-        let mut reader = PolygonReader::of(Box::new(reader), path, &options);
-        Ok(reader.next_layer()?.unwrap_or_else(|| reader.layer()))
-    });
+    let reader = PolygonReader::of_geojson(text.as_bytes().to_vec(), &options);
+    let layer = reader.and_then(|mut reader| Ok(reader.next_layer()?.unwrap_or_else(|| reader.layer())));
     layer.map_err(|error| match error {
-        Error::Corrupt { place, found, expected, .. } => Error::invalid(place, found, expected),
+        Error::Corrupt { location: place, found, expected, .. } => Error::invalid(place, found, expected),
         Error::Unsupported { found, advice, .. } => Error::invalid("GeoJSON", found, advice),
         other => other,
     })
@@ -418,14 +419,14 @@ fn bytes_of(feature: &Feature) -> u64 {
             FeatureGeometry::Collection(members) => members.iter().map(of_geometry).sum(),
         }
     }
-    let texts = feature.attributes.iter().map(|value| match value {
+    let text_sizes = feature.attributes.iter().map(|value| match value {
         FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => text.capacity() as u64,
         _ => 0,
     });
     BYTES_OF_FEATURE
         + feature.geometry.as_ref().map_or(0, of_geometry)
         + feature.attributes.len() as u64 * BYTES_OF_VALUE
-        + texts.sum::<u64>()
+        + text_sizes.sum::<u64>()
 }
 
 /// Appends the parts of polygons; fails for any other geometry.
@@ -455,6 +456,10 @@ mod tests {
     use super::*;
     use spinney_crs::Frame;
 
+    fn parse_polygons(text: &str) -> Result<PolygonLayer> {
+        super::parse_polygons(text, &FeatureOptions::default())
+    }
+
     fn square(at: f64) -> String {
         let end = at + 4.0;
         format!("[[{at},{at}],[{end},{at}],[{end},{end}],[{at},{end}],[{at},{at}]]")
@@ -477,19 +482,19 @@ mod tests {
         let all = format!(r#"{{"type":"FeatureCollection","features":[{first},{second},{third}]}}"#);
         let layer = parse_polygons(&format!("\u{feff}{all}")).unwrap();
         let found = &layer.features;
-        let told = found.iter().map(|feature| (layer.name(feature), parts_of(feature).len()));
+        let names = found.iter().map(|feature| (layer.name(feature), parts_of(feature).len()));
         let seven = || Some("7".into());
-        assert_eq!(told.collect::<Vec<_>>(), [(Some("A".into()), 2), (seven(), 1), (seven(), 0)]);
+        assert_eq!(names.collect::<Vec<_>>(), [(Some("A".into()), 2), (seven(), 1), (seven(), 0)]);
         assert_eq!(
             (layer.value(&found[0], "area"), &found[0].id),
             (&FeatureAttribute::Number(1.5), &Some(7.into()))
         );
         assert_eq!(parts_of(&found[0])[1].len(), 2);
         let frame = Frame::planar([2.0, 0.0, 100.0, 0.0, -2.0, 50.0]);
-        let places = CellLocator::new(&Coordinates::World, &frame, [10, 10, 1]).unwrap();
-        let cells = in_cells(&found[1], &places).unwrap().unwrap();
+        let locator = CellLocator::new(&Coordinates::World, &frame, [10, 10, 1]).unwrap();
+        let cells = in_cells(&found[1], &locator).unwrap().unwrap();
         assert_eq!(cells.corners(), [[-50.0, 23.0], [-48.0, 25.0]]);
-        assert!(in_cells(&found[2], &places).unwrap().is_none());
+        assert!(in_cells(&found[2], &locator).unwrap().is_none());
         for wrong in [
             "",
             "{}",
@@ -499,13 +504,13 @@ mod tests {
             r#"{"type":"Polygon","coordinates":[[[1,2],[3]]]}"#,
             r#"{"type":"Polygon","coordinates":[[["a","b"]]]}"#,
             r#"{"type":"Polygon","coordinates":[],"crs":{"type":"link","properties":{"href":"x"}}}"#,
-            r#"{"type":"Polygon","coordinates":[],"crs":{"type":"name","properties":{"name":"elsewhere"}}}"#,
+            r#"{"type":"Polygon","coordinates":[],"crs":{"type":"name","properties":{"name":"somewhere"}}}"#,
             r#"{"type":"FeatureCollection","features":[{"type":"Feature"}]}"#,
         ] {
             assert!(parse_polygons(wrong).is_err(), "{wrong}");
         }
         let flat = parse_polygons(r#"{"type":"Polygon","coordinates":[[[1,2],[3,4]]]}"#).unwrap_err();
-        assert!(flat.to_string().contains("feature 1: got a ring of 2 corners"), "{flat}");
+        assert!(flat.to_string().contains("feature 1: got a ring of 2 vertices"), "{flat}");
     }
 
     #[test]
@@ -522,24 +527,41 @@ mod tests {
     }
 
     #[test]
-    fn a_layer_that_touches_nothing_is_told() {
+    fn coordinates_beyond_degrees_are_refused_unless_a_system_is_given() {
+        let far = format!(r#"{{"type":"Polygon","coordinates":[{}]}}"#, square(3e5));
+        let error = parse_polygons(&far).unwrap_err().to_string();
+        assert!(
+            error.contains("300000,300000, which is not in degrees") && error.contains("--crs"),
+            "{error}"
+        );
+        let any = FeatureOptions { check_degrees: false, ..FeatureOptions::default() };
+        assert_eq!(super::parse_polygons(&far, &any).unwrap().features.len(), 1);
+        assert_eq!(parse_polygons(&far.replacen('{', r#"{"crs":null,"#, 1)).unwrap().crs, None);
+        // Across the antimeridian, and a pole with rounding errors.
+        for text in ["[[179,80],[190,80],[190,90.0000000001]]", "[[-360,-90],[0,-90],[0,0]]"] {
+            parse_polygons(&format!(r#"{{"type":"Polygon","coordinates":[{text}]}}"#)).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_layer_outside_the_tree_is_an_error() {
         let frame = Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([1.0, 0.0, 40.0, 0.0, -1.0, 5.0]) };
         let extent = [10, 10, 1];
-        let places = CellLocator::new(&Coordinates::LONLAT, &frame, extent).unwrap();
+        let locator = CellLocator::new(&Coordinates::LONLAT, &frame, extent).unwrap();
         let layer = |text: &str| {
             parse_polygons(&format!(r#"{{"type":"Polygon","coordinates":[{text}]}}"#))
                 .unwrap()
-                .in_cells(&places, extent)
+                .in_cells(&locator, extent)
         };
-        let told = layer(&square(60.0)).unwrap_err().to_string();
+        let error = layer(&square(60.0)).unwrap_err().to_string();
         assert!(
-            told.contains("60,60,64,64 in lonlat (EPSG:4326)")
-                && told.contains("40,-5,50,5")
-                && told.contains("crs"),
-            "{told}"
+            error.contains("60,60,64,64 in lonlat (EPSG:4326)")
+                && error.contains("40,-5,50,5")
+                && error.contains("crs"),
+            "{error}"
         );
-        let told = layer("[[0,41],[1,41],[1,42]]").unwrap_err().to_string();
-        assert!(told.contains("swapped"), "{told}");
+        let error = layer("[[0,41],[1,41],[1,42]]").unwrap_err().to_string();
+        assert!(error.contains("swapped"), "{error}");
         assert!(layer("[[41,0],[42,0],[42,1]]").unwrap()[0].is_some());
     }
 }

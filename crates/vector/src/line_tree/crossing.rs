@@ -3,9 +3,10 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use super::joined::{Joined, JoinedPoint, locator_of};
+use super::joined::{JoinedLayer, JoinedPoint, locator_of};
 use crate::export::{AttributeType, AttributeValue, VectorFormat};
-use crate::import::feature::{Feature, FeatureGeometry, FeatureOptions, open_features};
+use crate::import::feature::{Feature, FeatureGeometry, open_features};
+use crate::zonal::options_over;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result, SilentProgress};
 use spinney_lines::LineTree;
@@ -39,7 +40,7 @@ pub fn join_crossing_lines(
     output: Option<(Output, VectorFormat)>,
     progress: &dyn Progress,
 ) -> Result<CrossingSummary> {
-    let mut reader = open_features(lines, &FeatureOptions::default())?;
+    let mut reader = open_features(lines, &options_over(&tree.metadata().frame))?;
     let locator = locator_of(tree, lines, &*reader, progress)?;
     let own = [("line", AttributeType::Integer)];
     // All crossings lie on lines of the tree.
@@ -47,7 +48,7 @@ pub fn join_crossing_lines(
     // Crossings are in the coordinate system of the tree, or in that of the file if the tree has
     // none.
     let crs = tree.metadata().frame.crs.clone().or_else(|| reader.schema().crs.clone());
-    let mut joined = Joined::new(tree, names, (reader.schema(), &own), output, (crs, &mut bounds))?;
+    let mut joined = JoinedLayer::new(tree, names, (reader.schema(), &own), output, (crs, &mut bounds))?;
     let count = reader.schema().count;
     let mut summary = CrossingSummary::default();
     let mut crossed = BTreeSet::new();
@@ -76,7 +77,7 @@ pub fn join_crossing_lines(
             // One feature may yield several points.
             id: None,
             feature: &features[owners[crossing.line]],
-            geometry: Some(FeatureGeometry::Points(vec![crossing.place])),
+            geometry: Some(FeatureGeometry::Points(vec![crossing.position])),
             line: Some(crossing.feature),
             own: vec![AttributeValue::Integer(crossing.feature as i64)],
         };
@@ -97,8 +98,8 @@ fn lines_of(path: &Path, number: u64, feature: &mut Feature) -> Result<Vec<Vec<[
         None => Ok(Vec::new()),
         Some(FeatureGeometry::Lines(lines)) => Ok(lines),
         Some(_) => {
-            let advice = "crossings are asked for with lines alone";
-            Err(Error::unsupported(path, format!("feature {number}, which is no line,"), advice))
+            let advice = "crossings can be queried with lines only";
+            Err(Error::unsupported(path, format!("feature {number}, which is not a line,"), advice))
         }
     }
 }

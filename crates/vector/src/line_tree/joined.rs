@@ -16,14 +16,14 @@ use spinney_crs::{Crs, WorldLocator};
 use spinney_lines::{LineTree, LineValue};
 
 /// Maximum number of cached attribute values.
-const KEPT: usize = 1 << 20;
+const MAX_CACHED_VALUES: usize = 1 << 20;
 
 /// Computes the bounds of a layer, if its format needs them.
 type LayerBounds<'b> = &'b mut dyn FnMut() -> Result<[[f64; 2]; 2]>;
 
 /// Output layer of points. Each has the attributes of a feature of a file, its own attributes, and
 /// those of a feature of the tree.
-pub(super) struct Joined<'t> {
+pub(super) struct JoinedLayer<'t> {
     tree: &'t LineTree,
     chosen: Vec<usize>,
     writer: Option<VectorWriter>,
@@ -42,7 +42,7 @@ pub(super) struct JoinedPoint<'f> {
     pub(super) own: Vec<AttributeValue<'f>>,
 }
 
-impl<'t> Joined<'t> {
+impl<'t> JoinedLayer<'t> {
     /// Starts a layer in a coordinate system. Its own attributes come after those of the file and
     /// before the chosen ones of the tree. Without an output, only the names are checked.
     pub(super) fn new(
@@ -51,10 +51,10 @@ impl<'t> Joined<'t> {
         (schema, own): (&FeatureSchema, &[(&str, AttributeType)]),
         output: Option<(Output, VectorFormat)>,
         (crs, bounds): (Option<Crs>, LayerBounds<'_>),
-    ) -> Result<Joined<'t>> {
+    ) -> Result<JoinedLayer<'t>> {
         let chosen = chosen_of(tree, names)?;
         let mut attributes = schema.attributes.clone();
-        let added = chosen.iter().map(|place| &tree.attributes()[*place]);
+        let added = chosen.iter().map(|index| &tree.attributes()[*index]);
         let added = added.map(|attribute| (attribute.name.clone(), type_of(attribute.kind)));
         for (name, kind) in own.iter().map(|(name, kind)| ((*name).to_owned(), *kind)).chain(added) {
             push_attribute(&mut attributes, name, kind);
@@ -66,7 +66,7 @@ impl<'t> Joined<'t> {
             let layer = VectorLayer { name, kind, is_multi: false, has_z: false, attributes, crs, bounds };
             writer = Some(VectorWriter::create(output, format, layer)?);
         }
-        Ok(Joined { tree, chosen, writer, known: HashMap::new() })
+        Ok(JoinedLayer { tree, chosen, writer, known: HashMap::new() })
     }
 
     /// Writes points, if there is an output.
@@ -75,7 +75,7 @@ impl<'t> Joined<'t> {
             return Ok(());
         }
         self.read(points.iter().filter_map(|point| point.line).collect())?;
-        let Joined { chosen, writer: Some(writer), known, .. } = self else { return Ok(()) };
+        let JoinedLayer { chosen, writer: Some(writer), known, .. } = self else { return Ok(()) };
         for point in points {
             let JoinedPoint { id, feature, geometry, line, own } = point;
             let mut values: Vec<AttributeValue<'_>> =
@@ -97,18 +97,18 @@ impl<'t> Joined<'t> {
 
     /// Reads the values of features that are not cached.
     fn read(&mut self, mut numbers: Vec<u64>) -> Result<()> {
-        let Joined { tree, chosen, known, .. } = self;
+        let JoinedLayer { tree, chosen, known, .. } = self;
         if chosen.is_empty() {
             return Ok(());
         }
-        if known.len() * chosen.len() > KEPT {
+        if known.len() * chosen.len() > MAX_CACHED_VALUES {
             known.clear();
         }
         numbers.retain(|number| !known.contains_key(number));
         sort::numbers64(&mut numbers);
         numbers.dedup();
         tree.features(&mut numbers.into_iter(), &mut |number, feature| {
-            let value = |place: &usize| feature.values.get(*place).cloned().unwrap_or(LineValue::None);
+            let value = |index: &usize| feature.values.get(*index).cloned().unwrap_or(LineValue::None);
             known.insert(number, chosen.iter().map(value).collect());
             Ok(())
         })

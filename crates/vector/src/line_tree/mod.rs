@@ -50,14 +50,14 @@ fn layer_name(path: &Path) -> String {
 fn chosen_of(tree: &LineTree, names: Option<&[String]>) -> Result<Vec<usize>> {
     let own = tree.attributes();
     let Some(names) = names else { return Ok((0..own.len()).collect()) };
-    let place = |name: &String| {
+    let index = |name: &String| {
         own.iter().position(|attribute| attribute.name == *name).ok_or_else(|| {
             let known: Vec<&str> = own.iter().map(|attribute| attribute.name.as_str()).collect();
-            let expected = format!("one that features have: {}", known.join(", "));
+            let expected = format!("one of the features' attributes: {}", known.join(", "));
             Error::invalid("attribute", format!("`{name}`"), expected)
         })
     };
-    names.iter().map(place).collect()
+    names.iter().map(index).collect()
 }
 
 /// Writes complete features of a line tree: all, or those with the given numbers, which ascend;
@@ -95,8 +95,8 @@ pub fn export_lines(
         }
         Ok(())
     })?;
-    let attributes = chosen.iter().map(|place| {
-        let attribute = &tree.attributes()[*place];
+    let attributes = chosen.iter().map(|index| {
+        let attribute = &tree.attributes()[*index];
         (attribute.name.clone(), type_of(attribute.kind))
     });
     let layer = VectorLayer {
@@ -113,7 +113,7 @@ pub fn export_lines(
     tree.features(&mut all(), &mut |_, feature| {
         let values: Vec<AttributeValue<'_>> = chosen
             .iter()
-            .map(|place| feature.values.get(*place).map_or(AttributeValue::None, value_of))
+            .map(|index| feature.values.get(*index).map_or(AttributeValue::None, value_of))
             .collect();
         let geometry = geometry_of(tree, feature);
         let parts = FeatureParts::of(&geometry);

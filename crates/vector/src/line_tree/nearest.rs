@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
-use super::joined::{Joined, JoinedPoint, locator_of};
+use super::joined::{JoinedLayer, JoinedPoint, locator_of};
 use crate::export::{AttributeType, AttributeValue, VectorFormat, bounds_of};
 use crate::import::feature::{Feature, FeatureGeometry, FeatureOptions, open_features};
+use crate::zonal::options_over;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result, SilentProgress};
 use spinney_lines::{LineTree, NearLine, NearestLines};
@@ -44,7 +45,8 @@ pub fn join_nearest_lines(
     output: Option<(Output, VectorFormat)>,
     progress: &dyn Progress,
 ) -> Result<JoinSummary> {
-    let mut reader = open_features(points, &FeatureOptions::default())?;
+    let reading = options_over(&tree.metadata().frame);
+    let mut reader = open_features(points, &reading)?;
     let locator = locator_of(tree, points, &*reader, progress)?;
     let own = [("line", AttributeType::Integer), ("distance", AttributeType::Number)];
     // Row ids must be unique integers, which only another such table guarantees.
@@ -52,30 +54,31 @@ pub fn join_nearest_lines(
     let keeps_ids = !matches!(output, Some((_, VectorFormat::GeoPackage))) || is_table(points);
     // The points are written in the coordinates of their file.
     let crs = reader.schema().crs.clone().or_else(|| tree.metadata().frame.crs.clone());
-    let mut joined = Joined::new(
+    let mut joined = JoinedLayer::new(
         tree,
         names,
         (reader.schema(), &own),
         output,
-        (crs, &mut || bounds_in(points, progress)),
+        (crs, &mut || bounds_in(points, &reading, progress)),
     )?;
     let count = reader.schema().count;
     let nearest = NearestLines::new(tree, MEMORY)?;
     let mut summary = JoinSummary::default();
     loop {
-        let (mut features, mut places) = (Vec::new(), Vec::new());
+        let (mut features, mut positions) = (Vec::new(), Vec::new());
         while features.len() < TOGETHER {
             let Some(feature) = reader.next()? else { break };
             let number = summary.points + features.len() as u64 + 1;
-            if let Some(place) = place_of(points, number, &feature)? {
-                places.push(locator.position(place).ok_or_else(|| no_position(points, number, place))?);
+            if let Some(position) = position_of(points, number, &feature)? {
+                positions
+                    .push(locator.position(position).ok_or_else(|| no_position(points, number, position))?);
             }
             features.push(feature);
         }
         if features.is_empty() {
             break;
         }
-        let found = nearest.find(&places, 1, within, &SilentProgress(progress))?;
+        let found = nearest.find(&positions, 1, within, &SilentProgress(progress))?;
         let mut found = found.into_iter().map(|near| near.first().copied());
         let near: Vec<Option<NearLine>> = features
             .iter()
@@ -107,13 +110,13 @@ pub fn join_nearest_lines(
 }
 
 /// Returns the position of a feature; `None` without a geometry.
-fn place_of(path: &Path, number: u64, feature: &Feature) -> Result<Option<[f64; 2]>> {
+fn position_of(path: &Path, number: u64, feature: &Feature) -> Result<Option<[f64; 2]>> {
     match &feature.geometry {
         None => Ok(None),
         Some(FeatureGeometry::Points(points)) if points.len() == 1 => Ok(Some(points[0])),
         Some(_) => {
-            let advice = "the nearest line is asked for of points alone";
-            Err(Error::unsupported(path, format!("feature {number}, which is no single point,"), advice))
+            let advice = "nearest lines can be queried with points only";
+            Err(Error::unsupported(path, format!("feature {number}, which is not a single point,"), advice))
         }
     }
 }
@@ -121,13 +124,13 @@ fn place_of(path: &Path, number: u64, feature: &Feature) -> Result<Option<[f64; 
 /// Error for a feature outside the domain of the tree's coordinate system.
 fn no_position(path: &Path, number: u64, [x, y]: [f64; 2]) -> Error {
     let found =
-        format!("feature {number} at {x},{y}, which the coordinate system of the tree has no position for,");
-    Error::unsupported(path, found, "leave it out, or correct it")
+        format!("feature {number} at {x},{y}, which is outside the domain of the tree's coordinate system,");
+    Error::unsupported(path, found, "remove it, or correct it")
 }
 
 /// Returns the bounds of all points of a file.
-fn bounds_in(path: &Path, progress: &dyn Progress) -> Result<[[f64; 2]; 2]> {
-    let mut reader = open_features(path, &FeatureOptions::default())?;
+fn bounds_in(path: &Path, options: &FeatureOptions, progress: &dyn Progress) -> Result<[[f64; 2]; 2]> {
+    let mut reader = open_features(path, options)?;
     let mut bounds: Option<[[f64; 2]; 2]> = None;
     let mut number = 0u64;
     while let Some(feature) = reader.next()? {
@@ -135,9 +138,9 @@ fn bounds_in(path: &Path, progress: &dyn Progress) -> Result<[[f64; 2]; 2]> {
         if number.is_multiple_of(1 << 14) {
             progress.check()?;
         }
-        if let Some(place) = place_of(path, number, &feature)? {
-            let around = bounds.get_or_insert([place; 2]);
-            let corners = [around[0], around[1], place];
+        if let Some(position) = position_of(path, number, &feature)? {
+            let around = bounds.get_or_insert([position; 2]);
+            let corners = [around[0], around[1], position];
             *around = bounds_of(&mut corners.iter());
         }
     }

@@ -26,7 +26,7 @@ pub fn export_isolines(
     progress: &dyn Progress,
 ) -> Result<(u64, u64)> {
     if features.filled {
-        return Err(Error::invalid("contours of a surface", "areas", "lines"));
+        return Err(Error::invalid("contours of a surface", "filled areas", "lines"));
     }
     let levels = Levels::new(levels)?.reached(tin.range().unwrap_or_default())?;
     let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];

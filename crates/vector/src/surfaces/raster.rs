@@ -18,11 +18,10 @@ use spinney_tin::{HeightGrid, Tin};
 /// into memory.
 pub fn read_heights(tree: &Dataset, level: u8) -> Result<HeightGrid> {
     if tree.header().form.axes() != 2 {
-        let advice =
-            "surfaces over the plane are made of rasters; `spinney contours` makes isosurfaces of octrees";
+        let advice = "triangulate a raster, or make isosurfaces of octrees with `spinney contours`";
         return Err(Error::unsupported(tree.name(), "an octree", advice));
     }
-    tree.check_amounts("a surface")?;
+    tree.check_continuous("a surface")?;
     let coarser = tree.depth().saturating_sub(level);
     let [columns, rows, _] = tree.extent_at(level).max;
     let [across, down, _] = tree.metadata().frame.coarser(coarser).matrix;
@@ -101,7 +100,7 @@ pub fn write_surface(
 ) -> Result<[u64; 2]> {
     let SurfaceRaster { cell, name, crs, provenance, memory, packing } = raster;
     if !(cell > 0.0 && cell.is_finite()) {
-        return Err(Error::invalid("cell", cell.to_string(), "a width above zero"));
+        return Err(Error::invalid("cell width", cell.to_string(), "a number above zero"));
     }
     let mut ends = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
     for [x, y, _] in tin.vertices() {

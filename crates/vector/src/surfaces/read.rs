@@ -16,7 +16,7 @@ pub struct SurfaceFiles {
     pub points: PathBuf,
     /// Names of the height attributes, one per surface.
     pub heights: Vec<String>,
-    /// Selection of the points.
+    /// Selection of the points, and whether coordinates of all files are checked to be degrees.
     pub options: FeatureOptions,
     /// Lines that become edges; their height is the attribute `z`, if they have it.
     pub breaklines: Option<PathBuf>,
@@ -37,6 +37,8 @@ pub struct SurfacePoints {
     pub outlines: PolygonParts,
     /// Coordinate system, if known.
     pub crs: Option<Crs>,
+    /// The first file that has it.
+    pub crs_file: Option<PathBuf>,
 }
 
 /// Reads the input of surfaces. A feature without a numeric height is left out of that surface.
@@ -53,39 +55,44 @@ pub fn read_surfaces(files: &SurfaceFiles) -> Result<SurfacePoints> {
     let mut found = SurfacePoints {
         points: vec![Vec::new(); count],
         without: vec![0; count],
+        crs_file: crs.is_some().then(|| path.clone()),
         crs,
         ..SurfacePoints::default()
     };
     while let Some(feature) = reader.next()? {
-        let places = match feature.geometry {
+        let points = match feature.geometry {
             None => continue,
-            Some(FeatureGeometry::Points(places)) => places,
+            Some(FeatureGeometry::Points(points)) => points,
             Some(_) => {
-                let advice =
-                    "surfaces are made of points; lines go into --breaklines, polygons into --outline";
-                return Err(Error::unsupported(path, "a feature that is no point", advice));
+                let advice = "surfaces need points; give lines as --breaklines, and polygons as --outline";
+                return Err(Error::unsupported(path, "a feature that is not a point", advice));
             }
         };
         for (surface, value) in feature.attributes.iter().enumerate() {
             match number(value) {
-                Some(height) => found.points[surface].extend(places.iter().map(|[x, y]| [*x, *y, height])),
-                None => found.without[surface] += places.len() as u64,
+                Some(height) => found.points[surface].extend(points.iter().map(|[x, y]| [*x, *y, height])),
+                None => found.without[surface] += points.len() as u64,
             }
         }
     }
     if let Some(at) = found.points.iter().position(Vec::is_empty) {
-        let expected = "an attribute that is a number for three points or more";
+        let expected = "an attribute that is a number for at least three points";
         return Err(Error::invalid(
             "heights",
             format!("`{}` without any in {}", files.heights[at], path.display()),
             expected,
         ));
     }
+    let check_degrees = files.options.check_degrees;
+    let reading = FeatureOptions { check_degrees, ..FeatureOptions::default() };
+    let file_of = |crs: &Option<Crs>, path: &PathBuf| crs.is_some().then(|| path.clone());
     if let Some(path) = &files.breaklines {
-        found.breaklines = read_lines(path, &mut found.crs)?;
+        found.breaklines = read_lines(path, &reading, &mut found.crs)?;
+        found.crs_file = found.crs_file.or_else(|| file_of(&found.crs, path));
     }
     if let Some(path) = &files.outline {
-        found.outlines = read_polygons(path, &mut found.crs)?;
+        found.outlines = read_polygons(path, &reading, &mut found.crs)?;
+        found.crs_file = found.crs_file.or_else(|| file_of(&found.crs, path));
     }
     Ok(found)
 }
@@ -103,8 +110,8 @@ fn number(value: &FeatureAttribute) -> Option<f64> {
 fn agree(path: &Path, crs: &mut Option<Crs>, other: Option<&Crs>) -> Result<()> {
     match (&crs, other) {
         (Some(crs), Some(other)) if crs != other => {
-            let advice = "bring both into one system first";
-            Err(Error::unsupported(path, "another coordinate system than that of the points", advice))
+            let advice = "transform both to one system first";
+            Err(Error::unsupported(path, "a coordinate system other than that of the points", advice))
         }
         (None, Some(other)) => {
             *crs = Some(other.clone());
@@ -115,8 +122,8 @@ fn agree(path: &Path, crs: &mut Option<Crs>, other: Option<&Crs>) -> Result<()> 
 }
 
 /// Reads lines; rings of polygons are also read as lines.
-fn read_lines(path: &Path, crs: &mut Option<Crs>) -> Result<Vec<Vec<[f64; 3]>>> {
-    let mut reader = open_features(path, &FeatureOptions::default())?;
+fn read_lines(path: &Path, options: &FeatureOptions, crs: &mut Option<Crs>) -> Result<Vec<Vec<[f64; 3]>>> {
+    let mut reader = open_features(path, options)?;
     agree(path, crs, reader.schema().crs.as_ref())?;
     let height = reader.schema().attributes.iter().position(|(name, _)| name.eq_ignore_ascii_case(HEIGHT));
     let mut found = Vec::new();
@@ -134,7 +141,7 @@ fn read_lines(path: &Path, crs: &mut Option<Crs>) -> Result<Vec<Vec<[f64; 3]>>> 
             }
             Some(_) => {
                 let advice = "breaklines are lines or polygons";
-                return Err(Error::unsupported(path, "a feature that is neither", advice));
+                return Err(Error::unsupported(path, "a breakline that is a point", advice));
             }
         }
     }
@@ -142,8 +149,8 @@ fn read_lines(path: &Path, crs: &mut Option<Crs>) -> Result<Vec<Vec<[f64; 3]>>> 
 }
 
 /// Reads polygons.
-fn read_polygons(path: &Path, crs: &mut Option<Crs>) -> Result<PolygonParts> {
-    let mut reader = open_features(path, &FeatureOptions::default())?;
+fn read_polygons(path: &Path, options: &FeatureOptions, crs: &mut Option<Crs>) -> Result<PolygonParts> {
+    let mut reader = open_features(path, options)?;
     agree(path, crs, reader.schema().crs.as_ref())?;
     let mut found = PolygonParts::new();
     while let Some(feature) = reader.next()? {
@@ -153,14 +160,14 @@ fn read_polygons(path: &Path, crs: &mut Option<Crs>) -> Result<PolygonParts> {
             Some(_) => {
                 return Err(Error::unsupported(
                     path,
-                    "a feature that is no polygon",
-                    "an outline is polygons",
+                    "an outline with a feature that is not a polygon",
+                    "outlines consist of polygons",
                 ));
             }
         }
     }
     if found.is_empty() {
-        return Err(Error::unsupported(path, "no polygon", "an outline is one or more"));
+        return Err(Error::unsupported(path, "an outline without polygons", "an outline has at least one"));
     }
     Ok(found)
 }

@@ -13,7 +13,7 @@ use spinney::raw::import::feature::{AttributeCondition, FeatureZones, PolygonRea
 use spinney::{Coordinates, Dataset};
 
 use super::super::Global;
-use super::super::args::{Memory, check_output, vector_format};
+use super::super::args::{Memory, check_output, vector_format_of};
 use super::super::report::{Work, report_output};
 pub(super) use print::Format;
 use print::Report;
@@ -27,15 +27,16 @@ pub(super) struct ZoneOptions {
     edge: EdgeRule,
     /// Measures of each polygon: count, void (cells), void_share, outside (of the tree, in cells),
     /// sum, min, max, mean, std, majority, minority, variety, median, classes [default: all but
-    /// majority, minority, variety and median, which read all cells unless the file counts classes]
+    /// majority, minority, variety and median, which read all cells unless the file counts classes;
+    /// --json always has the others]
     #[arg(long = "measure", value_name = "NAME,...", value_delimiter = ',', requires = "zones")]
     measures: Vec<ZoneMeasure>,
     /// Quantiles of each polygon, from 0 to 1, as in 0.1,0.5,0.9: interpolated linearly, with
     /// fractions of cells as weights
     #[arg(long, value_name = "Q,...", value_delimiter = ',', requires = "zones")]
     quantiles: Vec<f64>,
-    /// Only features for which all conditions hold, as in 'type=Building,lod>=2': =, !=, <, <=, >
-    /// or >= between an attribute and a value; with --each objects of the model
+    /// Only features for which all conditions hold, as in 'type=Building,height>=10': an
+    /// attribute, one of =, !=, <, <=, > and >=, and a value; with --each objects of the model
     #[arg(
         long = "where",
         value_name = "CONDITION,...",
@@ -63,13 +64,21 @@ impl ZoneOptions {
     }
 
     /// Returns options for reading the features. Attributes are read only if they are printed.
-    fn reading(&self, format: Format, memory: u64) -> FeatureOptions {
+    fn reading(
+        &self,
+        format: Format,
+        memory: u64,
+        (trees, coordinates): (&[&Dataset], Option<&Coordinates>),
+    ) -> FeatureOptions {
         let attributes = match (&self.attribute, format) {
             (None, Format::Json) => None,
             (chosen, _) => Some(chosen.clone().unwrap_or_default()),
         };
         let filter = FeatureFilter { conditions: self.conditions.clone() };
-        FeatureOptions { memory, filter, attributes, ..FeatureOptions::default() }
+        // (In trees without a coordinate system, that of the file is not used.)
+        let has_system = trees.iter().all(|tree| tree.metadata().frame.crs.is_some());
+        let check_degrees = coordinates.is_none() && has_system;
+        FeatureOptions { memory, filter, attributes, check_degrees, ..FeatureOptions::default() }
     }
 }
 
@@ -83,12 +92,12 @@ pub(super) fn write(
     global: &Global,
 ) -> Result<()> {
     let start = Instant::now();
-    let format = vector_format(None, output)?;
+    let format = vector_format_of(output)?;
     check_output(trees.iter().map(Dataset::name).chain([file]), output)?;
     let trees: Vec<&Dataset> = trees.iter().collect();
     let (request, memory) = options.request();
     // (The default is all attributes.)
-    let reading = options.reading(Format::Json, memory);
+    let reading = options.reading(Format::Json, memory, (&trees, coordinates));
     let reader = PolygonReader::open(file, &reading).map_err(|error| named(error, file))?;
     let work = Work::start(global, "polygons")?;
     let made = global.access().create(output)?;
@@ -110,8 +119,8 @@ pub(super) fn run(
 ) -> Result<()> {
     let trees: Vec<&Dataset> = trees.iter().collect();
     let (request, memory) = options.request();
-    let mut reader =
-        PolygonReader::open(file, &options.reading(format, memory)).map_err(|error| named(error, file))?;
+    let reading = options.reading(format, memory, (&trees, coordinates));
+    let mut reader = PolygonReader::open(file, &reading).map_err(|error| named(error, file))?;
     let work = Work::start(global, "polygons")?;
     let mut zones = FeatureZones::new(&reader, coordinates, &trees, &request, &work)?;
     let mut report = Report::begin(&trees, options, format);
@@ -133,10 +142,8 @@ pub(super) fn run(
 
 /// Adds the file's name to an error. (Other kinds of errors have it.)
 fn named(error: spinney::Error, file: &Path) -> anyhow::Error {
-    match error {
-        error @ spinney::Error::Invalid { .. } => {
-            anyhow::Error::from(error).context(file.display().to_string())
-        }
-        error => error.into(),
-    }
+    let name = file.display().to_string();
+    let is_unnamed = matches!(&error, spinney::Error::Invalid { what, .. } if !what.starts_with(&name));
+    let error = anyhow::Error::from(error);
+    if is_unnamed { error.context(name) } else { error }
 }

@@ -118,9 +118,36 @@ fn csv_heading(trees: &[&Dataset], options: &ZoneOptions) -> String {
     let before = ["zone", "id"].into_iter().chain(attributes);
     // (Layers of a file are all quadtrees, or all octrees.)
     let measure = trees.first().map_or(AREA, |tree| measure_key(tree));
-    let own = COLUMNS.map(|name| if name == AREA { measure } else { name });
+    let own = COLUMNS.into_iter().filter(|name| has_column(name, options));
+    let own = own.map(|name| if name == AREA { measure } else { name });
     let columns: Vec<&str> = before.chain(own).chain(more.iter().map(String::as_str)).collect();
     row_of(&columns)
+}
+
+/// Returns whether text and tables have a measure: a requested one; by default, one that is known
+/// without reading all cells. Sums are printed on request only.
+fn is_wanted(measure: ZoneMeasure, options: &ZoneOptions) -> bool {
+    use ZoneMeasure::{Majority, Median, Minority, Sum, Variety};
+    match options.measures.is_empty() {
+        true => !matches!(measure, Majority | Median | Minority | Sum | Variety),
+        false => options.measures.contains(&measure),
+    }
+}
+
+/// Returns whether a table has one of [`COLUMNS`].
+fn has_column(name: &str, options: &ZoneOptions) -> bool {
+    use ZoneMeasure::{Classes, Count, Deviation, Max, Mean, Min, Void};
+    let wanted = |measure| is_wanted(measure, options);
+    match name {
+        "class" | "class_name" => wanted(Classes),
+        "cells" | AREA => wanted(Count) || wanted(Classes),
+        "void_cells" => wanted(Void),
+        "min" => wanted(Min),
+        "max" => wanted(Max),
+        "mean" => wanted(Mean),
+        "standard_deviation" => wanted(Deviation),
+        _ => true,
+    }
 }
 
 /// Returns the requested measures that have no standard columns.
@@ -161,8 +188,8 @@ fn more_of(zone: &ZoneStatistics, channel: usize, options: &ZoneOptions) -> Vec<
     measures.chain(quantiles).collect()
 }
 
-/// Writes table rows: one per channel, or per class if classes are counted. Without cells it is one
-/// row without numbers.
+/// Writes table rows: one per channel, or per class if classes are counted and wanted. Without
+/// cells it is one row without numbers.
 fn write_rows(
     text: &mut String,
     first: &[String],
@@ -177,18 +204,20 @@ fn write_rows(
     let mut write = |index: usize, own: [String; 10]| {
         let layer = [name.clone(), time.clone().unwrap_or_default()];
         let more = more_of(zone, index, options);
-        let fields = first.iter().chain(&layer).chain(&own).chain(&more);
+        let columns = COLUMNS.iter().zip(layer.iter().chain(&own));
+        let own = columns.filter(|(name, _)| has_column(name, options)).map(|(_, field)| field);
+        let fields = first.iter().chain(own).chain(&more);
         let fields: Vec<&str> = fields.map(String::as_str).collect();
         text.push_str(&row_of(&fields));
     };
     let none = String::new;
     let void = number(zone.void_cells);
-    for (value, cells) in &zone.classes {
-        let class = class_name(tree, *value).unwrap_or_default().to_string();
-        let (value, cells, area) = (value.to_string(), number(*cells), area_of(*cells));
-        write(0, [none(), value, cells, void.clone(), area, none(), none(), none(), none(), class]);
-    }
-    if !zone.classes.is_empty() {
+    if is_wanted(ZoneMeasure::Classes, options) && !zone.classes.is_empty() {
+        for (value, cells) in &zone.classes {
+            let class = class_name(tree, *value).unwrap_or_default().to_string();
+            let (value, cells, area) = (value.to_string(), number(*cells), area_of(*cells));
+            write(0, [none(), value, cells, void.clone(), area, none(), none(), none(), none(), class]);
+        }
         return;
     }
     for (index, channel) in zone.channels.iter().enumerate() {
@@ -220,19 +249,28 @@ fn write_zone(
     zone: &ZoneStatistics,
     options: &ZoneOptions,
 ) -> Result<()> {
+    use ZoneMeasure::{Classes, Count, Outside, Void, VoidShare};
+    let wanted = |measure| is_wanted(measure, options);
     let measure = CellMeasure::of(tree).ok().filter(|measure| measure.unit != "cells");
-    write!(text, "{name}  {} cells, and {} VOID", rounded(zone.cells), rounded(zone.void_cells))?;
-    if zone.void_cells > 0.0 {
-        write!(text, " ({:.4} %)", 100.0 * zone.void_share())?;
+    let mut counts = Vec::new();
+    if wanted(Count) {
+        counts.push(format!("{} cells", rounded(zone.cells)));
     }
-    if zone.outside_cells > 0.0 {
-        write!(text, ", {} outside", rounded(zone.outside_cells))?;
+    if wanted(Void) || wanted(VoidShare) {
+        let and = if counts.is_empty() { "" } else { "and " };
+        let share = match zone.void_cells > 0.0 {
+            true => format!(" ({:.4} %)", 100.0 * zone.void_share()),
+            false => String::new(),
+        };
+        counts.push(format!("{and}{} VOID{share}", rounded(zone.void_cells)));
     }
-    match &measure {
-        Some(measure) => writeln!(text, "  {}", measure.text(zone.cells))?,
-        None => writeln!(text)?,
+    if wanted(Outside) && (zone.outside_cells > 0.0 || !options.measures.is_empty()) {
+        counts.push(format!("{} outside", rounded(zone.outside_cells)));
     }
-    for (value, cells) in &zone.classes {
+    let area = measure.as_ref().filter(|_| wanted(Count)).map(|measure| measure.text(zone.cells));
+    let heading = [Some(name.to_string()), Some(counts.join(", ")).filter(|text| !text.is_empty()), area];
+    writeln!(text, "{}", heading.into_iter().flatten().collect::<Vec<_>>().join("  "))?;
+    for (value, cells) in zone.classes.iter().filter(|_| wanted(Classes)) {
         let share = 100.0 * cells / zone.cells;
         write!(text, "{value:>8} {:>14} cells {share:>8.4} %", rounded(*cells))?;
         if let Some(measure) = &measure {
@@ -241,26 +279,40 @@ fn write_zone(
         writeln!(text, "  {}", class_name(tree, *value).unwrap_or_default())?;
     }
     for (index, channel) in zone.channels.iter().enumerate() {
-        let ZoneChannel { min, max, sum, mean, standard_deviation, values, .. } = channel;
-        if zone.classes.is_empty() {
-            write!(text, "  channel {}  min {min}  max {max}  mean {mean:.6}", index + 1)?;
-            write!(text, "  standard deviation {standard_deviation:.6}")?;
-            if options.measures.contains(&ZoneMeasure::Sum) {
-                write!(text, "  sum {sum}")?;
-            }
-            writeln!(text)?;
-        }
-        if let Some(values) = values {
-            let (majority, minority) = (values.majority, values.minority);
-            write!(text, "  majority {majority}  minority {minority}  variety {}", values.variety)?;
-            write!(text, "  median {}", values.median)?;
-            for (at, quantile) in options.quantiles.iter().zip(&values.quantiles) {
-                write!(text, "  quantile {at} {quantile}")?;
-            }
-            writeln!(text)?;
+        let numbers = numbers_of(channel, zone, options);
+        if !numbers.is_empty() {
+            writeln!(text, "  channel {}  {}", index + 1, numbers.join("  "))?;
         }
     }
     Ok(())
+}
+
+/// Returns the numbers of a channel with their names. Those of class numbers are printed on request
+/// only.
+fn numbers_of(channel: &ZoneChannel, zone: &ZoneStatistics, options: &ZoneOptions) -> Vec<String> {
+    use ZoneMeasure::{Deviation, Majority, Max, Mean, Median, Min, Minority, Sum, Variety};
+    let ZoneChannel { min, max, sum, mean, standard_deviation, values, .. } = channel;
+    let is_default = zone.classes.is_empty() || !options.measures.is_empty();
+    let mut numbers = Vec::new();
+    let mut add = |measure, text: String| {
+        if is_default && is_wanted(measure, options) {
+            numbers.push(text);
+        }
+    };
+    add(Min, format!("min {min}"));
+    add(Max, format!("max {max}"));
+    add(Mean, format!("mean {mean:.6}"));
+    add(Deviation, format!("standard deviation {standard_deviation:.6}"));
+    add(Sum, format!("sum {sum}"));
+    if let Some(values) = values {
+        add(Majority, format!("majority {}", values.majority));
+        add(Minority, format!("minority {}", values.minority));
+        add(Variety, format!("variety {}", values.variety));
+        add(Median, format!("median {}", values.median));
+        let quantiles = options.quantiles.iter().zip(&values.quantiles);
+        numbers.extend(quantiles.map(|(at, quantile)| format!("quantile {at} {quantile}")));
+    }
+    numbers
 }
 
 /// Formats a number of cells, which may be fractional.

@@ -21,26 +21,26 @@ pub(super) fn code(columns: &mut Columns<'_>, length: usize, plain: &[u8]) -> Ve
     let mut bytes: Vec<u8> = Vec::with_capacity(length.min(1 << 16));
     // Position after the last occurrence of each key, and position of the currently predicted byte
     // (0: none).
-    let mut places = vec![0u32; 1 << KEY_BITS];
-    let (mut place, mut alike) = (0, 0);
+    let mut last_offsets = vec![0u32; 1 << KEY_BITS];
+    let (mut offset, mut alike) = (0, 0);
     for at in 0..length {
         if let Some(key) = at.checked_sub(KEY).and_then(|from| bytes[from..].first_chunk()) {
             let key = u32::from_le_bytes(*key).wrapping_mul(0x9E37_79B1) >> (u32::BITS - KEY_BITS);
-            if place == 0 {
-                place = places[key as usize] as usize;
+            if offset == 0 {
+                offset = last_offsets[key as usize] as usize;
             }
-            places[key as usize] = at as u32;
+            last_offsets[key as usize] = at as u32;
         }
         let byte = plain.get(at).copied().unwrap_or(0);
-        if place > 0 {
-            let is_expected = columns.bit(EXPECTED + alike, byte == bytes[place]);
+        if offset > 0 {
+            let is_expected = columns.bit(EXPECTED + alike, byte == bytes[offset]);
             if is_expected {
                 alike = (alike + 1).min(MAX_LENGTH);
-                bytes.push(bytes[place]);
-                place += 1;
+                bytes.push(bytes[offset]);
+                offset += 1;
                 continue;
             }
-            (place, alike) = (0, 0);
+            (offset, alike) = (0, 0);
         }
         let before = bytes.last().map_or(0, |before| usize::from(*before));
         bytes.push(columns.bits(BYTE + 256 * before, 8, byte.into()) as u8);

@@ -6,7 +6,7 @@ use spinney_packing::Columns;
 /// Number of half-edges that a vertex remembers in each direction.
 const REMEMBERED: usize = 4;
 /// Marks a missing vertex.
-const NOBODY: u32 = u32::MAX;
+const NONE: u32 = u32::MAX;
 
 /// Bit contexts of candidates: by whether the corner is the ring's last one, the candidate's
 /// origin, and its rank.
@@ -21,10 +21,10 @@ pub(super) const CONTEXTS: (usize, usize) = (NEW + 3 * 3, 2);
 
 /// How a corner was coded; a context of the next one.
 #[derive(Clone, Copy)]
-enum Found {
+enum CornerCoding {
     New,
     Candidate,
-    Told,
+    Delta,
 }
 
 /// Coded vertices, and their half-edges that have no opposite yet.
@@ -42,7 +42,7 @@ pub(super) struct Corners {
     last: u32,
     /// The first corners of the previous ring.
     ring: [u32; 3],
-    found: Found,
+    found: CornerCoding,
 }
 
 impl Corners {
@@ -51,12 +51,12 @@ impl Corners {
         Corners {
             bits,
             numbers,
-            into: vec![[(NOBODY, NOBODY); REMEMBERED]; vertices],
-            out: vec![[NOBODY; REMEMBERED]; vertices],
+            into: vec![[(NONE, NONE); REMEMBERED]; vertices],
+            out: vec![[NONE; REMEMBERED]; vertices],
             next: 0,
             last: 0,
-            ring: [NOBODY; 3],
-            found: Found::New,
+            ring: [NONE; 3],
+            found: CornerCoding::New,
         }
     }
 
@@ -76,24 +76,24 @@ impl Corners {
             _ => self.of_edges(columns, &ring[..index], corner, is_last),
         };
         if let Some(candidate) = candidate {
-            (self.found, self.last) = (Found::Candidate, candidate);
+            (self.found, self.last) = (CornerCoding::Candidate, candidate);
             return Some(candidate);
         }
-        let place = if index == 0 { 0 } else { 1 + usize::from(is_last) };
-        if columns.bit(self.bits + NEW + 3 * place + self.found as usize, corner == self.next) {
-            self.found = Found::New;
+        let ring_position = if index == 0 { 0 } else { 1 + usize::from(is_last) };
+        if columns.bit(self.bits + NEW + 3 * ring_position + self.found as usize, corner == self.next) {
+            self.found = CornerCoding::New;
             self.next += 1;
             return Some(self.next - 1).filter(|new| (*new as usize) < self.into.len());
         }
         let more = i64::from(corner.wrapping_sub(self.last) as i32);
         let more = columns.near(self.numbers + usize::from(index > 0), more);
-        (self.found, self.last) = (Found::Told, self.last.wrapping_add(more as u32));
-        Some(self.last).filter(|told| *told < self.next)
+        (self.found, self.last) = (CornerCoding::Delta, self.last.wrapping_add(more as u32));
+        Some(self.last).filter(|number| *number < self.next)
     }
 
     /// Codes a first corner, if it is one of the previous ring's first corners.
     fn of_ring_before(&self, columns: &mut Columns<'_>, corner: u32) -> Option<u32> {
-        let candidates = self.ring.into_iter().enumerate().filter(|(_, candidate)| *candidate != NOBODY);
+        let candidates = self.ring.into_iter().enumerate().filter(|(_, candidate)| *candidate != NONE);
         candidates
             .map(|(rank, candidate)| (candidate, self.bits + AGAIN + rank))
             .find(|(candidate, context)| columns.bit(*context, *candidate == corner))
@@ -105,12 +105,12 @@ impl Corners {
     fn of_edges(&self, columns: &mut Columns<'_>, before: &[u32], corner: u32, is_last: bool) -> Option<u32> {
         let (first, last) = (before[0], before[before.len() - 1]);
         let into = self.into[last as usize].map(|(from, _)| from);
-        let out = if is_last { self.out[first as usize] } else { [NOBODY; REMEMBERED] };
+        let out = if is_last { self.out[first as usize] } else { [NONE; REMEMBERED] };
         let of_into = into.iter().map(|it| (*it, if out.contains(it) { 2 } else { 0 }));
         let of_out = out.iter().filter(|it| !into.contains(it)).map(|it| (*it, 1));
         let is_before =
             |it: u32| it == first || before.len().checked_sub(2).is_some_and(|at| before[at] == it);
-        let candidates = of_into.chain(of_out).filter(|(it, _)| *it != NOBODY && !is_before(*it));
+        let candidates = of_into.chain(of_out).filter(|(it, _)| *it != NONE && !is_before(*it));
         for (rank, (candidate, kind)) in candidates.enumerate() {
             let context = self.bits + CANDIDATE + 12 * usize::from(is_last) + 4 * kind + rank.min(3);
             if columns.bit(context, candidate == corner) {
@@ -121,33 +121,33 @@ impl Corners {
     }
 
     /// Returns the corner after the half-edge between two vertices, if it has no opposite yet.
-    pub(super) fn behind(&self, from: u32, to: u32) -> Option<u32> {
+    pub(super) fn corner_after(&self, from: u32, to: u32) -> Option<u32> {
         let found = self.into[to as usize].iter().find(|(before, _)| *before == from);
-        found.map(|(_, behind)| *behind)
+        found.map(|(_, after)| *after)
     }
 
     /// Records the half-edges of a ring.
     pub(super) fn join(&mut self, ring: &[u32]) {
         let at = |index: usize| ring[index % ring.len()];
         for index in 0..ring.len() {
-            let [from, to, behind] = [0, 1, 2].map(|more| at(index + more));
+            let [from, to, after] = [0, 1, 2].map(|more| at(index + more));
             let other = self.into[from as usize].iter().position(|(before, _)| *before == to);
-            if let Some(place) = other {
-                forget(&mut self.into[from as usize], place, (NOBODY, NOBODY));
-                if let Some(place) = self.out[to as usize].iter().position(|behind| *behind == from) {
-                    forget(&mut self.out[to as usize], place, NOBODY);
+            if let Some(slot) = other {
+                forget(&mut self.into[from as usize], slot, (NONE, NONE));
+                if let Some(slot) = self.out[to as usize].iter().position(|after| *after == from) {
+                    forget(&mut self.out[to as usize], slot, NONE);
                 }
             } else {
-                remember(&mut self.into[to as usize], (from, behind));
+                remember(&mut self.into[to as usize], (from, after));
                 remember(&mut self.out[from as usize], to);
             }
         }
-        self.ring = std::array::from_fn(|index| ring.get(index).copied().unwrap_or(NOBODY));
+        self.ring = std::array::from_fn(|index| ring.get(index).copied().unwrap_or(NONE));
     }
 }
 
-fn forget<T>(list: &mut [T; REMEMBERED], place: usize, nothing: T) {
-    list[place..].rotate_left(1);
+fn forget<T>(list: &mut [T; REMEMBERED], slot: usize, nothing: T) {
+    list[slot..].rotate_left(1);
     list[REMEMBERED - 1] = nothing;
 }
 

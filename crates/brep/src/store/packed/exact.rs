@@ -7,7 +7,7 @@ use spinney_packing::Columns;
 
 use super::super::exact::{self, ExactLayout};
 use super::corners::Corners;
-use super::vertices::{Points, Uses};
+use super::vertices::{Incidences, Points};
 use super::words::{Words, code_ends, code_parts, code_sources, push_numbers, push_words};
 use super::{corners, vertices};
 
@@ -126,7 +126,7 @@ impl Exact {
         code_sources(columns, contexts::SOURCE, &mut self.sources);
         let [faces, planes, grid, vertices, ..] = self.layout.counts;
         let mut numbers = Numbers::new([grid, vertices], planes);
-        let mut uses = Uses::new(planes, vertices);
+        let mut incidences = Incidences::new(planes, vertices);
         let (mut first_ring, mut start) = (0, 0);
         for face in 0..faces {
             let plane = numbers.plane(columns, 0, self.face_planes[face])?;
@@ -136,7 +136,7 @@ impl Exact {
             for end in rings {
                 let ring = self.corners.get_mut(start..*end as usize)?;
                 numbers.ring(columns, plane, ring)?;
-                uses.note(plane, ring, grid as u32);
+                incidences.note(plane, ring, grid as u32);
                 start = *end as usize;
             }
         }
@@ -148,7 +148,7 @@ impl Exact {
                 *value = *last;
             }
         }
-        self.points.code(columns, (contexts::VERTICES, contexts::VERTEX), &uses, self.layout.widths)
+        self.points.code(columns, (contexts::VERTICES, contexts::VERTEX), &incidences, self.layout.widths)
     }
 }
 
@@ -195,7 +195,7 @@ impl Numbers {
         let more = i64::from(plane.wrapping_sub(self.last[kind]) as i32);
         let more = columns.near(contexts::PLANE + kind, more);
         self.last[kind] = self.last[kind].wrapping_add(more as u32);
-        Some(self.last[kind]).filter(|told| *told < self.next_plane)
+        Some(self.last[kind]).filter(|number| *number < self.next_plane)
     }
 
     /// Codes the corners of a ring of a face.

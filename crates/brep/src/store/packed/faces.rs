@@ -4,26 +4,26 @@ use spinney_packing::Columns;
 
 use super::super::block::{self, BlockLayout};
 use super::corners::Corners;
-use super::places::Places;
+use super::positions::VertexPositions;
 use super::words::{Words, code_ends, code_parts, code_sources, push_numbers, push_words};
-use super::{corners, places};
+use super::{corners, positions};
 
 /// Contexts of bits and of numbers.
 mod contexts {
-    use super::{corners, places};
+    use super::{corners, positions};
 
-    pub(super) const STAND_IN: usize = 0;
-    pub(super) const CORNERS: usize = STAND_IN + 2;
-    pub(super) const PLACES: usize = CORNERS + corners::CONTEXTS.0;
-    pub(super) const BITS: usize = PLACES + places::CONTEXTS.0;
+    pub(super) const PROXY: usize = 0;
+    pub(super) const CORNERS: usize = PROXY + 2;
+    pub(super) const POSITIONS: usize = CORNERS + corners::CONTEXTS.0;
+    pub(super) const BITS: usize = POSITIONS + positions::CONTEXTS.0;
 
     pub(super) const PART: usize = 0;
     pub(super) const SOURCE: usize = 1;
     pub(super) const RINGS: usize = 2;
     pub(super) const RING: usize = 3;
     pub(super) const CORNER: usize = 4;
-    pub(super) const PLACE: usize = CORNER + corners::CONTEXTS.1;
-    pub(super) const NUMBERS: usize = PLACE + places::CONTEXTS.1;
+    pub(super) const POSITION: usize = CORNER + corners::CONTEXTS.1;
+    pub(super) const NUMBERS: usize = POSITION + positions::CONTEXTS.1;
 }
 
 /// Contexts of bits and of numbers.
@@ -37,7 +37,7 @@ pub(super) struct Faces {
     ring_ends: Vec<u32>,
     parts: Vec<u32>,
     sources: Vec<u64>,
-    stand_ins: Vec<u8>,
+    proxies: Vec<u8>,
     colours: Vec<[u8; 3]>,
     corners: Vec<u32>,
 }
@@ -79,7 +79,7 @@ impl Faces {
             ring_ends: vec![0; if are_triangles { 0 } else { rings }],
             parts: vec![0; count(block::PARTS, faces).max(1)],
             sources: vec![0; count(block::SOURCES, faces)],
-            stand_ins: vec![0; count(block::STAND_INS, faces.div_ceil(8))],
+            proxies: vec![0; count(block::PROXIES, faces.div_ceil(8))],
             colours: vec![[0; 3]; count(block::COLOURED, vertices)],
             corners: vec![0; corners],
         })
@@ -91,7 +91,7 @@ impl Faces {
         let lists = [&mut self.face_ends, &mut self.ring_ends, &mut self.parts];
         lists.into_iter().flatten().for_each(|word| *word = words.word());
         self.sources.iter_mut().for_each(|source| *source = words.long());
-        words.bytes(&mut self.stand_ins);
+        words.bytes(&mut self.proxies);
         words.bytes(self.colours.as_flattened_mut());
         let is_wide = self.layout.has(block::WIDE);
         self.corners.iter_mut().for_each(|corner| *corner = words.number(is_wide));
@@ -103,7 +103,7 @@ impl Faces {
         let lists = [&self.face_ends, &self.ring_ends, &self.parts];
         push_words(bytes, lists.into_iter().flatten().copied());
         self.sources.iter().for_each(|source| bytes.extend_from_slice(&source.to_le_bytes()));
-        bytes.extend_from_slice(&self.stand_ins);
+        bytes.extend_from_slice(&self.proxies);
         bytes.extend_from_slice(self.colours.as_flattened());
         push_numbers(bytes, &self.corners, self.layout.has(block::WIDE));
     }
@@ -114,12 +114,13 @@ impl Faces {
         code_parts(columns, contexts::PART, &mut self.parts);
         code_sources(columns, contexts::SOURCE, &mut self.sources);
         let mut is_set = false;
-        for face in 0..8 * self.stand_ins.len() {
-            let (byte, bit) = (&mut self.stand_ins[face / 8], face % 8);
-            is_set = columns.bit(contexts::STAND_IN + usize::from(is_set), *byte >> bit & 1 == 1);
+        for face in 0..8 * self.proxies.len() {
+            let (byte, bit) = (&mut self.proxies[face / 8], face % 8);
+            is_set = columns.bit(contexts::PROXY + usize::from(is_set), *byte >> bit & 1 == 1);
             *byte = *byte & !(1 << bit) | u8::from(is_set) << bit;
         }
-        let mut places = Places::new(columns, contexts::PLACES, contexts::PLACE, &self.vertices)?;
+        let mut positions =
+            VertexPositions::new(columns, contexts::POSITIONS, contexts::POSITION, &self.vertices)?;
         let mut corners = Corners::new(contexts::CORNERS, contexts::CORNER, self.vertices.len());
         let mut start = 0;
         for ring in 0..self.layout.rings {
@@ -127,7 +128,7 @@ impl Faces {
             let ring = self.corners.get_mut(start..end)?;
             corners.code(columns, ring)?;
             for index in 0..ring.len() {
-                places.code(columns, &corners, (ring, index), &mut self.vertices, &mut self.colours);
+                positions.code(columns, &corners, (ring, index), &mut self.vertices, &mut self.colours);
             }
             corners.join(ring);
             start = end;

@@ -11,14 +11,14 @@ pub(super) struct Cell {
 
 /// Number of relations of two cells: apart, with a common edge or corner, or with a common wall
 /// across x, y or z.
-const PLACES: usize = 5;
+const RELATIONS: usize = 5;
 
 impl Cell {
     /// No cell; it is apart from all cells.
     const NONE: Cell = Cell { at: [u32::MAX; 3], width: 0 };
 
     /// Returns the relation of another cell, with a disjoint interior, to this one.
-    fn place_of(&self, other: &Cell) -> usize {
+    fn relation_of(&self, other: &Cell) -> usize {
         let (mut common, mut wall) = (0, 0);
         for axis in 0..3 {
             let [low, other_low] = [self, other].map(|cell| cell.at[axis]);
@@ -47,7 +47,7 @@ const NEW: usize = 2;
 const FIRST: usize = 3;
 const NEXT: usize = 4;
 /// Contexts of bits, and of numbers.
-pub(super) const CONTEXTS: (usize, usize) = (PLACES * PLACES * RANKS, 5);
+pub(super) const CONTEXTS: (usize, usize) = (RELATIONS * RELATIONS * RANKS, 5);
 
 /// A face of a leaf, and the last two cells that had it, the last one first.
 #[derive(Clone, Copy)]
@@ -76,13 +76,13 @@ impl FaceLists {
     }
 
     /// Codes the segment's numbers of the faces of a cell, ascending. Each takes at least a byte of
-    /// `room`. Returns `None` if the faces are invalid, or not numbered by first occurrence.
+    /// `capacity`. Returns `None` if the faces are invalid, or not numbered by first occurrence.
     pub(super) fn code(
         &mut self,
         columns: &mut Columns<'_>,
         cell: &Cell,
         given: &[u32],
-        room: usize,
+        capacity: usize,
     ) -> Option<Vec<u32>> {
         let oldest = self.recent.len().saturating_sub(RECENT);
         let mut list = self.of_cells_nearby(columns, cell, given, oldest);
@@ -93,7 +93,7 @@ impl FaceLists {
         let far = given.iter().rev().filter(|face| **face < known && !is_in(&list, **face));
         let far: Vec<u32> = far.copied().collect();
         let count = columns.count(self.counts + FAR, far.len() as u64);
-        let count = usize::try_from(count).ok().filter(|count| *count <= room)?;
+        let count = usize::try_from(count).ok().filter(|count| *count <= capacity)?;
         let mut next = known;
         for index in 0..count {
             let face = far.get(index).copied().unwrap_or(0);
@@ -139,13 +139,13 @@ impl FaceLists {
         let mut first = self.recent.len();
         for (rank, at) in (oldest..self.recent.len()).rev().enumerate() {
             let recent = &mut self.recent[at];
-            let last = cell.place_of(&recent.cells[0]);
+            let last = cell.relation_of(&recent.cells[0]);
             if last == 0 {
                 continue;
             }
-            let before = cell.place_of(&recent.cells[1]);
+            let before = cell.relation_of(&recent.cells[1]);
             let rank = (usize::BITS - rank.leading_zeros()) as usize;
-            let context = self.bits + (PLACES * last + before) * RANKS + rank;
+            let context = self.bits + (RELATIONS * last + before) * RANKS + rank;
             if columns.bit(context, given.binary_search(&recent.face).is_ok()) {
                 list.push(*recent);
                 recent.cells = [Cell::NONE; 2];

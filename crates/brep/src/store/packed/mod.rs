@@ -6,7 +6,7 @@ mod corners;
 mod exact;
 mod faces;
 mod lists;
-mod places;
+mod positions;
 mod segments;
 #[cfg(test)]
 mod tests;
@@ -18,7 +18,7 @@ use spinney_packing::{Columns, may_unpack};
 use self::exact::Exact;
 use self::faces::Faces;
 use self::segments::Segment;
-use super::pieces::List;
+use super::chunks::List;
 
 /// First byte of a chunk in a file with packed chunks: plain or packed bytes follow.
 pub(super) const PLAIN: u8 = 0;
@@ -72,16 +72,16 @@ pub(super) fn unpack(list: List, packed: &[u8]) -> Result<Vec<u8>, Corruption> {
     let word = |at: usize| u32::from_le_bytes(head[at..at + 4].try_into().expect("four bytes"));
     let (checksum, length) = (word(1), word(5));
     if head[0] != PACKED || !may_be_packed(list, packed.len() as u64, length.into()) {
-        return Err(Corruption("a head of no packed piece, or of one that becomes too long"));
+        return Err(Corruption("a header that is not that of a packed chunk, or declares too many bytes"));
     }
     let (bits, numbers) = contexts(list);
-    let mut columns = Columns::reader(columns, bits, numbers).ok_or(Corruption("no states"))?;
-    let plain = code(list, &mut columns, length as usize, &[]).ok_or(Corruption("lists that cannot be"))?;
+    let mut columns = Columns::reader(columns, bits, numbers).ok_or(Corruption("no coder states"))?;
+    let plain = code(list, &mut columns, length as usize, &[]).ok_or(Corruption("invalid lists"))?;
     if !columns.is_whole() || plain.len() != length as usize {
-        return Err(Corruption("another length"));
+        return Err(Corruption("another unpacked length than declared"));
     }
     if crc32c::crc32c(&plain) != checksum {
-        return Err(Corruption("another checksum"));
+        return Err(Corruption("another checksum of the unpacked bytes"));
     }
     Ok(plain)
 }

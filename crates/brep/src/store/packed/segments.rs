@@ -44,7 +44,7 @@ pub(super) struct Segment<'p> {
     words: Vec<u32>,
     leaves: Vec<u8>,
     /// Total bytes of the leaves.
-    room: usize,
+    leaf_bytes: usize,
     /// Index of the next record.
     next: usize,
     /// Whether the minimum corner of the previous leaf is inside.
@@ -59,10 +59,10 @@ impl<'p> Segment<'p> {
     pub(super) fn code(columns: &mut Columns<'_>, length: usize, plain: &'p [u8]) -> Option<Vec<u8>> {
         let mut words = Words(plain);
         let counts = [0; 4].map(|_| columns.number(words.word().into()) as u32 as usize);
-        let [faces, exact, nodes, room] = counts;
+        let [faces, exact, nodes, leaf_bytes] = counts;
         let bytes = HEAD as u64
             + 4 * [faces, exact, nodes].map(|count| count as u64).iter().sum::<u64>()
-            + room as u64;
+            + leaf_bytes as u64;
         // Invariant: the lists take exactly the segment's bytes, so no list is larger than the
         // segment. Otherwise, an untrusted header could request any amount of memory.
         if bytes != length as u64 || nodes == 0 {
@@ -77,7 +77,7 @@ impl<'p> Segment<'p> {
             faces: [of_kind(0, faces, &mut words), of_kind(1, exact, &mut words)],
             words: (0..nodes).map(|_| words.word()).collect(),
             leaves: Vec::new(),
-            room,
+            leaf_bytes,
             next: 1,
             was_inside: false,
             given: words.0,
@@ -118,7 +118,7 @@ impl<'p> Segment<'p> {
             self.node(columns, word, &cell, siblings)?;
             path.extend(record(self.words[word], cell));
         }
-        (self.next == self.words.len() && self.leaves.len() == self.room).then_some(())
+        (self.next == self.words.len() && self.leaves.len() == self.leaf_bytes).then_some(())
     }
 
     /// Codes a node, and its lists.
@@ -178,9 +178,9 @@ impl<'p> Segment<'p> {
     fn list(&mut self, columns: &mut Columns<'_>, kind: usize, cell: &Cell) -> Option<usize> {
         // (A reader has no input; the decoded list is the result.)
         let given = if self.given.is_empty() { Vec::new() } else { take_list(&mut self.given)? };
-        let room = self.room.checked_sub(self.leaves.len())?;
-        let list = self.faces[kind].code(columns, cell, &given, room)?;
+        let leaf_bytes = self.leaf_bytes.checked_sub(self.leaves.len())?;
+        let list = self.faces[kind].code(columns, cell, &given, leaf_bytes)?;
         push_list(&mut self.leaves, &list);
-        (self.leaves.len() <= self.room).then_some(list.len())
+        (self.leaves.len() <= self.leaf_bytes).then_some(list.len())
     }
 }

@@ -43,8 +43,8 @@ fn ball(middle: [i32; 3], radius: f64) -> Vec<[[i32; 3]; 3]> {
 /// A file of triangles with colours and two parts.
 fn built(triangles: &[[[i32; 3]; 3]], codec: Codec) -> Vec<u8> {
     let grid = Grid { bits: BITS, origin: [0; 3], step: 1.0, divisor: 1.0 };
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.goblin");
     let builder = ModelBuilder::new(Output::create(&path).unwrap(), grid, 64 << 20).unwrap();
     let mut builder = builder.codec(codec).leaf_size(6);
     for (number, points) in (0..).zip(triangles) {
@@ -75,8 +75,8 @@ fn opened(file: &[u8]) -> ExactModel {
 fn bitten(codec: Codec) -> Vec<u8> {
     let [a, b] = [([5000; 3], 3000.0), ([7000, 6500, 6100], 2400.0)]
         .map(|(middle, radius)| opened(&built(&ball(middle, radius), codec)));
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.goblin");
     combine(SetOperation::Difference, &[&a, &b], Output::create(&path).unwrap(), codec, 64 << 20, &())
         .unwrap();
     std::fs::read(path).unwrap()
@@ -94,7 +94,7 @@ fn sections(file: &[u8]) -> Vec<([u8; 4], usize, usize)> {
 }
 
 /// Chunks of all lists of a file.
-fn pieces(file: &[u8]) -> Vec<(List, Vec<u8>)> {
+fn chunks(file: &[u8]) -> Vec<(List, Vec<u8>)> {
     let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap()) as usize;
     let mut all = Vec::new();
     for (tag, start, length) in sections(file) {
@@ -109,10 +109,10 @@ fn pieces(file: &[u8]) -> Vec<(List, Vec<u8>)> {
 }
 
 #[test]
-fn pieces_of_all_kinds_become_small_and_come_back() {
+fn chunks_of_all_kinds_are_packed_and_unpacked_losslessly() {
     let mut seen = [0; 5];
     for file in [built(&ball([6000; 3], 5000.0), Codec::Plain), bitten(Codec::Plain)] {
-        for (list, plain) in pieces(&file) {
+        for (list, plain) in chunks(&file) {
             let packed = pack(list, &plain);
             let most = match list {
                 List::Faces | List::Segments | List::Exact => plain.len() / 2,
@@ -132,7 +132,7 @@ fn pieces_of_all_kinds_become_small_and_come_back() {
 
 /// Faces with holes, of several parts, with arbitrary sources and random vertices.
 #[test]
-fn odd_blocks_come_back() {
+fn unusual_blocks_are_packed_losslessly() {
     let mut random = random(7);
     for round in 0..60 {
         let mut builder = BlockBuilder::default();
@@ -169,7 +169,7 @@ fn odd_blocks_come_back() {
 
 /// Lists that the writer does not produce are stored unchanged.
 #[test]
-fn what_is_not_in_order_stays_plain() {
+fn unordered_lists_are_stored_plain() {
     let mut random = random(3);
     let stay = |list: List, plain: &[u8]| {
         let packed = pack(list, plain);
@@ -202,23 +202,23 @@ fn what_is_not_in_order_stays_plain() {
 }
 
 #[test]
-fn damaged_pieces_are_told() {
+fn corrupt_chunks_are_reported() {
     let mut random = random(11);
-    for (list, plain) in pieces(&bitten(Codec::Plain)) {
+    for (list, plain) in chunks(&bitten(Codec::Plain)) {
         let packed = pack(list, &plain);
         for length in 0..packed.len().min(64) {
             assert!(unpack(list, &packed[..length]).is_err());
         }
         for _ in 0..40 {
-            let mut damaged = packed.clone();
+            let mut corrupt = packed.clone();
             for _ in 0..1 + random(3) {
-                let at = random(damaged.len() as u64) as usize;
-                damaged[at] ^= 1 << random(8);
+                let at = random(corrupt.len() as u64) as usize;
+                corrupt[at] ^= 1 << random(8);
             }
             // (Some bits do not matter: the result is then the same chunk.)
             assert!(
-                unpack(list, &damaged).is_ok_and(|unpacked| unpacked == plain)
-                    || unpack(list, &damaged).is_err()
+                unpack(list, &corrupt).is_ok_and(|unpacked| unpacked == plain)
+                    || unpack(list, &corrupt).is_err()
             );
         }
         for _ in 0..40 {
@@ -244,7 +244,7 @@ fn faces(model: &ExactModel) -> Vec<String> {
 }
 
 #[test]
-fn packed_files_answer_as_plain_ones() {
+fn packed_files_give_the_same_results_as_plain_ones() {
     let ball = |codec| built(&ball([6000; 3], 5000.0), codec);
     for [plain, packed] in
         [[Codec::Plain, Codec::Packed].map(ball), [Codec::Plain, Codec::Packed].map(bitten)]
@@ -260,10 +260,10 @@ fn packed_files_answer_as_plain_ones() {
         assert_eq!(plain.part_attributes(0).unwrap(), packed.part_attributes(0).unwrap());
         let mut random = random(5);
         let points: Vec<[f64; 3]> = (0..2000).map(|_| [0; 3].map(|_| random(1 << 16) as f64 / 4.0)).collect();
-        let answers = |model: &ExactModel| {
+        let locations = |model: &ExactModel| {
             points.iter().map(|point| model.locate(*point)).collect::<Result<Vec<Location>>>().unwrap()
         };
-        assert_eq!(answers(&plain), answers(&packed));
+        assert_eq!(locations(&plain), locations(&packed));
     }
 }
 
@@ -274,8 +274,8 @@ fn sealed(mut file: Vec<u8>) -> Vec<u8> {
     for (tag, start, length) in sections(&file) {
         for entry in (start..start + length).step_by(24).filter(|_| lists.contains(&tag)) {
             let (from, length) = (word(&file, entry + 8), word(&file, entry + 16));
-            let Some(piece) = file.get(from..from + length) else { continue };
-            let checksum = crc32c::crc32c(piece);
+            let Some(chunk) = file.get(from..from + length) else { continue };
+            let checksum = crc32c::crc32c(chunk);
             file[entry + 20..entry + 24].copy_from_slice(&checksum.to_le_bytes());
         }
     }
@@ -292,7 +292,7 @@ fn sealed(mut file: Vec<u8>) -> Vec<u8> {
 }
 
 #[test]
-fn hostile_files_are_refused() {
+fn malicious_files_are_rejected() {
     let file = bitten(Codec::Packed);
     assert_eq!(sealed(file.clone()), file);
     let (_, model, _) = sections(&file).into_iter().find(|(tag, ..)| tag == b"BREP").unwrap();
@@ -304,14 +304,14 @@ fn hostile_files_are_refused() {
     }
     let mut random = random(13);
     for _ in 0..120 {
-        let mut hostile = file.clone();
+        let mut malicious = file.clone();
         let at = 24 + random((model - 24) as u64) as usize;
-        hostile[at] ^= 1 + random(255) as u8;
-        let Ok(model) = ExactModel::from_bytes(sealed(hostile)) else { continue };
+        malicious[at] ^= 1 + random(255) as u8;
+        let Ok(model) = ExactModel::from_bytes(sealed(malicious)) else { continue };
         // (Irrelevant bytes may be changed without effect.)
         let findings = model.verify(64 << 20, &()).unwrap();
-        let is_damaged =
+        let is_corrupt =
             model.each(&mut |_| Ok(())).is_err_and(|error| matches!(error, Error::Corrupt { .. }));
-        assert!(!is_damaged || !findings.is_empty());
+        assert!(!is_corrupt || !findings.is_empty());
     }
 }

@@ -18,16 +18,16 @@ const PRODUCT: usize = ZERO + 7;
 const SIGN: usize = PRODUCT + 1;
 const COMMON: usize = SIGN + 1;
 /// Contexts of numbers: coordinates by axis, and normal components.
-const PLACE: usize = 0;
-const PART: usize = PLACE + 3;
+const COORDINATE: usize = 0;
+const PART: usize = COORDINATE + 3;
 /// Contexts of bits, and of numbers.
 pub(super) const CONTEXTS: (usize, usize) = (COMMON + 1, PART + 3);
 
 /// Marks a missing vertex or plane.
-const NOBODY: u32 = u32::MAX;
+const NONE: u32 = u32::MAX;
 
 /// Incidences of vertices and planes, from the corners where they occur first.
-pub(super) struct Uses {
+pub(super) struct Incidences {
     /// For each plane, a grid vertex in it.
     points: Vec<u32>,
     /// For each plane, the ends of an edge between grid vertices, and the plane of its face.
@@ -36,12 +36,12 @@ pub(super) struct Uses {
     planes: Vec<[u32; 3]>,
 }
 
-impl Uses {
-    pub(super) fn new(planes: usize, vertices: usize) -> Uses {
-        Uses {
-            points: vec![NOBODY; planes],
-            edges: vec![[NOBODY; 3]; planes],
-            planes: vec![[NOBODY; 3]; vertices],
+impl Incidences {
+    pub(super) fn new(planes: usize, vertices: usize) -> Incidences {
+        Incidences {
+            points: vec![NONE; planes],
+            edges: vec![[NONE; 3]; planes],
+            planes: vec![[NONE; 3]; vertices],
         }
     }
 
@@ -55,15 +55,15 @@ impl Uses {
             if vertex < grid {
                 for plane in planes {
                     let point = &mut self.points[plane as usize];
-                    *point = if *point == NOBODY { vertex } else { *point };
+                    *point = if *point == NONE { vertex } else { *point };
                 }
                 let edge = &mut self.edges[line as usize];
-                if *edge == [NOBODY; 3] && to < grid {
+                if *edge == [NONE; 3] && to < grid {
                     *edge = [vertex, to, plane];
                 }
             } else {
                 let known = &mut self.planes[(vertex - grid) as usize];
-                *known = if *known == [NOBODY; 3] { planes } else { *known };
+                *known = if *known == [NONE; 3] { planes } else { *known };
             }
         }
     }
@@ -124,21 +124,21 @@ impl Points {
         &mut self,
         columns: &mut Columns<'_>,
         contexts: (usize, usize),
-        uses: &Uses,
+        incidences: &Incidences,
         [_, _, coordinate, weight]: [usize; 4],
     ) -> Option<()> {
         let mut last = [0u32; 3];
-        for place in &mut self.grid {
-            for (axis, (at, last)) in place.iter_mut().zip(&mut last).enumerate() {
+        for point in &mut self.grid {
+            for (axis, (at, last)) in point.iter_mut().zip(&mut last).enumerate() {
                 let more = i64::from((*at as u32).wrapping_sub(*last) as i32);
-                *last = last.wrapping_add(columns.near(contexts.1 + PLACE + axis, more) as u32);
+                *last = last.wrapping_add(columns.near(contexts.1 + COORDINATE + axis, more) as u32);
                 *at = *last as i32;
             }
         }
         for plane in 0..self.planes.len() {
-            self.planes[plane] = self.plane(columns, contexts, uses, plane)?;
+            self.planes[plane] = self.plane(columns, contexts, incidences, plane)?;
         }
-        for ((at, divisor), planes) in self.vertices.iter_mut().zip(&uses.planes) {
+        for ((at, divisor), planes) in self.vertices.iter_mut().zip(&incidences.planes) {
             let common = point_of(&self.planes, planes);
             let times = common.and_then(|common| factor(&(*at, *divisor), &common));
             if columns.bit(contexts.0 + COMMON, times.is_some()) {
@@ -147,8 +147,8 @@ impl Points {
                 let (common, product) = common?;
                 (*at, *divisor) = (common.map(|common| common / times), product / times);
             } else {
-                at.iter_mut().for_each(|at| code_as_it_stands(columns, at, coordinate));
-                code_as_it_stands(columns, divisor, weight);
+                at.iter_mut().for_each(|at| code_raw(columns, at, coordinate));
+                code_raw(columns, divisor, weight);
             }
         }
         Some(())
@@ -158,11 +158,11 @@ impl Points {
         &self,
         columns: &mut Columns<'_>,
         (bits, numbers): (usize, usize),
-        uses: &Uses,
+        incidences: &Incidences,
         number: usize,
     ) -> Option<ExactPlane> {
         let given = &self.planes[number];
-        let [from, to, face] = uses.edges[number];
+        let [from, to, face] = incidences.edges[number];
         // Planes of edges are parallel to the main axis of the face's normal.
         let along =
             self.planes[..number].get(face as usize).filter(|face| face.normal != [0; 3]).map(|face| {
@@ -184,7 +184,7 @@ impl Points {
         if normal.iter().any(|part| part.unsigned_abs() >= 1 << NORMAL_BITS) {
             return None;
         }
-        let point = self.grid.get(uses.points[number] as usize);
+        let point = self.grid.get(incidences.points[number] as usize);
         let product = point.map(|point| ExactPlane::through(*point, normal).offset);
         let offset = match product.filter(|product| columns.bit(bits + PRODUCT, *product == given.offset)) {
             Some(product) => product,
@@ -223,7 +223,7 @@ fn factor((at, divisor): &([I256; 3], I256), (common, product): &([I256; 3], I25
 }
 
 /// Codes the low bytes of a number, eight at a time.
-fn code_as_it_stands(columns: &mut Columns<'_>, value: &mut I256, width: usize) {
+fn code_raw(columns: &mut Columns<'_>, value: &mut I256, width: usize) {
     let mut bytes = Vec::with_capacity(width);
     push(&mut bytes, value, width);
     for part in bytes.chunks_mut(8) {

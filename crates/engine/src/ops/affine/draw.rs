@@ -24,7 +24,7 @@ const SMALL_BITS: u8 = 10;
 type Cells = ([i64; 3], [i64; 3]);
 
 /// Raster of the source region that a block covers.
-struct Drawn {
+struct DrawnBox {
     bounds: Bounds,
     values: Vec<u8>,
     valid: Vec<bool>,
@@ -54,7 +54,7 @@ impl View {
         if !self.source.draw(&bounds, &mut values, &mut valid)? {
             return Ok(None);
         }
-        let drawn = Drawn { bounds, values, valid };
+        let drawn = DrawnBox { bounds, values, valid };
         let mut block = CellBlock::void(cells as usize, width);
         let to_source = &self.lookup.to_source;
         with_record_type!(RecordLayout::new(self.form), R => {
@@ -104,7 +104,7 @@ fn pick_cells<R: Record>(
     to_source: &AffineMap,
     (first, (start, end)): ([i64; 3], &Cells),
     levels: u8,
-    drawn: &Drawn,
+    drawn: &DrawnBox,
     block: &mut CellBlock,
 ) {
     let from = <[R::Bytes]>::ref_from_bytes(&drawn.values).expect("a value for each cell");

@@ -10,7 +10,7 @@ use spinney_base::value::Value;
 
 /// Position of a view's level in its source.
 #[derive(Debug)]
-struct LevelPlace {
+struct LevelMapping {
     /// Level of the source.
     level: u8,
     /// Offset to add to cells of the view's level.
@@ -43,8 +43,8 @@ impl View {
         values: &mut [u8],
         valid: &mut [bool],
     ) -> Result<()> {
-        if let Some(place) = self.level_place(level) {
-            return self.draw_placed(&place, bounds, values, valid);
+        if let Some(mapping) = self.level_mapping(level) {
+            return self.draw_placed(&mapping, bounds, values, valid);
         }
         let view = self.at_level(level)?;
         let mut canvas = Canvas::new(self.form, bounds, Value::ZERO, values, Some(valid))?;
@@ -53,7 +53,7 @@ impl View {
 
     /// Position of a level in the source, if the level's cells are cells of a level of the source
     /// or subdivide such cells, and windows cut no cell.
-    fn level_place(&self, level: u8) -> Option<LevelPlace> {
+    fn level_mapping(&self, level: u8) -> Option<LevelMapping> {
         let lookup = &self.lookup;
         let above = self.depth().checked_sub(level)?;
         let axes = self.form.axes();
@@ -69,7 +69,7 @@ impl View {
             return None;
         }
         let source_level = self.source.depth().checked_sub(above.saturating_sub(smaller))?;
-        let mut place = LevelPlace {
+        let mut mapping = LevelMapping {
             level: source_level,
             by: [0; 3],
             repeat: smaller.saturating_sub(above),
@@ -77,9 +77,9 @@ impl View {
         };
         for (axis, offset) in to.into_iter().enumerate().take(axes) {
             let (by, start, end) = self.axis_place(axis, offset, (above, smaller))?;
-            (place.by[axis], place.shown.min[axis], place.shown.max[axis]) = (by, start, end);
+            (mapping.by[axis], mapping.shown.min[axis], mapping.shown.max[axis]) = (by, start, end);
         }
-        Some(place)
+        Some(mapping)
     }
 
     /// Along an axis: the offset to add to cells of a level `above` levels above the view's cells,
@@ -133,14 +133,15 @@ impl View {
 
     fn draw_placed(
         &self,
-        place: &LevelPlace,
+        mapping: &LevelMapping,
         bounds: &Bounds,
         values: &mut [u8],
         valid: &mut [bool],
     ) -> Result<()> {
-        let inside = bounds.intersect(&place.shown);
+        let inside = bounds.intersect(&mapping.shown);
         let axes = self.form.axes();
-        let there = |cell: [u64; 3], axis: usize| (cell[axis] as i64 + place.by[axis]) as u64 >> place.repeat;
+        let there =
+            |cell: [u64; 3], axis: usize| (cell[axis] as i64 + mapping.by[axis]) as u64 >> mapping.repeat;
         let mut from = Bounds { min: [0; 3], max: [1; 3] };
         for axis in 0..axes {
             if inside.min[axis] >= inside.max[axis] {
@@ -150,13 +151,13 @@ impl View {
             from.min[axis] = there(inside.min, axis);
             from.max[axis] = there(inside.max.map(|cell| cell - 1), axis) + 1;
         }
-        if inside == *bounds && place.repeat == 0 {
-            return self.source.draw_at(place.level, &from, values, valid);
+        if inside == *bounds && mapping.repeat == 0 {
+            return self.source.draw_at(mapping.level, &from, values, valid);
         }
         let width = self.form.width();
         let cells = from.volume() as usize;
         let (mut source_values, mut source_valid) = (vec![0; cells * width], vec![false; cells]);
-        self.source.draw_at(place.level, &from, &mut source_values, &mut source_valid)?;
+        self.source.draw_at(mapping.level, &from, &mut source_values, &mut source_valid)?;
         valid.fill(false);
         let ([columns, rows, _], [source_columns, source_rows, _]) = (bounds.size(), from.size());
         for z in inside.min[2]..inside.max[2] {
@@ -170,7 +171,7 @@ impl View {
                 let [x, y, z] = [0, 1, 2].map(|axis| first[axis] - bounds.min[axis]);
                 let to = ((z * rows + y) * columns + x) as usize;
                 let length = (inside.max[0] - inside.min[0]) as usize;
-                if place.repeat == 0 {
+                if mapping.repeat == 0 {
                     valid[to..to + length].copy_from_slice(&source_valid[source..source + length]);
                     values[to * width..(to + length) * width]
                         .copy_from_slice(&source_values[source * width..(source + length) * width]);
@@ -178,14 +179,14 @@ impl View {
                 }
                 // Number of level cells by which the first source cell begins before the first
                 // drawn cell.
-                let phase = (first[0] as i64 + place.by[0]) as usize & ((1 << place.repeat) - 1);
+                let phase = (first[0] as i64 + mapping.by[0]) as usize & ((1 << mapping.repeat) - 1);
                 for (step, (valid, value)) in valid[to..]
                     .iter_mut()
                     .zip(values[to * width..].chunks_exact_mut(width))
                     .take(length)
                     .enumerate()
                 {
-                    let source = source + ((phase + step) >> place.repeat);
+                    let source = source + ((phase + step) >> mapping.repeat);
                     *valid = source_valid[source];
                     value.copy_from_slice(&source_values[source * width..(source + 1) * width]);
                 }

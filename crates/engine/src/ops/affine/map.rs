@@ -56,7 +56,11 @@ impl AffineMap {
     pub fn rotation_about(axis: [f64; 3], degrees: f64, centre: [f64; 3]) -> Result<AffineMap> {
         let direction = DVec3::from(axis).try_normalize();
         let direction = direction.ok_or_else(|| {
-            Error::invalid("axis of rotation", format!("{axis:?}"), "a direction, as in 0,0,1")
+            Error::invalid(
+                "axis of rotation",
+                format!("{axis:?}"),
+                "a direction that is not 0, such as 0,0,1",
+            )
         })?;
         let turn = DAffine3::from_axis_angle(direction, degrees.rem_euclid(360.0).to_radians());
         let columns = turn.matrix3.to_cols_array_2d().map(|column| column.map(without_noise));
@@ -110,7 +114,7 @@ impl AffineMap {
         let det = self.0.matrix3.determinant();
         if det == 0.0 || !det.is_finite() || !inverse.is_finite() {
             let found = format!("{:?}", self.to_rows());
-            return Err(Error::invalid("affine map", found, "one that can be inverted"));
+            return Err(Error::invalid("affine map", found, "an invertible map"));
         }
         let mut inverse = AffineMap(inverse);
         if self.is_planar() {

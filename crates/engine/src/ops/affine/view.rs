@@ -139,7 +139,11 @@ impl View {
             let most = if axis < form.axes() { side } else { 1 };
             if cells == 0 || cells > most {
                 let found = format!("{cells} cells along axis {axis}");
-                return Err(Error::invalid("extent", found, format!("1 to {most}, the source's")));
+                return Err(Error::invalid(
+                    "extent",
+                    found,
+                    format!("1 to {most}, the limit of the source's depth"),
+                ));
             }
         }
         let view = View {
@@ -263,8 +267,9 @@ impl View {
             min[axis] >= self.extent[axis] as i64 || min[axis].saturating_add_unsigned(size[axis]) <= 0
         });
         if size.contains(&0) || outside {
-            let found = format!("{} cells from {}", show(&size, axes), show(&min, axes));
-            let expected = format!("some of the {} cells", show(&self.extent, axes));
+            let found = format!("{} cells from cell {}", show(&size, axes), show(&min, axes));
+            let expected =
+                format!("a box that intersects the {} cells of the tree", show(&self.extent, axes));
             return Err(Error::invalid("window", found, expected));
         }
         self.origin += DVec3::from(min.map(|min| min as f64));
@@ -292,7 +297,11 @@ impl View {
             let end = (self.extent[axis] as f64 + by[axis] - TINY).ceil();
             if end.is_nan() || end < 1.0 {
                 let found = format!("{} cells along axis {axis}", by[axis]);
-                return Err(Error::invalid("translation", found, "one that leaves some cells in place"));
+                return Err(Error::invalid(
+                    "translation",
+                    found,
+                    "a translation that keeps some cells at coordinates of at least 0",
+                ));
             }
             extent[axis] = end as u64;
         }
@@ -453,10 +462,10 @@ impl View {
     /// If an operation has moved or omitted cells; else those of [`Warped::new`].
     pub fn warped(self, grid: &WarpGrid) -> Result<View> {
         if !self.has_its_cells() {
-            let expected = "it as the first step (but for crs=); what others do is done to its result";
+            let expected = "this operation first (after crs= at most); others apply to its result";
             return Err(Error::invalid(
-                "step to a grid in another coordinate system",
-                "steps before it",
+                "operation that changes the grid or coordinate system",
+                "other operations before it",
                 expected,
             ));
         }
@@ -516,7 +525,7 @@ impl View {
         if stays && finite {
             return Ok(());
         }
-        let expected = if finite { "one that leaves z alone, for a quadtree" } else { "finite numbers" };
+        let expected = if finite { "a map that keeps z unchanged, for a quadtree" } else { "finite numbers" };
         Err(Error::invalid("affine map", format!("{rows:?}"), expected))
     }
 

@@ -64,11 +64,7 @@ impl Calculation {
     pub fn composite(names: &[String]) -> Result<Calculation> {
         if !(2..=MAX_CHANNELS).contains(&names.len()) {
             let found = format!("{} layers", names.len());
-            return Err(Error::invalid(
-                "composite",
-                found,
-                "two to four, such as those shown as red, green and blue",
-            ));
+            return Err(Error::invalid("composite", found, "2 to 4 layers, for example red, green and blue"));
         }
         let name = |name: &String| Name { whole: name.clone(), channel: None };
         let formula = Formula::Composite(names.iter().map(name).collect());
@@ -83,15 +79,15 @@ impl Calculation {
     pub(in crate::ops) fn parse_composite(text: &str) -> Result<Calculation> {
         let (mut names, mut rest) = (Vec::new(), Some(text));
         while let Some(text) = rest {
-            let expected = "two to four names of layers or channels, with commas between them";
+            let expected = "2 to 4 names of layers or channels, separated by commas";
             let wrong = || Error::invalid("composite", format!("`{text}`"), expected);
-            let (name, behind) = argument(text).ok_or_else(wrong)?;
+            let (name, following) = argument(text).ok_or_else(wrong)?;
             let name = if text.starts_with(['"', '\'']) { name } else { name.trim().into() };
             if name.is_empty() {
                 return Err(wrong());
             }
             names.push(name);
-            rest = behind;
+            rest = following;
         }
         Calculation::composite(&names)
     }
@@ -105,12 +101,13 @@ impl Calculation {
         let mut calculation = Calculation { formula, files: Vec::new(), sample: None };
         let mut rest = rest;
         while let Some(text) = rest {
-            let wrong =
-                |expected: &str| Error::invalid("calculation", format!("`{text}` behind it"), expected);
+            let wrong = |expected: &str| {
+                Error::invalid("calculation", format!("`{text}` after the expression"), expected)
+            };
             let expected = "NAME=FILE, or type=u8, u16, i16, u32, i32, f32 or f64";
             let (name, more) = text.split_once('=').ok_or_else(|| wrong(expected))?;
-            let (value, behind) =
-                argument(more).ok_or_else(|| wrong("a file name between quotation marks, and a comma"))?;
+            let (value, following) =
+                argument(more).ok_or_else(|| wrong("a file name in quotation marks, then a comma"))?;
             let name = name.trim();
             if name == "type" {
                 let sample = SampleType::ALL.into_iter().find(|sample| sample.name() == value);
@@ -118,11 +115,11 @@ impl Calculation {
             } else if !is_name(name) || value.is_empty() {
                 return Err(wrong(expected));
             } else if calculation.files.iter().any(|(other, _)| other == name) {
-                return Err(wrong("another name for another file"));
+                return Err(wrong("a different name for each file"));
             } else {
                 calculation.files.push((name.into(), value.into()));
             }
-            rest = behind;
+            rest = following;
         }
         Ok(calculation)
     }
@@ -152,12 +149,13 @@ impl Calculation {
 fn split_expression(text: &str) -> Result<(&str, Option<&str>)> {
     if let Some(rest) = text.strip_prefix('\'') {
         let wrong = |found: &str| {
-            Error::invalid("calculation", found, "an expression between two ', and a comma behind it")
+            Error::invalid("calculation", found, "an expression in single quotes, then a comma")
         };
-        let (expression, behind) = rest.split_once('\'').ok_or_else(|| wrong("one ' alone"))?;
-        let more = behind.strip_prefix(',');
-        let is_end = behind.is_empty() || more.is_some();
-        return is_end.then_some((expression, more)).ok_or_else(|| wrong(behind));
+        let (expression, following) =
+            rest.split_once('\'').ok_or_else(|| wrong("a ' without a closing '"))?;
+        let more = following.strip_prefix(',');
+        let is_end = following.is_empty() || more.is_some();
+        return is_end.then_some((expression, more)).ok_or_else(|| wrong(following));
     }
     let (mut depth, mut at) = (0usize, 0);
     let bytes = text.as_bytes();
@@ -179,9 +177,9 @@ fn split_expression(text: &str) -> Result<(&str, Option<&str>)> {
 fn argument(text: &str) -> Option<(String, Option<&str>)> {
     if text.starts_with(['"', '\'']) {
         let (length, value) = quoted(text)?;
-        let behind = &text[length..];
-        let more = behind.strip_prefix(',');
-        return (behind.is_empty() || more.is_some()).then_some((value, more));
+        let following = &text[length..];
+        let more = following.strip_prefix(',');
+        return (following.is_empty() || more.is_some()).then_some((value, more));
     }
     Some(text.split_once(',').map_or((text.into(), None), |(value, rest)| (value.into(), Some(rest))))
 }
@@ -259,16 +257,16 @@ mod tests {
     }
 
     #[test]
-    fn what_is_behind_an_expression_is_checked() {
+    fn options_after_an_expression_are_checked() {
         for (text, expected) in [
             ("a,b", "NAME=FILE"),
             ("a,type=u7", "type=u8"),
             ("a,a=", "NAME=FILE"),
-            ("a,a=x,a=y", "another name"),
+            ("a,a=x,a=y", "a different name"),
             ("a,1=x", "NAME=FILE"),
-            ("a,a=\"x", "between quotation marks"),
-            ("'a", "between two '"),
-            ("'a'b", "between two '"),
+            ("a,a=\"x", "in quotation marks"),
+            ("'a", "in single quotes"),
+            ("'a'b", "in single quotes"),
         ] {
             let error = Calculation::parse(text).unwrap_err().to_string();
             assert!(error.contains(expected), "{text}: {error}");

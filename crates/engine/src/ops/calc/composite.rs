@@ -21,8 +21,8 @@ pub(super) fn values(operands: &Operands) -> Result<(ValueType, DataKind, Rule)>
     let is_alike = samples.iter().all(|sample| *sample == samples[0]);
     if !is_alike || !value.is_supported() {
         let found = operands.read().map(name).collect::<Vec<_>>().join(", ");
-        let expected = "layers of one type: u8, u16 or f32; a calculation makes another type of one \
-                        (`spinney transform FILE:LAYER calc=b1,type=f32 -o LAYER.goblin`)";
+        let expected = "layers of one type: u8, u16 or f32; to convert a layer: \
+                        `spinney transform FILE:LAYER calc=b1,type=f32 -o LAYER.goblin`";
         return Err(Error::invalid("composite", found, expected));
     }
     // If all layers have the same rule, so has the composite.

@@ -121,7 +121,7 @@ impl Expression {
     pub(super) fn new(names: Vec<Name>, ops: Vec<Op>) -> Result<Expression> {
         if ops.len() > MAX_STEPS || names.len() > MAX_STEPS {
             let found = format!("{} operations on {} operands", ops.len(), names.len());
-            return Err(Error::invalid("calculation", found, format!("at most {MAX_STEPS} of either")));
+            return Err(Error::invalid("calculation", found, format!("at most {MAX_STEPS} of each")));
         }
         let (mut height, mut stack) = (0usize, 0usize);
         for op in &ops {

@@ -74,10 +74,10 @@ pub(super) fn resolve(calculation: &Calculation, view: &View) -> Result<Operands
             let operands = expression.names().iter().map(find).collect::<Result<Vec<Operand>>>()?;
             for (index, file) in files.iter().enumerate() {
                 if !operands.iter().any(|operand| operand.tree == base.len() + index) {
-                    let expected = "an expression with the names of all files";
+                    let expected = "an expression that uses all files";
                     return Err(Error::invalid(
                         "calculation",
-                        format!("a file `{}` that it does not use", file.name),
+                        format!("the unused file `{}`", file.name),
                         expected,
                     ));
                 }
@@ -143,8 +143,7 @@ fn open(name: &str, path: &Path, view: &View) -> Result<Named> {
     let file = TreeFile::open_only(path, &view.source().access().into())?;
     let (form, expected) = (file.form(), view.form());
     if form.dimension != expected.dimension {
-        let expected =
-            format!("{}, as {} is", expected.dimension.tree_name(), view.source().name().display());
+        let expected = format!("{}, like {}", expected.dimension.tree_name(), view.source().name().display());
         return Err(Error::invalid(path.display().to_string(), form.dimension.tree_name(), expected));
     }
     Ok(Named { name: name.into(), view: by_rule(View::whole(file.into())?) })
@@ -157,7 +156,7 @@ fn channels(view: &View) -> usize {
 fn find(name: &Name, base: &[Named], files: &[Named]) -> Result<Operand> {
     let unknown = |found: String| {
         let names: Vec<String> = known(base, files);
-        let expected = format!("{}; or a file beside the expression: {}=FILE", names.join(", "), name.whole);
+        let expected = format!("{}; or a file after the expression: {}=FILE", names.join(", "), name.whole);
         Err(Error::invalid("name in a calculation", found, expected))
     };
     let trees = || base.iter().chain(files).enumerate();
@@ -171,7 +170,7 @@ fn find(name: &Name, base: &[Named], files: &[Named]) -> Result<Operand> {
             Some(channel) => Ok(Operand { tree, channel }),
             None => {
                 let path = named.view.source().name().display();
-                let expected = format!("one of its channels: {}", names_of(&named.view).join(", "));
+                let expected = format!("one of the file's channels: {}", names_of(&named.view).join(", "));
                 Err(Error::invalid(
                     "name in a calculation",
                     format!("`{}.{channel}` of {path}", name.whole),
@@ -183,7 +182,7 @@ fn find(name: &Name, base: &[Named], files: &[Named]) -> Result<Operand> {
             if channels(&named.view) > 1 {
                 let all =
                     names_of(&named.view).into_iter().map(|channel| format!("{}.{channel}", name.whole));
-                let found = format!("`{}`, a file with {} channels", name.whole, channels(&named.view));
+                let found = format!("`{}`, which has {} channels", name.whole, channels(&named.view));
                 return Err(Error::invalid(
                     "name in a calculation",
                     found,
@@ -199,10 +198,10 @@ fn find(name: &Name, base: &[Named], files: &[Named]) -> Result<Operand> {
                 if let Some(channel) = channel_by_name(&name.whole, named.view.source().metadata())?
                     && found.replace(Operand { tree, channel }).is_some()
                 {
-                    let expected = "one layer with a channel of that name; or LAYER.CHANNEL";
+                    let expected = "a channel name that only one layer has, or LAYER.CHANNEL";
                     return Err(Error::invalid(
                         "name in a calculation",
-                        format!("`{}`, of several layers", name.whole),
+                        format!("`{}`, which several layers have", name.whole),
                         expected,
                     ));
                 }
@@ -253,8 +252,12 @@ fn channel_by_name(name: &str, metadata: &Metadata) -> Result<Option<usize>> {
     let mut named = metadata.band_names.iter().enumerate().filter(|(_, band)| *band == name);
     match (named.next(), named.next()) {
         (Some((first, _)), Some((second, _))) => {
-            let found = format!("`{name}`, of bands {} and {}", first + 1, second + 1);
-            Err(Error::invalid("name in a calculation", found, "a name that one band has, or b1, b2, ..."))
+            let found = format!("`{name}`, the name of channels {} and {}", first + 1, second + 1);
+            Err(Error::invalid(
+                "name in a calculation",
+                found,
+                "a name that only one channel has, or b1, b2, ...",
+            ))
         }
         (first, _) => Ok(first.map(|(channel, _)| channel)),
     }

@@ -7,18 +7,18 @@ use super::expression::{Binary, Expression, MAX_STEPS, Name, Op, Reducer, Unary}
 use spinney_base::{Error, Result};
 
 /// Maximum length of an expression in bytes.
-const LONGEST: usize = 1 << 16;
+const MAX_BYTES: usize = 1 << 16;
 /// Maximum nesting of parentheses, functions and signs.
-const DEEPEST: usize = 64;
+const MAX_NESTING: usize = 64;
 
 /// Parses an expression.
 ///
 /// # Errors
 /// If it is invalid, too long, or too deep; the message gives the position.
 pub(super) fn parse(text: &str) -> Result<Expression> {
-    if text.len() > LONGEST {
+    if text.len() > MAX_BYTES {
         let found = format!("an expression of {} bytes", text.len());
-        return Err(Error::invalid("calculation", found, format!("at most {LONGEST}")));
+        return Err(Error::invalid("calculation", found, format!("at most {MAX_BYTES} bytes")));
     }
     let tokens = tokens(text)?;
     let mut parser =
@@ -80,7 +80,7 @@ fn tokens(text: &str) -> Result<Vec<(usize, Token)>> {
         } else if first.is_ascii_digit() || first == '.' {
             number(rest).ok_or_else(|| wrong(text, at, "a number, such as 0.5 or 1e-3"))?
         } else if first == '"' || is_name_start(first) {
-            name(rest).ok_or_else(|| wrong(text, at, "a name, or one between \" and \""))?
+            name(rest).ok_or_else(|| wrong(text, at, "a name, or a name in double quotes"))?
         } else {
             let sign = SIGNS.into_iter().find(|sign| rest.starts_with(sign)).ok_or_else(|| {
                 wrong(text, at, "numbers, names, + - * / < <= > >= == != & | ( ) and commas")
@@ -214,10 +214,8 @@ impl Parser<'_> {
     /// Parses an expression whose operators bind no looser than `least`. A chain of operators is a
     /// loop; only nested expressions recurse.
     fn expression(&mut self, least: u8, depth: usize) -> Result<()> {
-        if depth > DEEPEST {
-            return Err(
-                self.wrong(&format!("at most {DEEPEST} parentheses, functions and signs within each other"))
-            );
+        if depth > MAX_NESTING {
+            return Err(self.wrong(&format!("at most {MAX_NESTING} nested parentheses, functions and signs")));
         }
         self.prefix(depth)?;
         let mut compared = false;
@@ -226,7 +224,7 @@ impl Parser<'_> {
                 break;
             }
             if binding == COMPARISON && compared {
-                return Err(self.wrong("one comparison at a time: a < b and b < c, not a < b < c"));
+                return Err(self.wrong("a single comparison: a < b and b < c, not a < b < c"));
             }
             compared = binding == COMPARISON;
             self.tokens.next();
@@ -368,7 +366,7 @@ mod tests {
             ("a b", 3, "before `b` an operator"),
             ("(a", 3, "`)`"),
             ("a)", 2, "in place of `)`"),
-            ("a<b<c", 4, "one comparison"),
+            ("a<b<c", 4, "a single comparison"),
             ("2b", 1, "a number, such as"),
             ("1e", 1, "a number, such as"),
             ("1e999", 1, "a number, such as"),
@@ -393,10 +391,10 @@ mod tests {
     #[test]
     fn depth_and_length_are_bounded() {
         let nested = |count: usize| format!("{}a{}", "(".repeat(count), ")".repeat(count));
-        assert!(parse(&nested(DEEPEST)).is_ok());
+        assert!(parse(&nested(MAX_NESTING)).is_ok());
         for deep in [nested(1000), format!("{}a", "-".repeat(20_000)), format!("{}a", "abs(".repeat(10_000))]
         {
-            assert!(parse(&deep).unwrap_err().to_string().contains("within each other"));
+            assert!(parse(&deep).unwrap_err().to_string().contains("nested"));
         }
         // Chains are not deep.
         assert!(parse(&format!("a{}", "+b".repeat(4000))).is_ok());

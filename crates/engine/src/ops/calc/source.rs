@@ -33,9 +33,9 @@ pub struct Calculated {
 }
 
 /// Approximate bytes of samples that are read at a time.
-const PIECE_BYTES: u64 = 2 << 20;
+const MAX_PAINT_BYTES: u64 = 2 << 20;
 /// Maximum and minimum number of cells that are read at a time, regardless of their size.
-const PIECE_CELLS: [u64; 2] = [1 << 16, 1 << 10];
+const PAINT_CELLS: [u64; 2] = [1 << 16, 1 << 10];
 /// Levels below the blocks that are returned as cells, in quadtrees and octrees: those that files
 /// are built from.
 const MAX_LEVELS: [u8; 2] = [8, 6];
@@ -112,8 +112,8 @@ impl Calculated {
     }
 
     /// Reports the warnings about the operands' files to `progress`.
-    pub(in crate::ops) fn tell_remarks(&self, progress: &dyn Progress) {
-        self.operands.trees.iter().for_each(|tree| tree.source().tell_remark(progress));
+    pub(in crate::ops) fn warn_of_remarks(&self, progress: &dyn Progress) {
+        self.operands.trees.iter().for_each(|tree| tree.source().report_remark(progress));
     }
 
     /// Number of cells in the source that are not VOID.
@@ -139,13 +139,13 @@ impl Calculated {
     ) -> Result<()> {
         valid.fill(false);
         let above = self.header.depth() - level;
-        let picture = Bounds::picture(self.header.extent.map(|cells| cells.div_ceil(1 << above)));
-        let inside = bounds.intersect(&picture);
+        let extent = Bounds::of_extent(self.header.extent.map(|cells| cells.div_ceil(1 << above)));
+        let inside = bounds.intersect(&extent);
         if inside.is_empty() {
             return Ok(());
         }
         let each: u64 = self.operands.read().map(|tree| tree.form().width() as u64 + 1).sum();
-        let most = (PIECE_BYTES / each.max(1)).clamp(PIECE_CELLS[1], PIECE_CELLS[0]);
+        let most = (MAX_PAINT_BYTES / each.max(1)).clamp(PAINT_CELLS[1], PAINT_CELLS[0]);
         let mut painter = Painter {
             operands: &self.operands,
             value: self.header.form.value,
@@ -157,11 +157,11 @@ impl Calculated {
             valid,
         };
         let mut pending = vec![inside];
-        while let Some(piece) = pending.pop() {
-            if piece.volume() <= most {
-                painter.paint(&piece)?;
+        while let Some(part_bounds) = pending.pop() {
+            if part_bounds.volume() <= most {
+                painter.paint(&part_bounds)?;
             } else {
-                pending.extend(halves(&piece));
+                pending.extend(halves(&part_bounds));
             }
         }
         Ok(())
@@ -189,8 +189,8 @@ impl Calculated {
 
     /// Node at the block level, or above it. INNER nodes get the given representative.
     fn node(&self, code: Code, representative: Value) -> Result<Child<Code>> {
-        let (cells, picture) = (code.bounds(self.header.depth()), self.header.picture());
-        if cells.intersect(&picture).is_empty() {
+        let (cells, extent) = (code.bounds(self.header.depth()), self.header.extent_bounds());
+        if cells.intersect(&extent).is_empty() {
             return Ok(Child::Void);
         }
         let known = self.known(code)?;
@@ -200,7 +200,7 @@ impl Calculated {
         match value {
             Some(None) => Ok(Child::Void),
             // (Beyond the extent all cells are VOID.)
-            Some(value) if picture.contains(&cells) => Ok(Child::uniform(value)),
+            Some(value) if extent.contains(&cells) => Ok(Child::uniform(value)),
             _ => Ok(Child::Inner { representative, node: code }),
         }
     }
@@ -224,14 +224,14 @@ fn one_channel(sample: Option<SampleType>, operands: &Operands) -> (ValueType, D
 fn left_out(metadata: &Metadata) -> Vec<String> {
     let parts = [
         ("colours", metadata.palette.is_some()),
-        ("names of classes", !metadata.class_names.is_empty()),
+        ("class names", !metadata.class_names.is_empty()),
         ("units", metadata.units.iter().any(|unit| !unit.is_empty())),
     ];
     let left: Vec<&str> = parts.into_iter().filter(|(_, is_there)| *is_there).map(|(what, _)| what).collect();
     if left.is_empty() {
         return Vec::new();
     }
-    vec![format!("{} are of what is calculated with: the result has none", left.join(", "))]
+    vec![format!("the result has no {}: they describe the values that are calculated with", left.join(", "))]
 }
 
 /// Value of all cells of a node (`None` is VOID), if its own state or that of an ancestor
@@ -275,8 +275,8 @@ struct Painter<'a> {
 }
 
 impl Painter<'_> {
-    fn paint(&mut self, piece: &Bounds) -> Result<()> {
-        let cells = piece.volume() as usize;
+    fn paint(&mut self, part_bounds: &Bounds) -> Result<()> {
+        let cells = part_bounds.volume() as usize;
         for (number, (bytes, valid)) in self.read.iter_mut().enumerate() {
             if !self.operands.is_read(number) {
                 continue;
@@ -284,14 +284,14 @@ impl Painter<'_> {
             let tree = &self.operands.trees[number];
             bytes.resize(cells * tree.form().width(), 0);
             valid.resize(cells, false);
-            tree.draw_at(self.level, piece, bytes, valid)?;
+            tree.draw_at(self.level, part_bounds, bytes, valid)?;
         }
-        let [width, height, _] = piece.size().map(|cells| cells as usize);
+        let [width, height, _] = part_bounds.size().map(|cells| cells as usize);
         let [columns, rows, _] = self.bounds.size().map(|cells| cells as usize);
-        let [x, y, z] = [0, 1, 2].map(|axis| (piece.min[axis] - self.bounds.min[axis]) as usize);
+        let [x, y, z] = [0, 1, 2].map(|axis| (part_bounds.min[axis] - self.bounds.min[axis]) as usize);
         // Cells of the box are contiguous if the sub-box has whole rows (and layers); else a run is
         // a row.
-        let is_one_run = width == columns && (height == rows || piece.size()[2] == 1);
+        let is_one_run = width == columns && (height == rows || part_bounds.size()[2] == 1);
         let run = if is_one_run { cells } else { width };
         for first in (0..cells).step_by(run) {
             let (row, layer) = (first / width % height, first / width / height);

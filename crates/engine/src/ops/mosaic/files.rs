@@ -1,5 +1,6 @@
 //! Open files of a mosaic.
 
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -56,7 +57,7 @@ pub(super) fn open_goblin(
 ) -> Result<(Goblin, FileTag)> {
     let backend = options.open(file)?;
     if FileHeader::read_cells(file, &*backend)?.format == TreeFormat::Autumnal {
-        let advice = "publish it first (`spinney convert MAP.autumn -o MAP.goblin`): an edited file changes under those who look at it";
+        let advice = "convert it first (`spinney convert MAP.autumn -o MAP.goblin`), since edits would change the mosaic";
         return Err(Error::unsupported(file, "an Autumnal file in a manifest", advice));
     }
     let tag = FileTag::of(&*backend)?;
@@ -64,6 +65,20 @@ pub(super) fn open_goblin(
     let place = FileReference { file: file.into(), commit: None, layer: layer.map(Into::into) };
     let number = place.layer_number(first.layers().iter().map(|layer| &*layer.name))?;
     Ok((if number == 0 { first } else { first.open_layer(number)? }, tag))
+}
+
+/// Adds the manifest to the error for a listed file that does not exist.
+fn if_missing(error: Error, entry: &ListedFile, manifest: &Path) -> Error {
+    match error {
+        Error::Io { path, doing, cause } if cause.kind() == ErrorKind::NotFound => {
+            let (list, name) = (manifest.display(), &entry.path);
+            let advice = format!(
+                "{list} lists it: restore the file, or remove it from the list: `spinney manifest -o {list} --remove {name}`"
+            );
+            Error::Io { path, doing, cause: io::Error::new(cause.kind(), format!("{cause}; {advice}")) }
+        }
+        other => other,
+    }
 }
 
 /// Opens a file of a manifest and checks it against the manifest's entry.
@@ -74,7 +89,8 @@ pub(super) fn open_listed(
 ) -> Result<Goblin> {
     let path: PathBuf = entry.file(manifest)?;
     options.access.check_external(manifest, &path)?;
-    let (file, tag) = open_goblin(&path, entry.layer.as_deref(), options)?;
+    let opened = open_goblin(&path, entry.layer.as_deref(), options);
+    let (file, tag) = opened.map_err(|error| if_missing(error, entry, manifest))?;
     let header = file.header();
     let is_same = tag == entry.tag
         && header.depth() == entry.depth
@@ -84,9 +100,9 @@ pub(super) fn open_listed(
         return Ok(file);
     }
     let show = |tag: FileTag| format!("{} bytes with tag {:08x}", tag.length, tag.checksum);
-    let found = format!("a file that is not what {} tells ({})", manifest.display(), show(tag));
+    let found = format!("{1}, unlike the entry in {0}", manifest.display(), show(tag));
     let expected = format!(
-        "{}; if it is to be taken as it is now: `spinney manifest --add {} -o {}`",
+        "{}; to use the file as it is now: `spinney manifest --add {} -o {}`",
         show(entry.tag),
         path.display(),
         manifest.display()

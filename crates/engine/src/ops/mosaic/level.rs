@@ -10,16 +10,16 @@ use spinney_base::value::{Rule, Value, ZoneStats, representative};
 const FINER: u8 = 2;
 
 /// Values of a box, and which of them are valid.
-pub(super) struct Drawn {
+pub(super) struct DrawnBox {
     pub(super) bounds: Bounds,
     pub(super) values: Vec<u8>,
     pub(super) valid: Vec<bool>,
 }
 
-impl Drawn {
-    fn void(bounds: Bounds, width: usize) -> Drawn {
+impl DrawnBox {
+    fn void(bounds: Bounds, width: usize) -> DrawnBox {
         let cells = bounds.volume() as usize;
-        Drawn { bounds, values: vec![0; cells * width], valid: vec![false; cells] }
+        DrawnBox { bounds, values: vec![0; cells * width], valid: vec![false; cells] }
     }
 
     /// Value at a position in the box.
@@ -37,7 +37,7 @@ fn index(bounds: &Bounds, at: [u64; 3]) -> usize {
 }
 
 /// Positions in a box, x fastest.
-pub(super) fn places(bounds: Bounds) -> impl Iterator<Item = [u64; 3]> {
+pub(super) fn positions(bounds: Bounds) -> impl Iterator<Item = [u64; 3]> {
     let Bounds { min, max } = bounds;
     let row = move |z, y| (min[0]..max[0]).map(move |x| [x, y, z]);
     (min[2]..max[2]).flat_map(move |z| (min[1]..max[1]).flat_map(move |y| row(z, y)))
@@ -106,19 +106,19 @@ impl Mosaic {
         for (number, part) in &parts {
             // (A file that is smaller than a node has no node of that size.)
             let more = if above > self.entry(*number).depth { 2 } else { 1 };
-            for at in places(*part) {
+            for at in positions(*part) {
                 let owners = &mut owners[index(bounds, at)];
                 *owners = owners.saturating_add(more);
             }
         }
         for (number, part) in &parts {
-            if places(*part).any(|at| owners[index(bounds, at)] == 1) {
+            if positions(*part).any(|at| owners[index(bounds, at)] == 1) {
                 let drawn = self.draw_file(*number, above, *part)?;
                 self.paste(&drawn, bounds, (values, valid), &|index| owners[index] == 1);
             }
         }
         let (dimension, width) = (self.header.form.dimension, self.header.form.width());
-        for at in places(*bounds).filter(|at| owners[index(bounds, *at)] > 1) {
+        for at in positions(*bounds).filter(|at| owners[index(bounds, *at)] > 1) {
             let Some(code) = Code::from_cell(dimension, level, at.map(|cell| cell as u32)) else { continue };
             let tally = self.tally_of(code)?;
             if tally.cells > 0 {
@@ -143,7 +143,7 @@ impl Mosaic {
         for step in 0..self.header.form.children() {
             let child = code.child(step);
             let min = child.cell().map(u64::from);
-            let mut drawn = Drawn::void(Bounds { min, max: min.map(|cell| cell + 1) }, width);
+            let mut drawn = DrawnBox::void(Bounds { min, max: min.map(|cell| cell + 1) }, width);
             self.draw_at(child.level(), &drawn.bounds, &mut drawn.values, &mut drawn.valid)?;
             let value = drawn.value(min, width);
             children.push(value.map(|value| (value, true)));
@@ -157,13 +157,13 @@ impl Mosaic {
     /// Copies valid values to their positions in a box, where `is_wanted` selects them.
     fn paste(
         &self,
-        drawn: &Drawn,
+        drawn: &DrawnBox,
         bounds: &Bounds,
         (values, valid): (&mut [u8], &mut [bool]),
         is_wanted: &dyn Fn(usize) -> bool,
     ) {
         let width = self.header.form.width();
-        for (from, at) in places(drawn.bounds).enumerate().filter(|(from, _)| drawn.valid[*from]) {
+        for (from, at) in positions(drawn.bounds).enumerate().filter(|(from, _)| drawn.valid[*from]) {
             let to = index(bounds, at);
             if is_wanted(to) {
                 valid[to] = true;
@@ -174,16 +174,16 @@ impl Mosaic {
     }
 
     /// Cells of the mosaic in a box.
-    pub(super) fn draw_cells(&self, bounds: Bounds) -> Result<Drawn> {
-        let mut drawn = Drawn::void(bounds, self.header.form.width());
+    pub(super) fn draw_cells(&self, bounds: Bounds) -> Result<DrawnBox> {
+        let mut drawn = DrawnBox::void(bounds, self.header.form.width());
         self.draw_at(self.header.depth(), &bounds, &mut drawn.values, &mut drawn.valid)?;
         Ok(drawn)
     }
 
     /// Nodes of a file `above` levels above the cells, each of which contains some of the file's
     /// cells.
-    fn draw_file(&self, number: u32, above: u8, part: Bounds) -> Result<Drawn> {
-        let mut drawn = Drawn::void(part, self.header.form.width());
+    fn draw_file(&self, number: u32, above: u8, part: Bounds) -> Result<DrawnBox> {
+        let mut drawn = DrawnBox::void(part, self.header.form.width());
         let (axes, entry) = (self.header.form.axes(), self.entry(number));
         if self.lies_on_nodes(number, above) {
             let first =
@@ -200,7 +200,7 @@ impl Mosaic {
 
     /// Draws nodes whose borders do not coincide with the file's own nodes, from the file's finer
     /// nodes: each of these counts in the node that contains most of it.
-    fn draw_between(&self, number: u32, above: u8, drawn: &mut Drawn) -> Result<()> {
+    fn draw_between(&self, number: u32, above: u8, drawn: &mut DrawnBox) -> Result<()> {
         let (axes, entry, width) = (self.header.form.axes(), self.entry(number), self.header.form.width());
         let finer = FINER.max(above.saturating_sub(entry.depth)).min(above);
         let below = above - finer;
@@ -211,22 +211,22 @@ impl Mosaic {
                     if axis < axes { (entry.bounds.min[axis] + side / 2) >> below } else { 0 }
                 },
             );
-        let own_extent = self.coarser(&Bounds::picture(entry.bounds.size()), below);
+        let own_extent = self.coarser(&Bounds::of_extent(entry.bounds.size()), below);
         let at_place = |min: [u64; 3]| -> [u64; 3] { std::array::from_fn(|axis| min[axis] + shift[axis]) };
         let there = Bounds { min: at_place(own_extent.min), max: at_place(own_extent.max) };
         let fine = self.finer(&drawn.bounds, finer).intersect(&there);
         if fine.is_empty() {
             return Ok(());
         }
-        let mut own = Drawn::void(fine, width);
+        let mut own = DrawnBox::void(fine, width);
         let level = entry.depth - below;
         let bounds = fine.within(&Bounds { min: shift, max: [0; 3] });
         self.file(number)?.window(level, &bounds, Value::ZERO, &mut own.values, Some(&mut own.valid))?;
         let samples = self.header.form.dimension.cells(finer);
-        for (to, at) in places(drawn.bounds).enumerate() {
+        for (to, at) in positions(drawn.bounds).enumerate() {
             let node = Bounds { min: at, max: at.map(|cell| cell + 1) };
             let part = self.finer(&node, finer).intersect(&fine);
-            let found: Vec<Value> = places(part).filter_map(|at| own.value(at, width)).collect();
+            let found: Vec<Value> = positions(part).filter_map(|at| own.value(at, width)).collect();
             let Some(first) = found.first() else { continue };
             let is_uniform = found.iter().all(|value| value == first)
                 && (found.len() as u64 == samples || self.header.rule != Rule::Occupancy);

@@ -14,7 +14,7 @@ use spinney_container::{FileReference, HEAVY_THRESHOLD, Header, Metadata, STRIDE
 use spinney_manifest::{ListedFile, Manifest};
 
 /// File to be listed.
-struct Listed {
+struct InspectedFile {
     entry: ListedFile,
     name: String,
     header: Header,
@@ -45,7 +45,7 @@ pub fn list_files(
         let mut files = Vec::with_capacity(added.len());
         for file in added {
             progress.check()?;
-            files.push(look_at(path, file, access)?);
+            files.push(inspect(path, file, access)?);
         }
         let Some(first) = files.first() else {
             return manifest.ok_or_else(|| Error::invalid("files of a manifest", "none", "at least one"));
@@ -73,7 +73,7 @@ pub fn list_files(
             let left = left.into_iter().collect::<Vec<_>>().join(", ");
             progress.warn(
                 path,
-                &format!("not all files have the same {left}: the manifest keeps what they share"),
+                &format!("the files differ in {left}: the manifest keeps only what all files have in common"),
             );
         }
         Ok(manifest)
@@ -87,7 +87,7 @@ fn remove(path: &Path, manifest: &mut Manifest, removed: &[String]) -> Result<()
         let before = manifest.entries.len();
         manifest.entries.retain(|entry| entry.path != *name && entry.path != named);
         if manifest.entries.len() == before {
-            let expected = format!("a file that {} lists", path.display());
+            let expected = format!("a file in {}", path.display());
             return Err(Error::invalid("file to remove", name.as_str(), expected));
         }
     }
@@ -95,21 +95,21 @@ fn remove(path: &Path, manifest: &mut Manifest, removed: &[String]) -> Result<()
 }
 
 /// Opens a file and makes its entry; its position is computed later.
-fn look_at(manifest: &Path, path: &Path, access: &FileAccess) -> Result<Listed> {
+fn inspect(manifest: &Path, path: &Path, access: &FileAccess) -> Result<InspectedFile> {
     let place = FileReference::of(path);
     let (file, tag) = open_goblin(&place.file, place.layer.as_deref(), &access.into())?;
     if place.layer.is_none() && file.layers().len() > 1 {
         let example = place.of_layer(&file.layers()[0].name);
-        let advice = format!("name one, as in {}", example.display());
-        let found = format!("a file of {} layers, where one is needed,", file.layers().len());
+        let advice = format!("name a layer, as in {}", example.display());
+        let found = format!("a file of {} layers instead of one", file.layers().len());
         return Err(Error::unsupported(path, found, advice));
     }
     let header = file.header().clone();
-    Ok(Listed {
+    Ok(InspectedFile {
         entry: ListedFile {
             path: stored_name(manifest, &place.file)?,
             layer: place.layer.clone(),
-            bounds: header.picture(),
+            bounds: header.extent_bounds(),
             depth: header.depth(),
             tag,
         },
@@ -134,11 +134,11 @@ fn stored_name(manifest: &Path, file: &Path) -> Result<String> {
     if file.is_absolute() {
         return text(file);
     }
-    let folder = |path: &Path| {
+    let directory = |path: &Path| {
         let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        parent.canonicalize().map_err(Error::io(parent, "look at"))
+        parent.canonicalize().map_err(Error::io(parent, "find"))
     };
-    let (from, to) = (folder(manifest)?, folder(file)?);
+    let (from, to) = (directory(manifest)?, directory(file)?);
     let common = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
     let up = from.components().skip(common).map(|_| Component::ParentDir);
     let relative: PathBuf = up.chain(to.components().skip(common)).collect();
@@ -162,7 +162,7 @@ fn common_part(metadata: &Metadata) -> Metadata {
 fn add(
     path: &Path,
     mut manifest: Manifest,
-    files: Vec<Listed>,
+    files: Vec<InspectedFile>,
     left: &mut BTreeSet<&'static str>,
 ) -> Result<Manifest> {
     for file in &files {
@@ -173,13 +173,14 @@ fn add(
             && file.metadata.scale_offset == manifest.metadata.scale_offset
             && file.metadata.alpha == manifest.metadata.alpha;
         if !same_meaning {
-            let tell = |header: &Header| format!("{} {} values by {}", header.kind, header.form, header.rule);
+            let describe =
+                |header: &Header| format!("{} {} values by {}", header.kind, header.form, header.rule);
             let expected = format!(
-                "{}, with the same scale, offset and opacity, as {} has",
-                tell(common),
+                "{}, with the same scale, offset and opacity as {}",
+                describe(common),
                 path.display()
             );
-            return Err(Error::invalid(file.name.clone(), tell(&file.header), expected));
+            return Err(Error::invalid(file.name.clone(), describe(&file.header), expected));
         }
         share(path, &mut manifest.metadata, file, left)?;
     }
@@ -200,9 +201,13 @@ fn add(
         grid.shift(number).map(|cells| cells.map(|cells| cells.max(0) as u64)).ok_or_else(|| {
             let file = operands[number].name;
             let expected = format!(
-                "those of {name}; `spinney transform {file} like={name} -o OTHER.goblin` makes a tree that matches"
+                "the cells of {name}; to resample it: `spinney transform {file} like={name} -o OTHER.goblin`"
             );
-            Error::invalid(format!("grid of {file}"), "cells of another size, direction or position", expected)
+            Error::invalid(
+                format!("grid of {file}"),
+                "cells of another size, direction or position",
+                expected,
+            )
         })
     };
     let shifts = (0..operands.len()).map(shift).collect::<Result<Vec<_>>>()?;
@@ -235,7 +240,12 @@ fn shifted(bounds: &Bounds, by: [u64; 3]) -> Bounds {
 
 /// Keeps in `common` only what a file's metadata share with it, and adds the rest to `left`.
 /// Classes of all files are merged.
-fn share(path: &Path, common: &mut Metadata, file: &Listed, left: &mut BTreeSet<&'static str>) -> Result<()> {
+fn share(
+    path: &Path,
+    common: &mut Metadata,
+    file: &InspectedFile,
+    left: &mut BTreeSet<&'static str>,
+) -> Result<()> {
     let own = &file.metadata;
     for (class, name) in &own.class_names {
         let known = common.class_names.entry(*class).or_insert_with(|| name.clone());

@@ -113,12 +113,12 @@ impl Mosaic {
     /// Whether files overlap; assumed if there are very many close to each other.
     fn has_overlaps(&self) -> bool {
         const MAX_CHECKED: usize = 1 << 22;
-        let mut looked_at = 0;
+        let mut checked = 0;
         self.entries.iter().enumerate().any(|(number, entry)| {
             let near = self.index.near(&entry.bounds);
-            looked_at += near.len();
+            checked += near.len();
             let meets = |other: &u32| !self.entry(*other).bounds.intersect(&entry.bounds).is_empty();
-            looked_at > MAX_CHECKED || near.iter().any(|other| *other as usize != number && meets(other))
+            checked > MAX_CHECKED || near.iter().any(|other| *other as usize != number && meets(other))
         })
     }
 

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::Mosaic;
-use super::level::places;
+use super::level::positions;
 use crate::query::tally_of;
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
@@ -19,7 +19,7 @@ const COMPARED: usize = 64;
 /// Maximum number of boxes that represent the region of a node that is not hidden so far.
 const MAX_BOXES: usize = 32;
 /// Number of cached tallies.
-const KEPT: usize = 1 << 10;
+const MAX_CACHED: usize = 1 << 10;
 
 /// Recently computed tallies.
 #[derive(Default)]
@@ -41,7 +41,7 @@ impl Mosaic {
         };
         let tally = Arc::new(tally);
         let mut kept = self.tallies.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if kept.len() >= KEPT {
+        if kept.len() >= MAX_CACHED {
             kept.clear();
         }
         kept.insert(code, tally.clone());
@@ -63,7 +63,7 @@ impl Mosaic {
         }
         if cells.volume() <= COUNTED {
             let (drawn, width) = (self.draw_cells(cells)?, self.header.form.width());
-            let values: Vec<_> = places(cells).filter_map(|at| drawn.value(at, width)).collect();
+            let values: Vec<_> = positions(cells).filter_map(|at| drawn.value(at, width)).collect();
             return Ok(Some(self.count(&values)));
         }
         if cells.volume() > EXACT {
@@ -141,10 +141,10 @@ impl Mosaic {
 fn without(mut rest: Bounds, hole: &Bounds) -> Vec<Bounds> {
     let mut parts = Vec::new();
     for axis in 0..3 {
-        let (mut before, mut behind) = (rest, rest);
+        let (mut before, mut after) = (rest, rest);
         before.max[axis] = hole.min[axis];
-        behind.min[axis] = hole.max[axis];
-        parts.extend([before, behind].into_iter().filter(|part| !part.is_empty()));
+        after.min[axis] = hole.max[axis];
+        parts.extend([before, after].into_iter().filter(|part| !part.is_empty()));
         (rest.min[axis], rest.max[axis]) = (hole.min[axis], hole.max[axis]);
     }
     parts

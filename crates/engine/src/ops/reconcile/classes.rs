@@ -39,7 +39,7 @@ impl std::str::FromStr for ClassMatching {
         match name {
             "name" => Ok(ClassMatching::Name),
             "number" => Ok(ClassMatching::Number),
-            _ => Err(Error::invalid("matching of classes", format!("`{name}`"), "name or number")),
+            _ => Err(Error::invalid("class matching", format!("`{name}`"), "name or number")),
         }
     }
 }

@@ -143,7 +143,7 @@ impl<'a> Located<'a> {
         extent: [u64; 3],
     ) -> Located<'a> {
         let metres = unit.filter(|_| frame.crs.is_none()).and_then(Unit::parse).and_then(Unit::metres);
-        let data = Bounds::picture(extent);
+        let data = Bounds::of_extent(extent);
         Located { name, frame, extent, data, metres, is_coverage: false, allow_ballpark: false }
     }
 
@@ -228,7 +228,7 @@ impl CommonGrid {
         if size.max_element() > most {
             let found = format!("{} x {} x {} cells", size.x, size.y, size.z);
             let expected = format!(
-                "at most {most} along each axis, as trees have; the operands lie far apart, and --extent a keeps the first's extent"
+                "at most {most} along each axis, the limit of trees; if the operands are far apart, --extent a keeps the extent of the first"
             );
             return Err(Error::invalid("size of the result", found, expected));
         }
@@ -273,7 +273,7 @@ impl CommonGrid {
                 let is_area = map.keeps_axes() || view.form().dimension == Dimension::Quad;
                 let way = if is_area { rule.name() } else { Rule::Nearest.name() };
                 Some(format!(
-                    "is resampled by {way} to the first file's cells: its own are {:.6} x {:.6} of these, and begin at column {:.6}, row {:.6}",
+                    "is resampled by {way} to the cells of the first file: one of its cells is {:.6} x {:.6} of those, and its first cell starts at column {:.6}, row {:.6}",
                     length(0),
                     length(1),
                     x[3],
@@ -341,7 +341,7 @@ fn check_systems((first, own): (&str, Option<&Crs>), (second, other): (&str, Opt
         (Some(own), Some(other)) if own.is_same(other) => return Ok(()),
         (Some(own), Some(other)) => {
             let expected = format!(
-                "{own}, as {first} has; trees of three axes are not reprojected: build both of data in one coordinate system"
+                "{own}, like {first}; octrees cannot be reprojected: build both from data in one coordinate system"
             );
             return Err(Error::invalid(
                 format!("coordinate system of {second}"),
@@ -353,7 +353,7 @@ fn check_systems((first, own): (&str, Option<&Crs>), (second, other): (&str, Opt
         (None, Some(other)) => (other, second, first),
     };
     let expected = format!(
-        "{known}, as {known_name} has; if it is in that system: `spinney transform {unknown} 'crs={}' -o KNOWN.goblin`",
+        "{known}, like {known_name}; if it is in that system: `spinney transform {unknown} 'crs={}' -o KNOWN.goblin`",
         known.short_definition()
     );
     Err(Error::invalid(format!("coordinate system of {unknown}"), "none", expected))
@@ -407,7 +407,8 @@ fn covered(boxes: &[CellBox], choice: OutputExtent) -> Result<CellBox> {
         OutputExtent::Intersection => shared(),
     };
     found.filter(|(low, high)| low.cmplt(*high).all()).ok_or_else(|| {
-        let expected = "a part of the world that all files share; extent=union (an option of combine: --extent union) covers all of them";
+        let expected =
+            "an area that all files share; extent=union (combine: --extent union) covers all files";
         Error::invalid("extent of the result", "none", expected)
     })
 }

@@ -169,7 +169,7 @@ pub(super) fn reconcile(
     };
     let is_continuous = !is_fixed && mixes_kinds(&valued);
     if is_continuous {
-        let text = "categorical and continuous values are joined as continuous ones, without names and colours of classes".into();
+        let text = "categorical and continuous values are combined as continuous values, without class names and colours".into();
         conversions.push(Conversion { operand: operands[described_by].0.clone(), what: "kind", text });
     }
     let mut described = operands[described_by].1.source().metadata().clone();
@@ -241,7 +241,7 @@ fn common_dimension(operands: &[(String, View)]) -> Result<Dimension> {
     match operands.iter().find(|(_, view)| view.form().dimension != dimension) {
         None => Ok(dimension),
         Some((name, view)) => {
-            let expected = format!("{}, as {first_name} is", dimension.tree_name());
+            let expected = format!("{}, like {first_name}", dimension.tree_name());
             Err(Error::invalid(name.clone(), view.form().dimension.tree_name(), expected))
         }
     }
@@ -288,10 +288,10 @@ fn mixes_kinds(valued: &[Valued<'_>]) -> bool {
 /// Numbers of the cells in a view's source.
 fn present_numbers(view: &View) -> Result<Vec<Number>> {
     let source = view.source();
-    let picture = source.header().picture();
+    let extent = source.header().extent_bounds();
     let statistics = match &**source {
-        ViewSource::File(file) => file.statistics_with(&picture, true, &())?,
-        source => source_statistics(source, &picture, true, &())?,
+        ViewSource::File(file) => file.statistics_with(&extent, true, &())?,
+        source => source_statistics(source, &extent, true, &())?,
     };
     Ok(statistics.classes.into_iter().map(|(number, _)| number).collect())
 }

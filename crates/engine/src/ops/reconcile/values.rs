@@ -151,7 +151,7 @@ pub(super) fn common(
     };
     let value = of(sample);
     if !value.is_supported() {
-        let expected = "u8, u16 or f32 of several channels";
+        let expected = "u8, u16 or f32 for several channels";
         return Err(Error::invalid("type of the result", value.to_string(), expected));
     }
     let maps = operands.iter().zip(maps).map(|(operand, map)| {
@@ -175,7 +175,7 @@ fn channels(operands: &[Valued<'_>], is_fixed: bool) -> Result<u8> {
         if !is_same || is_fixed && operand.value().channels > first.value().channels {
             let step = channels_step(operand.value(), colours(first));
             let expected = format!(
-                "{}, as {} has; `spinney transform {} {step} -o OTHER.goblin` makes a tree that has as many",
+                "{}, like {}; to convert it: `spinney transform {} {step} -o OTHER.goblin`",
                 first.value(),
                 first.name,
                 operand.name,
@@ -221,7 +221,7 @@ fn units(operands: &[Valued<'_>], channels: u8) -> Result<Vec<Scale>> {
                 scale.unit = theirs;
             } else if !theirs.is_empty() && converted(&scale.unit, &theirs).is_none() {
                 let expected = format!(
-                    "{}, as {} has, or one that measures the same; --units number takes numbers as they are",
+                    "{}, like {}, or another unit of the same quantity; --units number ignores units",
                     scale.unit, operands[0].name
                 );
                 return Err(Error::invalid(format!("unit of {}", operand.name), theirs, expected));
@@ -284,11 +284,11 @@ fn floating(operands: &[Valued<'_>], channels: u8) -> Result<SampleType> {
     for operand in operands.iter().filter(|operand| operand.value().sample.is_wide_integer()) {
         // (The actual numbers decide if the type alone does not.)
         if !within(operand, &PLAIN, (1u64 << 53) as f64)? {
-            return Err(loss(operand, "f64, which cannot hold all of its numbers", "calc=b1,type=f64"));
+            return Err(loss(operand, "a type that stores all numbers (f64 does not)", "calc=b1,type=f64"));
         }
     }
     if channels > 1 {
-        let what = format!("{channels} channels of f32, of which {} has more digits", wide.name);
+        let what = format!("{channels} channels of f32 (numbers of {} have more digits)", wide.name);
         return Err(loss(wide, &what, "calc=b1,type=f32"));
     }
     Ok(SampleType::F64)
@@ -335,7 +335,7 @@ fn integer(operands: &[Valued<'_>], maps: &[Maps], channels: u8) -> Result<Sampl
     let ranges: Vec<(f64, f64)> = ranges.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
     let last = &operands[operands.len() - 1];
     holding(&ranges)
-        .ok_or_else(|| loss(last, "an integer type that holds the numbers of all", "calc=b1,type=f64"))
+        .ok_or_else(|| loss(last, "numbers of all operands within one integer type", "calc=b1,type=f64"))
 }
 
 /// Fails if numbers would be lost by conversion to the first operand's type.
@@ -362,8 +362,8 @@ fn check_fixed(operands: &[Valued<'_>], maps: &[Maps], options: &ReconcileOption
         };
         if !fits {
             let found =
-                format!("{from}, of which {} cannot hold all numbers", operands[0].name, from = from.name());
-            let expected = format!("{}; --round takes the nearest that it can hold", to.name());
+                format!("{from}, with numbers that {} cannot store", operands[0].name, from = from.name());
+            let expected = format!("{}; --round stores the nearest numbers instead", to.name());
             return Err(Error::invalid(format!("type of {}", operand.name), found, expected));
         }
     }
@@ -378,7 +378,7 @@ fn within(operand: &Valued<'_>, map: &Maps, most: f64) -> Result<bool> {
 #[cold]
 fn loss(operand: &Valued<'_>, expected: &str, step: &str) -> Error {
     let expected = format!(
-        "{expected}; `spinney transform {} {step} -o OTHER.goblin` makes a tree that has one, of the nearest numbers",
+        "{expected}; to convert it to the nearest numbers: `spinney transform {} {step} -o OTHER.goblin`",
         operand.name
     );
     Error::invalid(format!("type of {}", operand.name), operand.value().to_string(), expected)

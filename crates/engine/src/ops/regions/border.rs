@@ -45,7 +45,7 @@ pub(super) fn touching<T: Span>(a: &[T], b: &[T], reach: u32, mut meet: impl FnM
 
 /// Cells of a row of a face that belong to one component.
 #[derive(Clone, Debug)]
-pub(super) struct Run {
+pub(super) struct ComponentSpan {
     pub(super) start: u32,
     pub(super) end: u32,
     /// Number of the component.
@@ -53,7 +53,7 @@ pub(super) struct Run {
     pub(super) value: Value,
 }
 
-impl Span for Run {
+impl Span for ComponentSpan {
     fn start(&self) -> u32 {
         self.start
     }
@@ -65,14 +65,14 @@ impl Span for Run {
 
 /// Receives pairs of runs that touch, and the number of cell faces that they share: none if only
 /// corners touch.
-pub(super) type Meet<'a> = dyn FnMut(&Run, &Run, u64) + 'a;
+pub(super) type Meet<'a> = dyn FnMut(&ComponentSpan, &ComponentSpan, u64) + 'a;
 
 /// Consecutive equal rows of a face.
 #[derive(Clone, Debug)]
 struct Band {
     start: u32,
     end: u32,
-    runs: Vec<Run>,
+    runs: Vec<ComponentSpan>,
 }
 
 impl Span for Band {
@@ -94,14 +94,14 @@ pub(super) struct Face {
 
 impl Face {
     /// Appends a row.
-    pub(super) fn push_row(&mut self, row: u32, runs: Vec<Run>) {
+    pub(super) fn push_row(&mut self, row: u32, runs: Vec<ComponentSpan>) {
         if !runs.is_empty() {
             self.bands.push(Band { start: row, end: row + 1, runs });
         }
     }
 
     /// Appends a cell to a row, which must be the last one.
-    pub(super) fn push_cell(&mut self, row: u32, cell: Run) {
+    pub(super) fn push_cell(&mut self, row: u32, cell: ComponentSpan) {
         match self.bands.last_mut().filter(|band| band.start == row) {
             None => self.push_row(row, vec![cell]),
             Some(band) => match band.runs.last_mut() {
@@ -113,12 +113,16 @@ impl Face {
 
     fn uniform(columns: u32, rows: u32, id: u64, value: Value) -> Face {
         Face {
-            bands: vec![Band { start: 0, end: rows, runs: vec![Run { start: 0, end: columns, id, value }] }],
+            bands: vec![Band {
+                start: 0,
+                end: rows,
+                runs: vec![ComponentSpan { start: 0, end: columns, id, value }],
+            }],
         }
     }
 
     /// This face, followed by the rows of another one.
-    fn below(mut self, other: Face, rows: u32) -> Face {
+    fn append_rows(mut self, other: Face, rows: u32) -> Face {
         self.bands.extend(other.bands.into_iter().map(|mut band| {
             (band.start, band.end) = (band.start + rows, band.end + rows);
             band
@@ -127,7 +131,7 @@ impl Face {
     }
 
     /// This face, followed by the columns of another one.
-    fn beside(self, other: Face, columns: u32) -> Face {
+    fn append_columns(self, other: Face, columns: u32) -> Face {
         let mut bands: Vec<Band> = Vec::with_capacity(self.bands.len().max(other.bands.len()));
         let mut left = self.bands.into_iter().peekable();
         let mut right = other.bands.into_iter().peekable();
@@ -167,7 +171,11 @@ impl Face {
 
 /// Runs of the rows from `start` to `end` of the next band, if it covers them; a band that ends
 /// there is removed.
-fn take_rows(bands: &mut std::iter::Peekable<std::vec::IntoIter<Band>>, start: u32, end: u32) -> Vec<Run> {
+fn take_rows(
+    bands: &mut std::iter::Peekable<std::vec::IntoIter<Band>>,
+    start: u32,
+    end: u32,
+) -> Vec<ComponentSpan> {
     match bands.peek() {
         Some(band) if band.start <= start && band.end > end => band.runs.clone(),
         Some(band) if band.start <= start => bands.next().map(|band| band.runs).unwrap_or_default(),
@@ -216,9 +224,9 @@ impl Borders {
             *joined = if normal == axis {
                 [low, other_high]
             } else if axis == columns {
-                [low.beside(other_low, side), high.beside(other_high, side)]
+                [low.append_columns(other_low, side), high.append_columns(other_high, side)]
             } else {
-                [low.below(other_low, side), high.below(other_high, side)]
+                [low.append_rows(other_low, side), high.append_rows(other_high, side)]
             };
         }
         joined

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::border::Run;
+use super::border::ComponentSpan;
 use super::sweep::{Cells, Content, Sweeper, Unit};
 use super::units::Units;
 use super::words::Words;
@@ -39,21 +39,21 @@ pub(super) struct Labels {
 
 impl Labels {
     /// Scans all cells and labels their components. Uses about `memory` bytes in addition to those
-    /// of the blocks in progress; the excess goes to a temporary file in `folder`. Up to `kept` of
-    /// these bytes hold patterns of blocks, for later reads of their cells.
+    /// of the blocks in progress; the excess goes to a temporary file in `directory`. Up to `kept`
+    /// of these bytes hold patterns of blocks, for later reads of their cells.
     ///
     /// # Errors
     /// If the tree is corrupt, the temporary file cannot be used, or on cancellation.
     pub(super) fn of(
         cells: &Cells,
         kept: u64,
-        (folder, memory): (&Path, u64),
+        (directory, memory): (&Path, u64),
         progress: &dyn Progress,
     ) -> Result<Labels> {
         let mut forest = Forest {
             units: Units::new(kept),
             entries: Vec::new(),
-            words: Words::new(folder, memory / 4),
+            words: Words::new(directory, memory / 4),
             name: cells.view.source().name().into(),
         };
         cells.sweep(false, memory / 2, &mut forest, progress)?;
@@ -110,10 +110,10 @@ impl Forest {
     fn add(&mut self, inside: u32) -> Result<u64> {
         let id = self.words.len();
         if id > PARENT {
-            let advice = "take windows of it";
+            let advice = "process windows of it";
             return Err(Error::unsupported(
                 &self.name,
-                "a tree of more than 2^40 components at borders of blocks",
+                "a tree with more than 2^40 components at block borders",
                 advice,
             ));
         }
@@ -193,7 +193,7 @@ impl Sweeper for Forest {
         Ok(ids)
     }
 
-    fn meet(&mut self, a: &Run, b: &Run, _: u64) -> Result<()> {
+    fn meet(&mut self, a: &ComponentSpan, b: &ComponentSpan, _: u64) -> Result<()> {
         if a.value != b.value {
             return Ok(());
         }

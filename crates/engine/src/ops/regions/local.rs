@@ -2,19 +2,19 @@
 
 use std::ops::Range;
 
-use super::border::{Borders, Run, Span, in_common, touching};
+use super::border::{Borders, ComponentSpan, Span, in_common, touching};
 use spinney_base::sort;
 use spinney_base::space::{Dimension, morton_encode};
 use spinney_base::value::Value;
 
 /// Run of equal cells in a row that are not VOID.
-struct LocalRun {
+struct LocalSpan {
     start: u16,
     end: u16,
     component: u32,
 }
 
-impl Span for LocalRun {
+impl Span for LocalSpan {
     fn start(&self) -> u32 {
         self.start.into()
     }
@@ -52,7 +52,7 @@ pub(super) struct Local {
     side: u32,
     /// First run of each row, and the end of the last.
     rows: Vec<u32>,
-    runs: Vec<LocalRun>,
+    runs: Vec<LocalSpan>,
     pub(super) components: Vec<Component>,
 }
 
@@ -101,7 +101,7 @@ impl Local {
             let mut end_at = |end: usize| {
                 if valid[start] {
                     let component = self.runs.len() as u32;
-                    self.runs.push(LocalRun { start: start as u16, end: end as u16, component });
+                    self.runs.push(LocalSpan { start: start as u16, end: end as u16, component });
                     parents.push(component);
                 }
                 start = end;
@@ -206,7 +206,7 @@ impl Local {
         let none = Pair { components: [0, 0], faces: 0 };
         let mut recent = vec![none; RECENT_PAIRS];
         let mut pairs: Vec<Pair> = Vec::new();
-        let mut pair = |a: &LocalRun, b: &LocalRun, faces: u64| {
+        let mut pair = |a: &LocalSpan, b: &LocalSpan, faces: u64| {
             if a.component == b.component {
                 return;
             }
@@ -228,9 +228,9 @@ impl Local {
                 pair(&neighbours[0], &neighbours[1], 1);
             }
             for before in self.rows_before(row, reach) {
-                let is_beside = self.is_beside(before, row);
+                let shares_faces = self.shares_faces(before, row);
                 touching(&self.runs[self.row(before)], here, reach, |a, b| {
-                    pair(a, b, if is_beside { in_common(a, b) } else { 0 });
+                    pair(a, b, if shares_faces { in_common(a, b) } else { 0 });
                 });
             }
         }
@@ -239,7 +239,7 @@ impl Local {
     }
 
     /// Whether rows share faces, not only edges.
-    fn is_beside(&self, before: usize, row: usize) -> bool {
+    fn shares_faces(&self, before: usize, row: usize) -> bool {
         let [y, _] = self.place(row);
         y > 0 && before + 1 == row || before + self.side as usize == row
     }
@@ -266,7 +266,7 @@ impl Local {
         for row in 0..self.count_rows() {
             let runs = &self.runs[self.row(row)];
             let [y, z] = self.place(row);
-            let run = |start: u32, end: u32, component: u32| Run {
+            let run = |start: u32, end: u32, component: u32| ComponentSpan {
                 start,
                 end,
                 id: component.into(),

@@ -17,13 +17,13 @@
 //! 4. `table.rs` makes a table of labels: size, box and neighbours of each.
 
 mod border;
+mod connectivity;
 mod labels;
 mod local;
 mod pattern;
 mod rows;
 mod sieve;
 mod source;
-mod step;
 mod sweep;
 mod table;
 #[cfg(test)]
@@ -31,8 +31,8 @@ mod tests;
 mod units;
 mod words;
 
-pub(super) use source::Passes;
+pub use connectivity::{Connectivity, Sieve};
 pub use source::Regions;
-pub use step::{Connectivity, Sieve};
+pub(super) use source::ScanContext;
 pub(crate) use table::find_labels;
 pub use table::{Label, LabelNeighbour, LabelRequest, LabelSummary, LabelVisitor};

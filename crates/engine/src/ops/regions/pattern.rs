@@ -11,7 +11,7 @@ pub(super) struct Pattern {
     width: u8,
     /// Runs of cells in rows; the last one of a row ends at the block's edge. Each is the index of
     /// its last cell, and the number of its component from 1 on; 0 is VOID.
-    pieces: Box<[u8]>,
+    spans: Box<[u8]>,
     /// Whether components have cells at the block's border.
     at_border: Box<[bool]>,
 }
@@ -22,29 +22,29 @@ impl Pattern {
         let count = local.components.len();
         let width = if count < 1 << 8 { 1 } else { if count < 1 << 16 { 2 } else { 4 } };
         let side = local.side();
-        let mut pieces = Vec::new();
-        let mut piece = |end: u32, number: u32| {
-            pieces.push((end - 1) as u8);
-            pieces.extend_from_slice(&number.to_le_bytes()[..usize::from(width)]);
+        let mut spans = Vec::new();
+        let mut span = |end: u32, number: u32| {
+            spans.push((end - 1) as u8);
+            spans.extend_from_slice(&number.to_le_bytes()[..usize::from(width)]);
         };
         // Current row, and the start of its next run.
         let (mut at, mut start) = (0, 0);
         local.each_run(|row, cells, component| {
             while at < row {
                 if start < side {
-                    piece(side, 0);
+                    span(side, 0);
                 }
                 (at, start) = (at + 1, 0);
             }
             if cells.start > start {
-                piece(cells.start, 0);
+                span(cells.start, 0);
             }
-            piece(cells.end, component + 1);
+            span(cells.end, component + 1);
             start = cells.end;
         });
         // (Rows after the last run are VOID.)
         let at_border = local.components.iter().map(|component| component.is_at_border).collect();
-        Pattern { side, width, pieces: pieces.into(), at_border }
+        Pattern { side, width, spans: spans.into(), at_border }
     }
 
     pub(super) fn at_border(&self) -> &[bool] {
@@ -53,7 +53,7 @@ impl Pattern {
 
     /// Approximate memory use in bytes.
     fn bytes(&self) -> u64 {
-        (size_of::<Option<Pattern>>() + self.pieces.len() + self.at_border.len()) as u64
+        (size_of::<Option<Pattern>>() + self.spans.len() + self.at_border.len()) as u64
     }
 
     /// Calls `each` for runs of cells with their components: the range of cell indices.
@@ -69,10 +69,10 @@ impl Pattern {
     #[inline]
     fn each_of<const WIDTH: usize>(&self, mut each: impl FnMut(Range<usize>, usize)) {
         let (mut row, mut start) = (0, 0);
-        for piece in self.pieces.chunks_exact(1 + WIDTH) {
-            let end = usize::from(piece[0]) + 1;
+        for span in self.spans.chunks_exact(1 + WIDTH) {
+            let end = usize::from(span[0]) + 1;
             let mut number = [0; 4];
-            number[..WIDTH].copy_from_slice(&piece[1..]);
+            number[..WIDTH].copy_from_slice(&span[1..]);
             let number = u32::from_le_bytes(number) as usize;
             if number > 0 {
                 each(row + start..row + end, number - 1);
@@ -89,24 +89,24 @@ impl Pattern {
 pub(super) struct Patterns {
     patterns: Vec<Option<Pattern>>,
     /// Remaining bytes.
-    room: u64,
+    available: u64,
 }
 
 impl Patterns {
     /// No patterns yet, and a limit in bytes.
-    pub(super) fn new(room: u64) -> Patterns {
-        Patterns { patterns: Vec::new(), room }
+    pub(super) fn new(available: u64) -> Patterns {
+        Patterns { patterns: Vec::new(), available }
     }
 
     /// Keeps the pattern of a block if there is enough memory. Indices must be ascending.
     pub(super) fn keep(&mut self, number: usize, local: &Local) {
-        if self.room == 0 {
+        if self.available == 0 {
             return;
         }
         let pattern = Pattern::new(local);
         // (Once a pattern did not fit, later ones are not computed.)
-        self.room = self.room.saturating_sub(pattern.bytes());
-        if self.room > 0 {
+        self.available = self.available.saturating_sub(pattern.bytes());
+        if self.available > 0 {
             self.patterns.resize_with(number, || None);
             self.patterns.push(Some(pattern));
         }

@@ -11,10 +11,10 @@ use spinney_base::{Error, Result, sort};
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
 /// Number of rows that are collected before rows with the same key are merged for the first time.
-const FEW: usize = 1 << 14;
+const MIN_MERGED: usize = 1 << 14;
 
 /// Minimum and maximum number of bytes that are read of a run at a time.
-const PIECE: [u64; 2] = [1 << 12, 1 << 18];
+const CHUNK_BYTES: [u64; 2] = [1 << 12, 1 << 18];
 
 /// Bytes per row for sorting, in addition to its own.
 const SORTING: u64 = 40;
@@ -29,7 +29,7 @@ pub(super) trait Row: Copy + FromBytes + IntoBytes + Immutable {
 
 /// Rows in any order.
 pub(super) struct Rows<R> {
-    folder: PathBuf,
+    directory: PathBuf,
     rows: Vec<R>,
     /// Number of rows at which rows with the same key are merged, and the maximum number in memory.
     limit: usize,
@@ -41,13 +41,13 @@ pub(super) struct Rows<R> {
 }
 
 impl<R: Row> Rows<R> {
-    /// Table that may use about `memory` bytes; the temporary file is created in `folder`.
-    pub(super) fn new(folder: &Path, memory: u64) -> Rows<R> {
+    /// Table that may use about `memory` bytes; the temporary file is created in `directory`.
+    pub(super) fn new(directory: &Path, memory: u64) -> Rows<R> {
         let most = (memory / (size_of::<R>() as u64 + SORTING)).clamp(64, 1 << 31) as usize;
         Rows {
-            folder: folder.into(),
+            directory: directory.into(),
             rows: Vec::new(),
-            limit: FEW.min(most),
+            limit: MIN_MERGED.min(most),
             most,
             memory,
             file: None,
@@ -65,7 +65,7 @@ impl<R: Row> Rows<R> {
             if self.rows.len() > self.most / 2 {
                 self.spill()?;
             }
-            self.limit = (2 * self.rows.len()).clamp(FEW.min(self.most), self.most);
+            self.limit = (2 * self.rows.len()).clamp(MIN_MERGED.min(self.most), self.most);
         }
         self.rows.push(row);
         Ok(())
@@ -87,13 +87,13 @@ impl<R: Row> Rows<R> {
         let file = match &mut self.file {
             Some(file) => file,
             none => none.insert(
-                tempfile::tempfile_in(&self.folder)
-                    .map_err(Error::io(&self.folder, "make a temporary file"))?,
+                tempfile::tempfile_in(&self.directory)
+                    .map_err(Error::io(&self.directory, "make a temporary file"))?,
             ),
         };
         let first = self.ends.last().copied().unwrap_or(0);
         write_all_at(file, self.rows.as_bytes(), first * size_of::<R>() as u64)
-            .map_err(Error::io(&self.folder, "write a temporary file"))?;
+            .map_err(Error::io(&self.directory, "write a temporary file"))?;
         self.ends.push(first + self.rows.len() as u64);
         self.rows.clear();
         Ok(())
@@ -106,24 +106,24 @@ impl<R: Row> Rows<R> {
     pub(super) fn sorted(mut self) -> Result<SortedRows<R>> {
         self.compact();
         let Some(file) = self.file.take() else {
-            let in_memory = Run { rows: self.rows, next: 0, left: 0..0 };
-            return SortedRows::of(None, self.folder, vec![in_memory], 0);
+            let in_memory = RowCursor { rows: self.rows, next: 0, left: 0..0 };
+            return SortedRows::of(None, self.directory, vec![in_memory], 0);
         };
-        let (folder, memory) = (self.folder.clone(), self.memory);
-        let in_memory = Run { rows: std::mem::take(&mut self.rows), next: 0, left: 0..0 };
+        let (directory, memory) = (self.directory.clone(), self.memory);
+        let in_memory = RowCursor { rows: std::mem::take(&mut self.rows), next: 0, left: 0..0 };
         let mut first = 0;
         let in_file = self.ends.iter().map(|end| {
             let left = std::mem::replace(&mut first, *end)..*end;
-            Run { rows: Vec::new(), next: 0, left }
+            RowCursor { rows: Vec::new(), next: 0, left }
         });
-        let runs: Vec<Run<R>> = in_file.chain([in_memory]).collect();
-        let piece = (memory / 2 / runs.len() as u64).clamp(PIECE[0], PIECE[1]);
-        SortedRows::of(Some(file), folder, runs, piece / size_of::<R>() as u64 + 1)
+        let runs: Vec<RowCursor<R>> = in_file.chain([in_memory]).collect();
+        let chunk = (memory / 2 / runs.len() as u64).clamp(CHUNK_BYTES[0], CHUNK_BYTES[1]);
+        SortedRows::of(Some(file), directory, runs, chunk / size_of::<R>() as u64 + 1)
     }
 }
 
 /// Sorted rows: some that are in memory, and those in the file that follow.
-struct Run<R> {
+struct RowCursor<R> {
     rows: Vec<R>,
     next: usize,
     left: std::ops::Range<u64>,
@@ -132,17 +132,22 @@ struct Run<R> {
 /// Rows in key order.
 pub(super) struct SortedRows<R> {
     file: Option<File>,
-    folder: PathBuf,
-    runs: Vec<Run<R>>,
+    directory: PathBuf,
+    runs: Vec<RowCursor<R>>,
     /// Number of rows that are read of a run at a time.
-    piece: u64,
+    chunk: u64,
     /// Key of the next row of each run that has one.
     heap: BinaryHeap<Reverse<(u128, usize)>>,
 }
 
 impl<R: Row> SortedRows<R> {
-    fn of(file: Option<File>, folder: PathBuf, runs: Vec<Run<R>>, piece: u64) -> Result<SortedRows<R>> {
-        let mut sorted = SortedRows { file, folder, runs, piece, heap: BinaryHeap::new() };
+    fn of(
+        file: Option<File>,
+        directory: PathBuf,
+        runs: Vec<RowCursor<R>>,
+        chunk: u64,
+    ) -> Result<SortedRows<R>> {
+        let mut sorted = SortedRows { file, directory, runs, chunk, heap: BinaryHeap::new() };
         for number in 0..sorted.runs.len() {
             sorted.queue(number)?;
         }
@@ -154,10 +159,10 @@ impl<R: Row> SortedRows<R> {
         let run = &mut self.runs[number];
         if run.next >= run.rows.len() {
             let Some(file) = self.file.as_ref().filter(|_| !run.left.is_empty()) else { return Ok(()) };
-            let count = self.piece.min(run.left.end - run.left.start);
+            let count = self.chunk.min(run.left.end - run.left.start);
             run.rows.resize(count as usize, R::new_zeroed());
             read_exact_at(file, run.rows.as_mut_bytes(), run.left.start * size_of::<R>() as u64)
-                .map_err(Error::io(&self.folder, "read a temporary file"))?;
+                .map_err(Error::io(&self.directory, "read a temporary file"))?;
             run.next = 0;
             run.left.start += count;
         }

@@ -4,7 +4,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 
-use super::border::Run;
+use super::border::ComponentSpan;
 use super::local::root;
 use super::sweep::{Cells, Content, Sweeper, Unit};
 use super::units::Units;
@@ -45,21 +45,22 @@ impl Sieved {
     /// # Errors
     /// If they need more memory than that, the tree is corrupt, or on cancellation.
     pub(super) fn of(cells: &Cells, least: u64, memory: u64, progress: &dyn Progress) -> Result<Sieved> {
-        let mut pieces = Pieces {
+        let mut fragments = Fragments {
             units: Units::new(memory / 4),
             firsts: Vec::new(),
             depth: cells.view.depth(),
             least,
             forest: Forest::default(),
-            of_pieces: Vec::new(),
+            of_fragments: Vec::new(),
             values: Vec::new(),
             numbers: HashMap::new(),
             pairs: Vec::new(),
-            room: memory / 2,
+            memory_limit: memory / 2,
             name: cells.view.source().name().into(),
         };
-        cells.sweep(true, memory / 4, &mut pieces, progress)?;
-        let Pieces { units, firsts, forest, of_pieces: mut of_components, values, pairs, .. } = pieces;
+        cells.sweep(true, memory / 4, &mut fragments, progress)?;
+        let Fragments { units, firsts, forest, of_fragments: mut of_components, values, pairs, .. } =
+            fragments;
         let mut graph = Graph::new(forest, pairs, least);
         graph.merge(&of_components, least, progress)?;
         for component in 0..of_components.len() as u32 {
@@ -100,35 +101,35 @@ impl Forest {
 /// adjacent.
 ///
 /// Components are united with earlier ones, so that a root is numbered by its first cell.
-struct Pieces {
+struct Fragments {
     units: Units,
     firsts: Vec<u32>,
     depth: u8,
     least: u64,
     forest: Forest,
     /// Value index of each fragment.
-    of_pieces: Vec<u32>,
+    of_fragments: Vec<u32>,
     values: Vec<Value>,
     numbers: HashMap<Value, u32>,
     /// Pairs that touch, of which one may be small.
     pairs: Vec<u64>,
     /// Memory limit in bytes.
-    room: u64,
+    memory_limit: u64,
     name: PathBuf,
 }
 
-impl Pieces {
+impl Fragments {
     fn add(&mut self, cells: u64, value: Value) -> u64 {
         let next = self.values.len() as u32;
         let number = *self.numbers.entry(value).or_insert(next);
         if number == next {
             self.values.push(value);
         }
-        let piece = self.forest.parents.len() as u32;
-        self.forest.parents.push(piece);
+        let fragment = self.forest.parents.len() as u32;
+        self.forest.parents.push(fragment);
         self.forest.sizes.push(cells);
-        self.of_pieces.push(number);
-        piece.into()
+        self.of_fragments.push(number);
+        fragment.into()
     }
 
     /// Records that two components touch, unless both are known to be large.
@@ -143,22 +144,22 @@ impl Pieces {
     }
 
     /// Checks that there is memory for more.
-    fn check_room(&mut self) -> Result<()> {
+    fn check_memory(&mut self) -> Result<()> {
         let count = self.forest.parents.len().max(self.pairs.len());
-        if self.needed() <= self.room && count < NONE as usize / 2 {
+        if self.needed() <= self.memory_limit && count < NONE as usize / 2 {
             return Ok(());
         }
         self.compact();
         let count = self.forest.parents.len().max(self.pairs.len());
         // (An eighth has to remain free, so that pairs are not sorted again and again.)
-        if self.needed() <= self.room - self.room / 8 && count < NONE as usize / 4 {
+        if self.needed() <= self.memory_limit - self.memory_limit / 8 && count < NONE as usize / 4 {
             return Ok(());
         }
         Err(Error::TooLarge {
             path: self.name.clone(),
-            what: "sieving so many components".into(),
+            what: "a sieve of that many components".into(),
             needed: 2 * self.needed(),
-            limit: 2 * self.room,
+            limit: 2 * self.memory_limit,
             advice: "allow more with --memory, or sieve windows of it".into(),
         })
     }
@@ -180,7 +181,7 @@ impl Pieces {
     }
 }
 
-impl Sweeper for Pieces {
+impl Sweeper for Fragments {
     fn take(&mut self, unit: &Unit<'_>) -> Result<Vec<u64>> {
         self.units.push(unit);
         let first = self.forest.parents.len() as u32;
@@ -200,11 +201,11 @@ impl Sweeper for Pieces {
                 ids
             }
         };
-        self.check_room()?;
+        self.check_memory()?;
         Ok(ids)
     }
 
-    fn meet(&mut self, a: &Run, b: &Run, _: u64) -> Result<()> {
+    fn meet(&mut self, a: &ComponentSpan, b: &ComponentSpan, _: u64) -> Result<()> {
         let (a, b, is_one) = (a.id as u32, b.id as u32, a.value == b.value);
         if !is_one {
             self.pair(a, b);

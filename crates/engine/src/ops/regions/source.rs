@@ -3,12 +3,12 @@
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::connectivity::{Connectivity, Sieve};
 use super::labels::Labels;
 use super::pattern::Pattern;
 use super::sieve::Sieved;
-use super::step::{Connectivity, Sieve};
 use super::sweep::Cells;
-use super::units::{Standing, Units};
+use super::units::{UnitState, Units};
 use crate::ops::affine::View;
 use crate::ops::view_source::ViewSource;
 use crate::tree::{CellBlock, Child, Children, Source};
@@ -18,7 +18,7 @@ use spinney_base::{Progress, Result, TreeType};
 use spinney_container::{Codec, Header, Metadata, Shape};
 
 /// Number of cached blocks, for traversals by node.
-const KEPT: usize = 16;
+const MAX_CACHED: usize = 16;
 
 /// Maximum number of labels that are u32; otherwise labels are u64. (The maximum of u32 is left
 /// free.)
@@ -26,16 +26,16 @@ const MAX_NARROW: u64 = u32::MAX as u64 - 1;
 
 /// Memory and progress of operations that scan all cells before the first result is available.
 #[derive(Clone, Copy)]
-pub(in crate::ops) struct Passes<'a> {
+pub(in crate::ops) struct ScanContext<'a> {
     /// Approximate memory limit in bytes.
     pub(in crate::ops) memory: u64,
     /// Directory for temporary files.
-    pub(in crate::ops) folder: &'a Path,
+    pub(in crate::ops) directory: &'a Path,
     pub(in crate::ops) progress: &'a dyn Progress,
 }
 
 /// Values of the components.
-enum Made {
+enum ComponentValues {
     Labels(Labels),
     Sieved(Sieved),
 }
@@ -43,7 +43,7 @@ enum Made {
 /// Components of cells of equal value: their labels, or the tree without the small ones.
 pub struct Regions {
     cells: Cells,
-    made: Made,
+    made: ComponentValues,
     header: Header,
     metadata: Metadata,
     kept: Mutex<Vec<(Code, Arc<CellBlock>)>>,
@@ -59,16 +59,17 @@ impl Regions {
     pub(in crate::ops) fn components(
         view: &View,
         connect: Connectivity,
-        passes: &Passes<'_>,
+        passes: &ScanContext<'_>,
     ) -> Result<Regions> {
         let cells = Cells::bodies(view.clone(), connect.reach(view.form().dimension)?);
         Regions::labelled(cells, MAX_NARROW, passes)
     }
 
     /// Labels of some cells, as u64 if there are more than `most_narrow` of them.
-    pub(super) fn labelled(cells: Cells, most_narrow: u64, passes: &Passes<'_>) -> Result<Regions> {
+    pub(super) fn labelled(cells: Cells, most_narrow: u64, passes: &ScanContext<'_>) -> Result<Regions> {
         let view = &cells.view;
-        let labels = Labels::of(&cells, passes.memory / 4, (passes.folder, passes.memory), passes.progress)?;
+        let labels =
+            Labels::of(&cells, passes.memory / 4, (passes.directory, passes.memory), passes.progress)?;
         let sample = if labels.count > most_narrow { SampleType::U64 } else { SampleType::U32 };
         let own = view.metadata(false);
         let metadata = Metadata {
@@ -85,14 +86,14 @@ impl Regions {
             kind: DataKind::Categorical,
             ..header_of(view)
         };
-        Ok(Regions { cells, made: Made::Labels(labels), header, metadata, kept: Mutex::default() })
+        Ok(Regions { cells, made: ComponentValues::Labels(labels), header, metadata, kept: Mutex::default() })
     }
 
     /// A view's cells, in which small components have the values of their largest neighbours.
     ///
     /// # Errors
     /// Those of [`Regions::components`]; also if the components do not fit in memory.
-    pub(in crate::ops) fn sieved(view: &View, sieve: &Sieve, passes: &Passes<'_>) -> Result<Regions> {
+    pub(in crate::ops) fn sieved(view: &View, sieve: &Sieve, passes: &ScanContext<'_>) -> Result<Regions> {
         let dimension = view.form().dimension;
         let cells = Cells::values(view.clone(), sieve.reach(dimension)?);
         let least = sieve.cells(dimension, &view.frame(false))?;
@@ -100,10 +101,10 @@ impl Regions {
     }
 
     /// Cells with components of fewer cells than `least` merged.
-    pub(super) fn sieved_cells(cells: Cells, least: u64, passes: &Passes<'_>) -> Result<Regions> {
+    pub(super) fn sieved_cells(cells: Cells, least: u64, passes: &ScanContext<'_>) -> Result<Regions> {
         let sieved = Sieved::of(&cells, least, passes.memory, passes.progress)?;
         let (metadata, header) = (cells.view.metadata(false), header_of(&cells.view));
-        Ok(Regions { cells, made: Made::Sieved(sieved), header, metadata, kept: Mutex::default() })
+        Ok(Regions { cells, made: ComponentValues::Sieved(sieved), header, metadata, kept: Mutex::default() })
     }
 
     /// Tree whose components these are.
@@ -123,8 +124,8 @@ impl Regions {
 
     fn units(&self) -> &Units {
         match &self.made {
-            Made::Labels(labels) => &labels.units,
-            Made::Sieved(sieved) => &sieved.units,
+            ComponentValues::Labels(labels) => &labels.units,
+            ComponentValues::Sieved(sieved) => &sieved.units,
         }
     }
 
@@ -139,19 +140,19 @@ impl Regions {
     /// Value of a uniform node, given by its index.
     fn value(&self, number: usize) -> Value {
         match &self.made {
-            Made::Labels(labels) => self.label(labels.of_uniform(number)),
-            Made::Sieved(sieved) => sieved.value(number, 0),
+            ComponentValues::Labels(labels) => self.label(labels.of_uniform(number)),
+            ComponentValues::Sieved(sieved) => sieved.value(number, 0),
         }
     }
 
     /// Values of the components of a block, given by its index.
     fn values(&self, number: usize, is_at_border: &[bool]) -> Result<Vec<Value>> {
         Ok(match &self.made {
-            Made::Labels(labels) => {
+            ComponentValues::Labels(labels) => {
                 let labels = labels.of_block(number, is_at_border.iter().copied())?;
                 labels.into_iter().map(|label| self.label(label)).collect()
             }
-            Made::Sieved(sieved) => sieved.values(number, is_at_border.len()),
+            ComponentValues::Sieved(sieved) => sieved.values(number, is_at_border.len()),
         })
     }
 
@@ -190,7 +191,7 @@ impl Regions {
         // block.)
         let block = Arc::new(self.block(code, number)?);
         let mut kept = lock();
-        if kept.len() >= KEPT {
+        if kept.len() >= MAX_CACHED {
             kept.remove(0);
         }
         kept.push((code, block.clone()));
@@ -201,10 +202,10 @@ impl Regions {
     fn node(&self, code: Code) -> Result<Child<Code>> {
         let inner = Child::Inner { representative: Value::ZERO, node: code };
         match self.units().at(code) {
-            Standing::Void => Ok(Child::Void),
-            Standing::Uniform(number) => Ok(Child::Leaf(self.value(number))),
-            Standing::Above => Ok(inner),
-            Standing::Block(number) => {
+            UnitState::Void => Ok(Child::Void),
+            UnitState::Uniform(number) => Ok(Child::Leaf(self.value(number))),
+            UnitState::Above => Ok(inner),
+            UnitState::Block(number) => {
                 let (level, depth) = (self.cells.block_level(), self.header.depth());
                 let block = code.ancestor(level);
                 let cells = self.kept_block(block, number)?;
@@ -227,7 +228,7 @@ impl Regions {
         valid.fill(false);
         let (level, depth, form) = (self.cells.block_level(), self.header.depth(), self.header.form);
         let height = depth - level;
-        let inside = bounds.intersect(&Bounds::picture(self.header.extent));
+        let inside = bounds.intersect(&Bounds::of_extent(self.header.extent));
         if inside.is_empty() {
             return Ok(());
         }
@@ -241,14 +242,14 @@ impl Regions {
                     let cell = [x, y, z].map(|cell| cell as u32);
                     let Some(code) = Code::from_cell(form.dimension, level, cell) else { continue };
                     match self.units().at(code) {
-                        Standing::Void | Standing::Above => {}
-                        Standing::Uniform(number) => {
+                        UnitState::Void | UnitState::Above => {}
+                        UnitState::Uniform(number) => {
                             let value = self.value(number);
                             paint((bounds, code.bounds(depth)), form.width(), (values, valid), |_| {
                                 Some(value)
                             });
                         }
-                        Standing::Block(number) => {
+                        UnitState::Block(number) => {
                             let block = self.kept_block(code, number)?;
                             let width = form.width();
                             paint((bounds, code.bounds(depth)), width, (values, valid), |cell| {
@@ -356,7 +357,7 @@ impl Source for Regions {
             *child = match node.level() < self.cells.block_level() {
                 // (Builders do not need to know whether a block is uniform.)
                 true => match self.units().at(node.child(step)) {
-                    Standing::Block(_) => {
+                    UnitState::Block(_) => {
                         Child::Inner { representative: Value::ZERO, node: node.child(step) }
                     }
                     _ => self.node(node.child(step))?,
@@ -369,7 +370,7 @@ impl Source for Regions {
 
     fn cells(&self, node: &Code, _: u8) -> Result<Option<CellBlock>> {
         match self.units().at(*node) {
-            Standing::Block(number) if node.level() == self.cells.block_level() => {
+            UnitState::Block(number) if node.level() == self.cells.block_level() => {
                 self.block(*node, number).map(Some)
             }
             _ => Ok(None),

@@ -1,7 +1,7 @@
 //! Scan of all cells of a view, block by block in FD order, which reports what touches across the
 //! borders of blocks.
 
-use super::border::{Borders, Face, Run};
+use super::border::{Borders, ComponentSpan, Face};
 use super::local::{Local, Pair};
 use crate::ops::affine::View;
 use crate::query::{Filling, HALF};
@@ -52,7 +52,7 @@ pub(super) trait Sweeper {
 
     /// Receives two runs of cells in different units that touch, and the number of cell faces that
     /// they share.
-    fn meet(&mut self, a: &Run, b: &Run, faces: u64) -> Result<()>;
+    fn meet(&mut self, a: &ComponentSpan, b: &ComponentSpan, faces: u64) -> Result<()>;
 }
 
 impl Cells {
@@ -125,7 +125,7 @@ impl Cells {
         let block_cells = form.dimension.cells(self.view.depth() - self.block_level());
         let each = block_cells * (form.width() as u64 + CELL_BYTES);
         let most = (memory / 8 / each).clamp(BATCH[0], BATCH[1]) as usize;
-        let mut walk = Walk { cells: self, with_pairs, stack: Vec::new(), sweeper, progress };
+        let mut traversal = SweepTraversal { cells: self, with_pairs, stack: Vec::new(), sweeper, progress };
         let mut pending = vec![(Code::root(form.dimension), self.view.root()?)];
         let mut children = no_children();
         let (mut batch, mut blocks) = (Vec::new(), 0);
@@ -139,16 +139,16 @@ impl Cells {
                 }
                 Child::Inner { .. } if code.level() < self.view.depth() => {
                     blocks += 1;
-                    batch.push((code, Found::Block));
+                    batch.push((code, UnitNode::Block));
                 }
-                node => batch.push((code, Found::Uniform(self.seen(node.value())))),
+                node => batch.push((code, UnitNode::Uniform(self.seen(node.value())))),
             }
             if blocks >= most || batch.len() >= 4096 {
-                walk.units(&std::mem::take(&mut batch))?;
+                traversal.units(&std::mem::take(&mut batch))?;
                 blocks = 0;
             }
         }
-        walk.units(&batch)?;
+        traversal.units(&batch)?;
         self.view.check_unchanged()
     }
 }
@@ -158,15 +158,15 @@ fn full() -> Value {
 }
 
 /// Node that is not subdivided further.
-enum Found {
+enum UnitNode {
     Block,
     Uniform(Option<Value>),
 }
 
 /// Result of a block: its components, pairs of them, and its borders.
-type Made = Option<(Local, Vec<Pair>, Borders)>;
+type BlockComponents = Option<(Local, Vec<Pair>, Borders)>;
 
-struct Walk<'a> {
+struct SweepTraversal<'a> {
     cells: &'a Cells,
     with_pairs: bool,
     /// Nodes that wait for their siblings, in FD order.
@@ -175,13 +175,13 @@ struct Walk<'a> {
     progress: &'a dyn Progress,
 }
 
-impl Walk<'_> {
-    fn units(&mut self, batch: &[(Code, Found)]) -> Result<()> {
+impl SweepTraversal<'_> {
+    fn units(&mut self, batch: &[(Code, UnitNode)]) -> Result<()> {
         self.progress.check()?;
         let cells = self.cells;
         let with_pairs = self.with_pairs;
-        let made = parallel::map(batch, |(code, found)| -> Result<Made> {
-            let Found::Block = found else { return Ok(None) };
+        let made = parallel::map(batch, |(code, found)| -> Result<BlockComponents> {
+            let UnitNode::Block = found else { return Ok(None) };
             let local = cells.local(*code)?;
             let pairs = if with_pairs { local.pairs(cells.reach) } else { Vec::new() };
             let borders = local.borders();
@@ -198,7 +198,7 @@ impl Walk<'_> {
                     }
                     borders
                 }
-                (Found::Uniform(Some(value)), _) => {
+                (UnitNode::Uniform(Some(value)), _) => {
                     let unit = Unit { code: *code, content: Content::Uniform(*value) };
                     let ids = self.sweeper.take(&unit)?;
                     Borders::uniform(dimension.axes(), cells.side(*code), ids[0], *value)

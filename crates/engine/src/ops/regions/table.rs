@@ -3,10 +3,10 @@
 
 use std::path::{Path, PathBuf};
 
-use super::border::Run;
+use super::border::ComponentSpan;
+use super::connectivity::Connectivity;
 use super::labels::Labels;
 use super::rows::{Row, Rows, SortedRows};
-use super::step::Connectivity;
 use super::sweep::{Cells, Content, Sweeper, Unit};
 use crate::ops::affine::View;
 use crate::tree::Source;
@@ -33,13 +33,13 @@ pub struct LabelRequest {
     pub memory: u64,
     /// Directory for temporary files, in case labels exceed the memory limit; by default the
     /// system's.
-    pub folder: Option<PathBuf>,
+    pub directory: Option<PathBuf>,
 }
 
 impl LabelRequest {
     /// Request for the values of cells as labels, with neighbours, with 64 MiB of memory.
     pub fn new() -> LabelRequest {
-        LabelRequest { connect: None, neighbours: true, memory: 64 << 20, folder: None }
+        LabelRequest { connect: None, neighbours: true, memory: 64 << 20, directory: None }
     }
 }
 
@@ -282,7 +282,7 @@ impl Sweeper for Collector<'_> {
         }
     }
 
-    fn meet(&mut self, a: &Run, b: &Run, faces: u64) -> Result<()> {
+    fn meet(&mut self, a: &ComponentSpan, b: &ComponentSpan, faces: u64) -> Result<()> {
         self.touch(a.id, b.id, faces)
     }
 }
@@ -303,8 +303,7 @@ pub(crate) fn find_labels(
         Some(connect) => Cells::bodies(view.clone(), connect.reach(form.dimension)?),
         None if form.value.channels == 1 => Cells::values(view.clone(), 0),
         None => {
-            let advice =
-                "a label is one number: count components of equal cells, with 4 (in octrees 6) neighbours";
+            let advice = "a label is a single number: label components of equal cells instead, with 4 neighbours (6 in octrees)";
             return Err(Error::unsupported(view.source().name(), "labels of several channels", advice));
         }
     };
@@ -318,12 +317,12 @@ pub(super) fn table_of(
     progress: &dyn Progress,
     each: &mut LabelVisitor<'_>,
 ) -> Result<LabelSummary> {
-    let folder = request.folder.clone().unwrap_or_else(std::env::temp_dir);
-    let folder: &Path = &folder;
+    let directory = request.directory.clone().unwrap_or_else(std::env::temp_dir);
+    let directory: &Path = &directory;
     let passes = 1 + u64::from(request.connect.is_some());
     let part = || SubProgress::new(progress, PASS, passes * PASS);
     let labels = match request.connect {
-        Some(_) => Some(Labels::of(cells, 0, (folder, request.memory), &part())?),
+        Some(_) => Some(Labels::of(cells, 0, (directory, request.memory), &part())?),
         None => None,
     };
     let names = match labels {
@@ -334,9 +333,9 @@ pub(super) fn table_of(
         cells,
         names,
         labels: labels.as_ref(),
-        rows: Rows::new(folder, request.memory / 4),
+        rows: Rows::new(directory, request.memory / 4),
         with_touches: request.neighbours,
-        touches: Rows::new(folder, request.memory / 4),
+        touches: Rows::new(directory, request.memory / 4),
     };
     cells.sweep(request.neighbours, request.memory / 4, &mut collector, &part())?;
     let Collector { rows, touches, .. } = collector;

@@ -5,7 +5,7 @@ mod table;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use super::source::{Passes, Regions};
+use super::source::{Regions, ScanContext};
 use super::sweep::Cells;
 use super::words::Words;
 use crate::ops::affine::View;
@@ -114,13 +114,16 @@ impl Model {
         let mut cells = self.cells.clone();
         loop {
             let mut sizes: BTreeMap<u64, u64> = BTreeMap::new();
-            let mut beside: BTreeMap<u64, BTreeSet<u64>> = BTreeMap::new();
+            let mut adjacent: BTreeMap<u64, BTreeSet<u64>> = BTreeMap::new();
             for (cell, label) in labels.iter().enumerate().filter(|(_, label)| **label > 0) {
                 *sizes.entry(*label).or_default() += 1;
                 let others = self.around(cell, reach).into_iter().map(|other| labels[other]);
-                beside.entry(*label).or_default().extend(others.filter(|other| *other > 0 && other != label));
+                adjacent
+                    .entry(*label)
+                    .or_default()
+                    .extend(others.filter(|other| *other > 0 && other != label));
             }
-            let small = beside.iter().filter(|(label, others)| sizes[label] < least && !others.is_empty());
+            let small = adjacent.iter().filter(|(label, others)| sizes[label] < least && !others.is_empty());
             let Some((small, others)) = small.min_by_key(|(label, _)| (sizes[label], **label)) else {
                 return cells;
             };
@@ -138,8 +141,8 @@ impl Model {
     }
 }
 
-fn passes(memory: u64) -> Passes<'static> {
-    Passes { memory, folder: Path::new("/tmp"), progress: &() }
+fn passes(memory: u64) -> ScanContext<'static> {
+    ScanContext { memory, directory: Path::new("/tmp"), progress: &() }
 }
 
 fn cells_of(tree: &Regions) -> Vec<Option<Value>> {
@@ -225,7 +228,7 @@ fn small_components_go_to_their_largest_neighbours() {
 }
 
 /// File of noise in some classes, 600 x 600 of 1024 x 1024 cells.
-fn noisy_file(folder: &Path, name: &str) -> std::path::PathBuf {
+fn noisy_file(directory: &Path, name: &str) -> std::path::PathBuf {
     let byte = form(QUAD, SampleType::U8);
     let noise = |[x, y, _]: [u32; 3]| {
         let mixed = Random(u64::from(x / 3) << 20 | u64::from(y / 2)).below(1 << 20);
@@ -233,7 +236,7 @@ fn noisy_file(folder: &Path, name: &str) -> std::path::PathBuf {
         (x < 600 && y < 600 && class > 0).then(|| Value::from([class as u8]))
     };
     let tree = MemTree::from_cells(byte, 10, Rule::Majority, &noise);
-    let path = folder.join(name);
+    let path = directory.join(name);
     let options = BuildOptions::new(DataKind::Categorical, 10);
     build_tree(&tree, [600, 600, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     path
@@ -249,8 +252,8 @@ fn made(path: &Path, steps: &[&str], memory: u64) -> Vec<u8> {
 
 #[test]
 fn bytes_do_not_depend_on_memory_nor_labels_on_the_format() {
-    let folder = tempfile::tempdir().unwrap();
-    let goblin = noisy_file(folder.path(), "noise.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let goblin = noisy_file(directory.path(), "noise.goblin");
     for steps in [
         &["components=4"][..],
         &["components=8"],
@@ -264,7 +267,7 @@ fn bytes_do_not_depend_on_memory_nor_labels_on_the_format() {
         assert!(made(&goblin, steps, little) == expected, "{steps:?}");
     }
     // (The provenance contains the files' names, which have the same length.)
-    let autumnal = noisy_file(folder.path(), "noise.autumn");
+    let autumnal = noisy_file(directory.path(), "noise.autumn");
     let labels = |path: &Path| {
         made(path, &["components=4"], 1 << 20);
         let file =
@@ -281,15 +284,15 @@ fn bytes_do_not_depend_on_memory_nor_labels_on_the_format() {
 
 #[test]
 fn labels_come_from_rotated_views_as_from_files_of_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = noisy_file(folder.path(), "noise.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = noisy_file(directory.path(), "noise.goblin");
     let at_once = made(&path, &["rotate=30", "components=8", "window=100,50,300,300"], 64 << 20);
     made(&path, &["rotate=30"], 64 << 20);
-    let turned = folder.path().join("turned.goblin");
-    std::fs::rename(folder.path().join("made.goblin"), &turned).unwrap();
+    let turned = directory.path().join("turned.goblin");
+    std::fs::rename(directory.path().join("made.goblin"), &turned).unwrap();
     made(&turned, &["components=8"], 64 << 20);
-    let labels = folder.path().join("labels.goblin");
-    std::fs::rename(folder.path().join("made.goblin"), &labels).unwrap();
+    let labels = directory.path().join("labels.goblin");
+    std::fs::rename(directory.path().join("made.goblin"), &labels).unwrap();
     let step_by_step = made(&labels, &["window=100,50,300,300"], 64 << 20);
     // (Except for the provenance, at the end.)
     let same = at_once.iter().zip(&step_by_step).take_while(|(a, b)| a == b).count();
@@ -307,18 +310,20 @@ impl Progress for Stops {
 
 #[test]
 fn what_is_interrupted_leaves_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = noisy_file(folder.path(), "noise.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = noisy_file(directory.path(), "noise.goblin");
     for step in ["components=4", "sieve=50"] {
         for after in [0, 1, 2, 3, 5, 8] {
             let mut chain = FileView::of(&path);
             chain.steps = vec![step.parse().unwrap()];
-            let out = folder.path().join("out.goblin");
+            let out = directory.path().join("out.goblin");
             let stops = Stops(Default::default(), after);
             let result = transform(&chain, Output::create(&out).unwrap(), WriteOptions::new(1 << 20), &stops);
             assert!(matches!(result, Err(Error::Interrupted)), "{step} {after}");
-            let left: Vec<_> =
-                std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+            let left: Vec<_> = std::fs::read_dir(directory.path())
+                .unwrap()
+                .map(|entry| entry.unwrap().file_name())
+                .collect();
             assert_eq!(left, ["noise.goblin"]);
         }
     }
@@ -332,7 +337,7 @@ fn what_cannot_be_done_is_said() {
     assert!(error("components=4").contains("spinney transform"));
     assert!(error("sieve=4").contains("spinney transform"));
     let whole = |step: &str| {
-        let step: crate::ops::ViewStep = step.parse().unwrap();
+        let step: crate::ops::ViewOperation = step.parse().unwrap();
         step.apply_whole(view(), &passes(1 << 20)).map(|_| ()).unwrap_err().to_string()
     };
     assert!(whole("components=6").contains("4 or 8"));
@@ -347,7 +352,7 @@ fn what_cannot_be_done_is_said() {
         "sieve=nan m2",
         "sieve=4,x",
     ] {
-        assert!(wrong.parse::<crate::ops::ViewStep>().is_err(), "{wrong}");
+        assert!(wrong.parse::<crate::ops::ViewOperation>().is_err(), "{wrong}");
     }
     // More components than memory can hold.
     let model = Model::random(form(QUAD, SampleType::U8), 8, &mut random);
@@ -369,8 +374,8 @@ fn solids_are_labelled_by_what_is_half_full() {
         form: model.form,
         depth: model.depth,
     };
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("solid.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("solid.goblin");
     let tree = model.tree();
     let options = BuildOptions::new(DataKind::Continuous, 3).rule(Rule::Occupancy);
     build_tree(&tree, [8, 8, 8], &options, Output::create(&path).unwrap(), &()).unwrap();
@@ -383,8 +388,8 @@ fn solids_are_labelled_by_what_is_half_full() {
 
 #[test]
 fn numbers_beyond_memory_come_back_from_the_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut words = Words::new(folder.path(), 0);
+    let directory = tempfile::tempdir().unwrap();
+    let mut words = Words::new(directory.path(), 0);
     let mut expected = Vec::new();
     let mut random = Random(11);
     for round in 0..200_000u64 {
@@ -401,7 +406,7 @@ fn numbers_beyond_memory_come_back_from_the_file() {
     }
     assert!((0..words.len()).all(|at| words.get(at).unwrap() == expected[at as usize]));
     // (The file has no name.)
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
 }
 
 #[test]

@@ -18,7 +18,7 @@ pub(super) struct Units {
 }
 
 /// State of a node above the block level, or at it, by the units there.
-pub(super) enum Standing {
+pub(super) enum UnitState {
     Void,
     /// Uniform node with this index, or a descendant of it.
     Uniform(usize),
@@ -28,9 +28,9 @@ pub(super) enum Standing {
 }
 
 impl Units {
-    /// No units yet. Patterns of blocks are kept within `room` bytes.
-    pub(super) fn new(room: u64) -> Units {
-        Units { entries: Vec::new(), patterns: Patterns::new(room) }
+    /// No units yet. Patterns of blocks are kept within `memory` bytes.
+    pub(super) fn new(memory: u64) -> Units {
+        Units { entries: Vec::new(), patterns: Patterns::new(memory) }
     }
 
     /// Adds the next unit in FD order.
@@ -46,18 +46,18 @@ impl Units {
     }
 
     /// State of a node that is not below a block.
-    pub(super) fn at(&self, code: Code) -> Standing {
+    pub(super) fn at(&self, code: Code) -> UnitState {
         let next = self.number_of(code);
         let is_inside = |entry: &&Entry| entry.code.bits() <= code.last_bits();
         let (number, entry) = match self.entries.get(next).filter(is_inside) {
             Some(entry) if entry.code == code => (next, entry),
-            Some(_) => return Standing::Above,
+            Some(_) => return UnitState::Above,
             None => match next.checked_sub(1).map(|before| (before, &self.entries[before])) {
                 Some((before, entry)) if entry.code.contains(code) => (before, entry),
-                _ => return Standing::Void,
+                _ => return UnitState::Void,
             },
         };
-        if entry.is_block { Standing::Block(number) } else { Standing::Uniform(number) }
+        if entry.is_block { UnitState::Block(number) } else { UnitState::Uniform(number) }
     }
 
     /// Index of a unit, which must exist.

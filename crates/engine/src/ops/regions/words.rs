@@ -13,7 +13,7 @@ const PAGE: u64 = 8192;
 /// List of numbers in pages, of which a limited number is in memory and all others in an unnamed
 /// temporary file.
 pub(super) struct Words {
-    folder: PathBuf,
+    directory: PathBuf,
     file: Option<File>,
     pages: Vec<Page>,
     /// Number of pages in memory, and their maximum.
@@ -32,10 +32,10 @@ struct Page {
 }
 
 impl Words {
-    /// Empty list that may use about `memory` bytes; the temporary file is created in `folder`.
-    pub(super) fn new(folder: &Path, memory: u64) -> Words {
+    /// Empty list that may use about `memory` bytes; the temporary file is created in `directory`.
+    pub(super) fn new(directory: &Path, memory: u64) -> Words {
         let most = (memory / (8 * PAGE)).max(4) as usize;
-        Words { folder: folder.into(), file: None, pages: Vec::new(), held: 0, most, hand: 0, len: 0 }
+        Words { directory: directory.into(), file: None, pages: Vec::new(), held: 0, most, hand: 0, len: 0 }
     }
 
     pub(super) fn len(&self) -> u64 {
@@ -48,7 +48,7 @@ impl Words {
     /// If the temporary file cannot be written.
     pub(super) fn push(&mut self, word: u64) -> Result<()> {
         if self.len.is_multiple_of(PAGE) {
-            self.make_room()?;
+            self.evict_pages()?;
             let words = Some(vec![0; PAGE as usize].into());
             self.pages.push(Page { words, is_changed: true, is_used: true });
             self.held += 1;
@@ -89,11 +89,11 @@ impl Words {
     }
 
     fn load(&mut self, number: usize) -> Result<()> {
-        self.make_room()?;
+        self.evict_pages()?;
         let mut words: Box<[u64]> = vec![0; PAGE as usize].into();
         let file = self.file.as_ref().expect("what is not in memory is in the file");
         read_exact_at(file, words.as_mut_bytes(), number as u64 * 8 * PAGE)
-            .map_err(Error::io(&self.folder, "read a temporary file"))?;
+            .map_err(Error::io(&self.directory, "read a temporary file"))?;
         self.pages[number] = Page { words: Some(words), is_changed: false, is_used: true };
         self.held += 1;
         Ok(())
@@ -101,7 +101,7 @@ impl Words {
 
     /// Evicts a page that has not been used since the last check (clock algorithm), if the maximum
     /// is reached.
-    fn make_room(&mut self) -> Result<()> {
+    fn evict_pages(&mut self) -> Result<()> {
         while self.held >= self.most {
             self.hand = (self.hand + 1) % self.pages.len();
             let page = &mut self.pages[self.hand];
@@ -116,12 +116,12 @@ impl Words {
             let file = match &mut self.file {
                 Some(file) => file,
                 none => none.insert(
-                    tempfile::tempfile_in(&self.folder)
-                        .map_err(Error::io(&self.folder, "make a temporary file"))?,
+                    tempfile::tempfile_in(&self.directory)
+                        .map_err(Error::io(&self.directory, "make a temporary file"))?,
                 ),
             };
             write_all_at(file, words.as_bytes(), self.hand as u64 * 8 * PAGE)
-                .map_err(Error::io(&self.folder, "write a temporary file"))?;
+                .map_err(Error::io(&self.directory, "write a temporary file"))?;
         }
         Ok(())
     }

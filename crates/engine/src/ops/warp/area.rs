@@ -36,8 +36,8 @@ pub(super) fn cover(
     {
         average(window, columns, rows, block);
     }
-    let mut runs = Runs::default();
-    let settles = Runs::settle(window, rule);
+    let mut runs = UniformRuns::default();
+    let settles = UniformRuns::settle(window, rule);
     for y in 0..height {
         if !block.present[y * width..(y + 1) * width].contains(&false) {
             continue;
@@ -83,7 +83,7 @@ pub(super) fn cover(
 /// length of each.
 pub(super) type Span = (i64, SmallVec<[f64; 4]>);
 
-fn spans(places: &[f64]) -> Vec<Span> {
+fn spans(positions: &[f64]) -> Vec<Span> {
     let span = |pair: &[f64]| -> Span {
         let (from, to) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
         if !(from.is_finite() && to.is_finite()) {
@@ -95,20 +95,20 @@ fn spans(places: &[f64]) -> Vec<Span> {
         let part = |cell: i64| (to.min(cell as f64 + 1.0) - from.max(cell as f64)).max(0.0);
         (first, (first..=last).map(part).collect())
     };
-    places.windows(2).map(span).collect()
+    positions.windows(2).map(span).collect()
 }
 
 /// Runs of window columns that are uniform over some rows: a rectangle within one run needs no
 /// areas.
 #[derive(Default)]
-struct Runs {
+struct UniformRuns {
     /// For each column of the window, whether all of the rows have one value, or all are VOID.
     is_one: Vec<bool>,
     /// For each column, the index of its run.
     run: Vec<u32>,
 }
 
-impl Runs {
+impl UniformRuns {
     /// Whether a rectangle of one value gets exactly that value.
     fn settle(window: &Window, rule: Rule) -> bool {
         match rule {

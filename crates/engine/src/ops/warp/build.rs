@@ -20,7 +20,7 @@ pub fn warp(
     progress: &dyn Progress,
 ) -> Result<ZoneStats> {
     let tree = ViewSource::from(warped);
-    tree.tell_remark(progress);
+    tree.report_remark(progress);
     let (header, metadata) = (tree.header().clone(), tree.metadata().clone());
     let BuildOptions { share, time, memory, packing, .. } = *how;
     let options = BuildOptions { metadata, share, time, packing, ..BuildOptions::like(&header, memory) };

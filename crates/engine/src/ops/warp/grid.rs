@@ -59,17 +59,24 @@ impl WarpTarget {
     /// and the options.
     ///
     /// # Errors
-    /// If the cell width is invalid, or the resampling is unknown.
+    /// If the cell width is invalid, or a parameter or the resampling is unknown.
     pub fn split(text: &str) -> Result<(&str, Option<f64>, Option<Resampling>)> {
         let (mut definition, mut cell, mut resampling) = (text, None, None);
         while let Some((before, last)) = definition.rsplit_once(',') {
             if let Some(width) = last.strip_prefix("cell=") {
                 let found = width.parse().ok().filter(|width: &f64| *width > 0.0 && width.is_finite());
-                let wrong =
-                    || Error::invalid("cell", format!("`{width}`"), "a width in the system's unit, above 0");
+                let wrong = || {
+                    Error::invalid(
+                        "cell",
+                        format!("`{width}`"),
+                        "a width above 0, in the unit of the coordinate system",
+                    )
+                };
                 cell = Some(found.ok_or_else(wrong)?);
             } else if let Some(way) = last.strip_prefix("resampling=") {
                 resampling = Some(way.parse()?);
+            } else if let Some(name) = parameter(last) {
+                return Err(Error::invalid("parameter of warp=", format!("`{name}`"), "cell or resampling"));
             } else {
                 break;
             }
@@ -95,8 +102,8 @@ impl WarpTarget {
         let world = Frame { crs: Some(self.crs.clone()), ..Frame::identity() };
         let map = CellMap::new(&world, frame, extent[0], allow_ballpark)?;
         let nowhere = || {
-            let expected = format!("one that {} has", self.crs);
-            Error::invalid("place of the raster", "another one, or none", expected)
+            let expected = format!("a position inside the area of {}", self.crs);
+            Error::invalid("position of the raster", "a position outside, or none", expected)
         };
         let landing = Landing::of(&map, frame, data, &self.crs);
         let Landing { low, high, unit } = landing.ok_or_else(nowhere)?;
@@ -108,13 +115,21 @@ impl WarpTarget {
         let cells = [0, 1].map(|axis| (last[axis] - first[axis]).max(1.0));
         if !cells.iter().all(|cells| (1.0..=most as f64).contains(cells)) {
             let found = format!("{:.0} x {:.0} cells of {cell}", cells[0], cells[1]);
-            let expected = format!("at most {most} along each axis: say a larger cell");
+            let expected = format!("at most {most} along each axis; choose a larger cell");
             return Err(Error::invalid("size of the result", found, expected));
         }
         let frame = Frame::planar([cell, 0.0, first[0] * cell, 0.0, -cell, last[1] * cell]);
         let frame = Frame { crs: Some(self.crs.clone()), ..frame };
         Ok(WarpGrid { frame, extent: [cells[0] as u64, cells[1] as u64, 1] })
     }
+}
+
+/// Returns the name of a parameter `name=value`. Definitions of systems have `=` only in PROJ
+/// strings, after a plus sign, and in names, before a quote.
+fn parameter(text: &str) -> Option<&str> {
+    let (name, value) = text.split_once('=')?;
+    let is_name = !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_lowercase());
+    (is_name && !value.contains(['"', '+'])).then_some(name)
 }
 
 /// Box of a grid's cells, with fractions, in which some cells of a raster in another coordinate
@@ -131,8 +146,13 @@ pub(in crate::ops) fn landing_in_cells(
     // Cells of this grid are units of the system.
     let world = Frame { crs: grid.crs.clone(), ..Frame::identity() };
     let crs = grid.crs.as_ref().map_or("none".into(), Crs::to_string);
-    let nowhere =
-        || Error::invalid("position of the raster", "another one, or none", format!("one that {crs} has"));
+    let nowhere = || {
+        Error::invalid(
+            "position of the raster",
+            "a position outside, or none",
+            format!("a position inside the area of {crs}"),
+        )
+    };
     let map = CellMap::new(&world, frame, columns, allow_ballpark)?;
     let landing = grid.crs.as_ref().and_then(|crs| Landing::of(&map, frame, data, crs));
     let Landing { low, high, .. } = landing.ok_or_else(nowhere)?;
@@ -169,14 +189,15 @@ fn closest_zoom(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Result
     let deepest = MAX_ZOOM + TILE_LEVELS;
     let map = CellMap::new(&web_mercator(deepest), frame, extent[0], allow_ballpark)?;
     // The middle, or else another position that exists on the world map.
-    let places = [(0.5, 0.5), (0.25, 0.25), (0.75, 0.75), (0.25, 0.75), (0.75, 0.25), (0.1, 0.5), (0.9, 0.5)];
-    let mut ratios = places.into_iter().filter_map(|(u, v)| {
-        let place = map.to_target([extent[0] as f64 * u, extent[1] as f64 * v])?;
-        map.ratio_at(place)
+    let positions =
+        [(0.5, 0.5), (0.25, 0.25), (0.75, 0.75), (0.25, 0.75), (0.75, 0.25), (0.1, 0.5), (0.9, 0.5)];
+    let mut ratios = positions.into_iter().filter_map(|(u, v)| {
+        let position = map.to_target([extent[0] as f64 * u, extent[1] as f64 * v])?;
+        map.ratio_at(position)
     });
     let ratio = ratios.next().ok_or_else(|| {
-        let expected = "one that web mercator has, from 85 degrees south to 85 degrees north";
-        Error::invalid("place of the raster", "another one, or none", expected)
+        let expected = "a position on the web mercator map, from 85 degrees south to 85 degrees north";
+        Error::invalid("position of the raster", "a position outside, or none", expected)
     })?;
     // Number of source cells along a side of a cell at the maximum zoom.
     let zoom = f64::from(MAX_ZOOM) + ratio.log2();
@@ -196,6 +217,17 @@ mod tests {
         let data = Bounds { min: [0; 3], max: [360, 180, 1] };
         let grid = target.grid(&frame, [360, 180, 1], &data, true).unwrap();
         ([grid.extent[0], grid.extent[1]], grid.frame.affine())
+    }
+
+    #[test]
+    fn unknown_parameters_are_refused() {
+        for text in ["EPSG:3035,cel=30", "+proj=utm +zone=28,cell=3,way=area", "EPSG:3035,cel=30,cell=5"] {
+            let message = WarpTarget::split(text).unwrap_err().to_string();
+            assert!(message.contains("expected cell or resampling"), "{message}");
+        }
+        for text in ["+proj=utm +zone=32,33", "LOCAL_CS[\"a,b=c\",UNIT[\"m\",1]]"] {
+            assert_eq!(WarpTarget::split(text).unwrap().0, text);
+        }
     }
 
     #[test]
@@ -236,11 +268,11 @@ mod tests {
             let target = WarpTarget { crs: crs.clone(), cell: Some(1e4), resampling: None };
             let grid = target.grid(&frame, [100, 100, 1], &data, true).unwrap();
             let projection = spinney_crs::Projection::new(&crs, true).unwrap();
-            for place in [[-80.0, -20.0], [-70.0, -20.0], [-80.0, -30.0], [-70.0, -30.0], [-75.0, -25.0]] {
-                let [x, y] = projection.forward(place).unwrap();
+            for position in [[-80.0, -20.0], [-70.0, -20.0], [-80.0, -30.0], [-70.0, -30.0], [-75.0, -25.0]] {
+                let [x, y] = projection.forward(position).unwrap();
                 let [column, row, _] = grid.frame.to_cells([x, y, 0.0]).unwrap();
                 let is_in = |at: f64, cells: u64| at >= -1e-6 && at <= cells as f64 + 1e-6;
-                assert!(is_in(column, grid.extent[0]) && is_in(row, grid.extent[1]), "{epsg}: {place:?}");
+                assert!(is_in(column, grid.extent[0]) && is_in(row, grid.extent[1]), "{epsg}: {position:?}");
             }
         }
     }

@@ -26,12 +26,12 @@ pub(super) enum Lattice {
 }
 
 /// Rectangle of a block's points: its first column and row, and its size.
-pub(super) type Part = ([usize; 2], [usize; 2]);
+pub(super) type LatticeWindow = ([usize; 2], [usize; 2]);
 
 impl Lattice {
     /// Part of a block's lattice. The block's first point is `first`, in target cells; points are
     /// one cell apart. A point's position does not depend on the requested part.
-    pub(super) fn new(map: &CellMap, first: [f64; 2], block: [usize; 2], part: Part) -> Lattice {
+    pub(super) fn new(map: &CellMap, first: [f64; 2], block: [usize; 2], part: LatticeWindow) -> Lattice {
         let (at, [width, height]) = part;
         if map.is_separable() {
             return Lattice::separable(
@@ -44,11 +44,11 @@ impl Lattice {
         filling.fill(([0, 0], block));
         let mut points = filling.points;
         if let Some(turn) = map.whole_turn() {
-            let mut near = Near::new(turn);
+            let mut near = TurnUnwrapper::new(turn);
             for row in points.chunks_exact_mut(width) {
-                near.move_beside(&mut row[0][0]);
+                near.move_near_last(&mut row[0][0]);
                 let mut along = near;
-                row.iter_mut().for_each(|point| along.move_beside(&mut point[0]));
+                row.iter_mut().for_each(|point| along.move_near_last(&mut point[0]));
             }
         }
         Lattice::Points { width, points }
@@ -68,11 +68,11 @@ impl Lattice {
         };
         // A cell may be as wide as the world if there are few of them; a quarter of a cell is not.
         let parts = if size[0] <= FEW { 4 } else { 1 };
-        let mut near = map.whole_turn().map(Near::new);
+        let mut near = map.whole_turn().map(TurnUnwrapper::new);
         let mut columns = Vec::with_capacity(size[0]);
         for part in 0..=(size[0] - 1) * parts {
             let mut column = place(part as f64 / parts as f64, 0);
-            near.iter_mut().for_each(|near| near.move_beside(&mut column));
+            near.iter_mut().for_each(|near| near.move_near_last(&mut column));
             if part % parts == 0 {
                 columns.push(column);
             }
@@ -126,18 +126,18 @@ impl Lattice {
 
 /// Last column, next to which the next one lies: less than half a turn of the source apart.
 #[derive(Clone, Copy)]
-struct Near {
+struct TurnUnwrapper {
     turn: f64,
     column: Option<f64>,
 }
 
-impl Near {
-    fn new(turn: i64) -> Near {
-        Near { turn: turn as f64, column: None }
+impl TurnUnwrapper {
+    fn new(turn: i64) -> TurnUnwrapper {
+        TurnUnwrapper { turn: turn as f64, column: None }
     }
 
     /// Moves a column by whole turns next to the last one.
-    fn move_beside(&mut self, column: &mut f64) {
+    fn move_near_last(&mut self, column: &mut f64) {
         if column.is_finite() {
             let near = *self.column.get_or_insert(*column);
             *column += self.turn * ((near - *column) / self.turn).round();
@@ -151,7 +151,7 @@ struct Filling<'a> {
     map: &'a CellMap,
     /// First point of the block.
     first: [f64; 2],
-    part: Part,
+    part: LatticeWindow,
     /// Positions of the part's points.
     points: Vec<[f64; 2]>,
 }
@@ -159,7 +159,7 @@ struct Filling<'a> {
 impl Filling<'_> {
     /// Fills the intersection of a rectangle with the requested part: by a polynomial if that is
     /// accurate enough, else recursively in four quarters.
-    fn fill(&mut self, (at, size): Part) {
+    fn fill(&mut self, (at, size): LatticeWindow) {
         let (start, wanted) = self.part;
         let from = [0, 1].map(|axis| at[axis].max(start[axis]));
         let end = [0, 1].map(|axis| (at[axis] + size[axis]).min(start[axis] + wanted[axis]));

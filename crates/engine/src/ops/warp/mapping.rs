@@ -25,15 +25,14 @@ impl CellMap {
         for (name, frame) in [("target", target), ("source", source)] {
             if frame.to_cells([0.0; 3]).is_none() {
                 let found = format!("{:?}", frame.matrix);
-                return Err(Error::invalid(format!("frame of the {name}"), found, "one that has an inverse"));
+                return Err(Error::invalid(format!("frame of the {name}"), found, "an invertible map"));
             }
         }
         let systems = match (&target.crs, &source.crs) {
             (Some(there), Some(here)) => Some(Transformation::new(there, here, allow_ballpark)?),
             (None, None) => None,
             (there, _) => {
-                let expected =
-                    "one; `spinney build --crs EPSG:NUMBER` or the step `crs=EPSG:NUMBER` says which it is";
+                let expected = "a coordinate system; set it with `spinney build --crs EPSG:NUMBER` or the operation `crs=EPSG:NUMBER`";
                 let whose = if there.is_none() { "the grid" } else { "the raster" };
                 return Err(Error::invalid(format!("coordinate system of {whose}"), "none", expected));
             }

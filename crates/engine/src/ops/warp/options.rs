@@ -43,8 +43,8 @@ impl Resampling {
     /// classes or bilinear for continuous values; for more, the majority or the mean of the area.
     pub(super) fn usual(kind: DataKind, ratio: f64) -> Resampling {
         /// Maximum ratio at which no source cells are skipped.
-        const FEW: f64 = 1.5;
-        match (kind, ratio <= FEW) {
+        const MAX_RATIO: f64 = 1.5;
+        match (kind, ratio <= MAX_RATIO) {
             (DataKind::Categorical, true) => Resampling::Nearest,
             (DataKind::Categorical, false) => Resampling::Majority,
             (DataKind::Continuous, true) => Resampling::Bilinear,
@@ -61,7 +61,7 @@ impl Resampling {
     /// Fails if the method would create new class numbers.
     pub(super) fn check(self, kind: DataKind) -> Result<()> {
         if !self.fits(kind) {
-            let found = format!("{self}, which makes new numbers, of classes");
+            let found = format!("{self} for a categorical tree, which would make new class numbers");
             return Err(Error::invalid("resampling", found, "nearest or majority"));
         }
         Ok(())
@@ -116,7 +116,7 @@ pub struct WarpOptions {
     /// Reads each block from the coarsest level of the source with at least this many cells along
     /// each side of a target cell (at most about one for methods that do not average areas),
     /// instead of always from its cells. Use 2 for overviews that are stored, and
-    /// [`WarpOptions::LOOK`] for previews.
+    /// [`WarpOptions::PREVIEW`] for previews.
     #[serde(with = "spinney_base::text_fields")]
     pub level_cells: Option<f32>,
 }
@@ -125,5 +125,5 @@ impl WarpOptions {
     /// Level cells along a side of a target cell that suffice for previews: a level may be 1.2
     /// times as coarse as the result, as in GDAL's warper. A tile then reads at most a quarter of
     /// what two cells would require.
-    pub const LOOK: f32 = 1.0 / 1.2;
+    pub const PREVIEW: f32 = 1.0 / 1.2;
 }

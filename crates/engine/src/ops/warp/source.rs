@@ -394,9 +394,9 @@ impl Warped {
 /// several positions, the middle of the source first.
 fn ratios(map: &CellMap, extent: [u64; 3]) -> Vec<f64> {
     let steps = [0.5, 0.1, 0.3, 0.7, 0.9];
-    let places = steps.into_iter().flat_map(|v| steps.into_iter().map(move |u| [u, v]));
+    let positions = steps.into_iter().flat_map(|v| steps.into_iter().map(move |u| [u, v]));
     let ratio = |[u, v]: [f64; 2]| map.ratio_at(map.to_target([extent[0] as f64 * u, extent[1] as f64 * v])?);
-    places.filter_map(ratio).collect()
+    positions.filter_map(ratio).collect()
 }
 
 /// Number of levels up to the coarsest one with at least `level_cells` cells along a side of target
@@ -409,7 +409,7 @@ fn coarser(ratio: f64, level_cells: f32) -> u8 {
 /// `steps` intervals, with a margin of the distance between neighbours. All cells if that is
 /// inconclusive.
 fn reached(map: &CellMap, (from, to): ([f64; 2], [f64; 2]), steps: usize, target: [u64; 3]) -> Bounds {
-    let all = Bounds::picture(target);
+    let all = Bounds::of_extent(target);
     if map.target_turns() {
         return all;
     }
@@ -417,7 +417,7 @@ fn reached(map: &CellMap, (from, to): ([f64; 2], [f64; 2]), steps: usize, target
         let at = |axis: usize, step: usize| from[axis] + (to[axis] - from[axis]) * step as f64 / steps as f64;
         map.to_target([at(0, x), at(1, y)])
     };
-    let (mut low, mut high, mut apart) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2], [0f64; 2]);
+    let (mut low, mut high, mut spacing) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2], [0f64; 2]);
     let mut above: Vec<[f64; 2]> = Vec::new();
     for y in 0..=steps {
         let row: Option<Vec<[f64; 2]>> = (0..=steps).map(|x| point(x, y)).collect();
@@ -426,21 +426,21 @@ fn reached(map: &CellMap, (from, to): ([f64; 2], [f64; 2]), steps: usize, target
             for place in &row {
                 (low[axis], high[axis]) = (low[axis].min(place[axis]), high[axis].max(place[axis]));
             }
-            let beside = row.windows(2).map(|pair| (pair[0], pair[1]));
+            let along_row = row.windows(2).map(|pair| (pair[0], pair[1]));
             let below = above.iter().copied().zip(row.iter().copied());
-            for (a, b) in beside.chain(below) {
-                apart[axis] = apart[axis].max((a[axis] - b[axis]).abs());
+            for (a, b) in along_row.chain(below) {
+                spacing[axis] = spacing[axis].max((a[axis] - b[axis]).abs());
             }
         }
         above = row;
     }
     // Neighbours that are far apart are on two sides of a seam, or around a pole.
-    if (0..2).any(|axis| apart[axis] > target[axis] as f64 / 4.0) {
+    if (0..2).any(|axis| spacing[axis] > target[axis] as f64 / 4.0) {
         return all;
     }
     let mut bounds = all;
     for axis in 0..2 {
-        let margin = apart[axis] + 4.0;
+        let margin = spacing[axis] + 4.0;
         bounds.min[axis] = (low[axis] - margin).clamp(0.0, target[axis] as f64) as u64;
         bounds.max[axis] = (high[axis] + margin).ceil().clamp(0.0, target[axis] as f64) as u64;
     }

@@ -12,9 +12,9 @@ use spinney_base::value::ZoneStats;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extremes {
     /// Minimum value.
-    pub least: f64,
+    pub min: f64,
     /// Maximum value.
-    pub greatest: f64,
+    pub max: f64,
     /// Whether there may be values.
     pub has_values: bool,
     /// Whether there may be cells without a value.
@@ -24,11 +24,11 @@ pub struct Extremes {
 impl Extremes {
     /// No cells.
     pub const NONE: Extremes =
-        Extremes { least: f64::INFINITY, greatest: f64::NEG_INFINITY, has_values: false, has_void: false };
+        Extremes { min: f64::INFINITY, max: f64::NEG_INFINITY, has_values: false, has_void: false };
 
     /// Cells of which nothing is known.
     pub const UNKNOWN: Extremes =
-        Extremes { least: f64::NEG_INFINITY, greatest: f64::INFINITY, has_values: true, has_void: true };
+        Extremes { min: f64::NEG_INFINITY, max: f64::INFINITY, has_values: true, has_void: true };
 
     /// Returns the extremes of `cells` cells from the tally of their values.
     fn of(tally: &ZoneStats, cells: u64) -> Extremes {
@@ -37,20 +37,20 @@ impl Extremes {
         if count == 0 {
             return Extremes { has_void: true, ..Extremes::NONE };
         }
-        let (least, greatest) = (number(tally.min), number(tally.max));
+        let (min, max) = (number(tally.min), number(tally.max));
         // (Lines do not pass through values that are not finite, and only some of the values may be
         // such.)
-        if !least.is_finite() || !greatest.is_finite() {
+        if !min.is_finite() || !max.is_finite() {
             return Extremes::UNKNOWN;
         }
-        Extremes { least, greatest, has_values: true, has_void: count < cells }
+        Extremes { min, max, has_values: true, has_void: count < cells }
     }
 
     /// Returns the extremes of both sets of cells.
     pub fn with(self, other: Extremes) -> Extremes {
         Extremes {
-            least: self.least.min(other.least),
-            greatest: self.greatest.max(other.greatest),
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
             has_values: self.has_values || other.has_values,
             has_void: self.has_void || other.has_void,
         }
@@ -62,8 +62,8 @@ impl Extremes {
             return self;
         }
         Extremes {
-            least: self.least.min(0.0),
-            greatest: self.greatest.max(0.0),
+            min: self.min.min(0.0),
+            max: self.max.max(0.0),
             has_values: true,
             has_void: self == Extremes::UNKNOWN,
         }
@@ -76,7 +76,7 @@ impl Extremes {
 /// If the file is corrupt there.
 pub(crate) fn file_extremes(file: &Goblin, code: Code) -> Result<Extremes> {
     let bounds = code.bounds(file.header().depth());
-    let cells = bounds.intersect(&file.header().picture()).volume();
+    let cells = bounds.intersect(&file.header().extent_bounds()).volume();
     // The segment index has those of nodes with segments, without opening the segments.
     if let Some(index) = file.find_segment(code)? {
         let entry = file.entry(index)?;
@@ -87,13 +87,13 @@ pub(crate) fn file_extremes(file: &Goblin, code: Code) -> Result<Extremes> {
     Ok(Extremes::of(&tally_of(file, &bounds, false)?, cells))
 }
 
-/// Returns the extremes of a node of any source. `picture` is the box of the cells that may be
+/// Returns the extremes of a node of any source. `extent` is the box of the cells that may be
 /// other than VOID. The extremes of nodes without a stored tally are unknown.
 ///
 /// # Errors
 /// If the source fails.
-pub(crate) fn source_extremes<S: Source>(source: &S, picture: &Bounds, code: Code) -> Result<Extremes> {
-    let cells = code.bounds(source.depth()).intersect(picture).volume();
+pub(crate) fn source_extremes<S: Source>(source: &S, extent: &Bounds, code: Code) -> Result<Extremes> {
+    let cells = code.bounds(source.depth()).intersect(extent).volume();
     let (mut child, mut children) = (source.root()?, no_children());
     for level in 0..code.level() {
         let Child::Inner { node, .. } = &child else { break };

@@ -12,7 +12,7 @@ pub(super) struct ValueGrid {
     /// Columns and rows.
     pub(super) size: [usize; 2],
     /// Columns and rows of the raster.
-    pub(super) picture: [i64; 2],
+    pub(super) extent: [i64; 2],
     /// Samples in row order; NaN for cells without one.
     pub(super) numbers: Vec<f64>,
     /// Their ranks, or [`VOID`].
@@ -24,13 +24,13 @@ impl ValueGrid {
     pub(super) fn new(
         origin: [i64; 2],
         size: [usize; 2],
-        picture: [i64; 2],
+        extent: [i64; 2],
         numbers: Vec<f64>,
         levels: &Levels,
     ) -> ValueGrid {
         let rank = |number: &f64| if number.is_finite() { levels.rank(*number) } else { VOID };
         let ranks = numbers.iter().map(rank).collect();
-        ValueGrid { origin, size, picture, numbers, ranks }
+        ValueGrid { origin, size, extent, numbers, ranks }
     }
 
     /// Returns the index of a cell of the grid.
@@ -43,7 +43,7 @@ impl ValueGrid {
     #[inline]
     pub(super) fn is_inside(&self, column: usize, row: usize) -> bool {
         let (x, y) = (self.origin[0] + column as i64, self.origin[1] + row as i64);
-        (0..self.picture[0]).contains(&x) && (0..self.picture[1]).contains(&y)
+        (0..self.extent[0]).contains(&x) && (0..self.extent[1]).contains(&y)
     }
 
     /// Returns the centre of a cell, in cells.

@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use super::pieces::{LinePieces, PieceNumber};
-use super::tile::{EdgeKey, LinePiece};
+use super::fragments::{FragmentId, FragmentStore};
+use super::tile::{EdgeKey, LineFragment};
 use spinney_base::Result;
 
 /// A line, complete or in progress.
@@ -12,8 +12,8 @@ pub(super) struct ContourLine {
     /// Number of the level or the band.
     pub(super) class: i32,
     /// First and last fragment.
-    pub(super) first: PieceNumber,
-    last: PieceNumber,
+    pub(super) first: FragmentId,
+    last: FragmentId,
     /// Number of its points when it is returned.
     pub(super) count: u64,
     pub(super) is_ring: bool,
@@ -23,7 +23,7 @@ pub(super) struct ContourLine {
 
 impl ContourLine {
     /// Creates a ring from its first fragment.
-    pub(super) fn ring(class: i32, first: PieceNumber, count: u64) -> ContourLine {
+    pub(super) fn ring(class: i32, first: FragmentId, count: u64) -> ContourLine {
         ContourLine { class, first, last: first, count, is_ring: true, ends: [None; 2] }
     }
 }
@@ -44,21 +44,25 @@ impl Joiner {
     ///
     /// # Errors
     /// If the fragments cannot be stored.
-    pub(super) fn push(&mut self, piece: LinePiece, pieces: &mut LinePieces) -> Result<Option<ContourLine>> {
-        let LinePiece { class, points, ends, is_ring } = piece;
+    pub(super) fn push(
+        &mut self,
+        fragment: LineFragment,
+        fragments: &mut FragmentStore,
+    ) -> Result<Option<ContourLine>> {
+        let LineFragment { class, points, ends, is_ring } = fragment;
         let count = points.len() as u64;
-        let number = pieces.add(points)?;
+        let number = fragments.add(points)?;
         let mut line = ContourLine { class, first: number, last: number, count, is_ring, ends };
         // The line before ends where this fragment starts.
         if let Some(before) = line.ends[0].and_then(|start| self.take(1, start)) {
-            line = joined(before, line, pieces);
+            line = joined(before, line, fragments);
         }
         let [start, end] = line.ends;
         if end.is_some() && start == end {
             line.is_ring = true;
             line.ends = [None; 2];
         } else if let Some(after) = end.and_then(|end| self.take(0, end)) {
-            line = joined(line, after, pieces);
+            line = joined(line, after, fragments);
             let [start, end] = line.ends;
             if end.is_some() && start == end {
                 line.is_ring = true;
@@ -110,8 +114,8 @@ impl Joiner {
 }
 
 /// Joins a line and its successor.
-fn joined(before: ContourLine, after: ContourLine, pieces: &mut LinePieces) -> ContourLine {
-    pieces.link(before.last, after.first);
+fn joined(before: ContourLine, after: ContourLine, fragments: &mut FragmentStore) -> ContourLine {
+    fragments.link(before.last, after.first);
     let ends = [before.ends[0], after.ends[1]];
     ContourLine { last: after.last, count: before.count + after.count - 1, ends, ..before }
 }

@@ -17,7 +17,7 @@ pub enum ContourLevels {
 }
 
 /// Approximate limit of the absolute values of level numbers, whatever the values are.
-const MOST: i32 = 1 << 30;
+const MAX_LEVEL_NUMBER: i32 = 1 << 30;
 
 /// Levels, numbered upwards. A value's *rank* is the number of the first level above it: the level
 /// of number `n` is at most the value exactly if the rank is greater than `n`. All decisions about
@@ -43,8 +43,8 @@ impl Levels {
             ContourLevels::Every { step, base } => {
                 if !(*step > 0.0 && step.is_finite() && base.is_finite()) {
                     return invalid(
-                        format!("every {step} from {base}"),
-                        "a finite base, and a finite step above 0",
+                        format!("step {step} from base {base}"),
+                        "a finite base and a finite step above 0",
                     );
                 }
                 Ok(Levels(Kind::Every(DecimalSteps::new(*base, *step))))
@@ -53,8 +53,11 @@ impl Levels {
                 if let Some(value) = values.iter().find(|value| !value.is_finite()) {
                     return invalid(value.to_string(), "finite numbers");
                 }
-                if values.is_empty() || values.len() > MOST as usize {
-                    return invalid(format!("{} levels", values.len()), "at least one");
+                if values.is_empty() || values.len() > MAX_LEVEL_NUMBER as usize {
+                    return invalid(
+                        format!("{} levels", values.len()),
+                        &format!("1 to {MAX_LEVEL_NUMBER} levels"),
+                    );
                 }
                 let mut values = values.clone();
                 sort::floats(&mut values);
@@ -70,15 +73,15 @@ impl Levels {
     ///
     /// # Errors
     /// If there are too many.
-    pub fn reached(&self, (least, greatest): (f64, f64)) -> Result<Vec<f64>> {
+    pub fn reached(&self, (min, max): (f64, f64)) -> Result<Vec<f64>> {
         const MAX_REACHED: i32 = 1 << 16;
         let numbers = match &self.0 {
-            Kind::Every(_) => self.rank(least)..self.rank(greatest),
+            Kind::Every(_) => self.rank(min)..self.rank(max),
             Kind::At(values) => 0..values.len() as i32,
         };
         if numbers.end.saturating_sub(numbers.start) > MAX_REACHED {
-            let found = format!("more than {MAX_REACHED} of them");
-            return Err(Error::invalid("contour levels", found, "levels farther apart"));
+            let found = format!("more than {MAX_REACHED} levels");
+            return Err(Error::invalid("contour levels", found, "fewer levels"));
         }
         Ok(numbers.map(|number| self.value(number)).collect())
     }
@@ -101,7 +104,8 @@ impl Levels {
             Kind::Every(steps) => {
                 let guess = ((value - steps.base()) / steps.step())
                     .floor()
-                    .clamp(f64::from(-MOST), f64::from(MOST)) as i32;
+                    .clamp(f64::from(-MAX_LEVEL_NUMBER), f64::from(MAX_LEVEL_NUMBER))
+                    as i32;
                 // Levels are rounded, so the guess may be off by one.
                 let is_reached = |number: i32| self.value(number) <= value;
                 if is_reached(guess + 1) {
@@ -118,12 +122,12 @@ impl Levels {
 
     /// Returns minimum and maximum value of the band of a rank, between two adjacent levels. A band
     /// without a level at an end extends to the minimum or maximum of all values.
-    pub(super) fn band(&self, rank: i32, (least, greatest): (f64, f64)) -> [f64; 2] {
+    pub(super) fn band(&self, rank: i32, (min, max): (f64, f64)) -> [f64; 2] {
         match &self.0 {
             Kind::Every(_) => [self.value(rank - 1), self.value(rank)],
             Kind::At(values) => [
-                if rank <= 0 { least } else { self.value(rank - 1) },
-                if rank as usize >= values.len() { greatest } else { self.value(rank) },
+                if rank <= 0 { min } else { self.value(rank - 1) },
+                if rank as usize >= values.len() { max } else { self.value(rank) },
             ],
         }
     }
@@ -151,7 +155,7 @@ mod tests {
         let tenths = Levels::new(&ContourLevels::Every { step: 0.1, base: 0.0 }).unwrap();
         assert_eq!((tenths.rank(0.3), tenths.value(3)), (4, 0.3));
         let levels = Levels::new(&ContourLevels::Every { step: 1e-300, base: 0.0 }).unwrap();
-        assert_eq!(levels.rank(1e300), MOST + 2);
+        assert_eq!(levels.rank(1e300), MAX_LEVEL_NUMBER + 2);
         for levels in [
             ContourLevels::At(vec![]),
             ContourLevels::At(vec![f64::NAN]),

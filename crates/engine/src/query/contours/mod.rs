@@ -5,15 +5,15 @@
 //! extremes exclude all levels are not read (`rows.rs`). Where a line leaves a tile, the edge and
 //! the point's number on it identify the continuation (`nodes.rs`, `join.rs`). A line is returned
 //! as soon as it is complete. Until then its fragments are held in memory, or in a temporary file
-//! if there are many (`pieces.rs`). Rings of bands are held until the rings around them are
+//! if there are many (`fragments.rs`). Rings of bands are held until the rings around them are
 //! complete (`polygons.rs`).
 
 mod extremes;
+mod fragments;
 mod grid;
 mod join;
 mod levels;
 mod nodes;
-mod pieces;
 mod polygons;
 mod rows;
 mod squares;
@@ -23,16 +23,16 @@ use std::path::PathBuf;
 
 pub use self::extremes::Extremes;
 pub(crate) use self::extremes::{file_extremes, source_extremes};
+use self::fragments::FragmentStore;
 use self::grid::ValueGrid;
 use self::join::{ContourLine, Joiner};
 pub use self::levels::ContourLevels;
 pub use self::levels::Levels;
 use self::nodes::Tracing;
 pub use self::nodes::level_share;
-use self::pieces::LinePieces;
 use self::polygons::Polygons;
 use self::rows::TileRows;
-use self::tile::{LinePiece, trace};
+use self::tile::{LineFragment, trace};
 use crate::tree::Child;
 use spinney_base::io::batch;
 use spinney_base::space::{Bounds, Code};
@@ -66,14 +66,14 @@ pub struct ContourRequest {
     pub memory: u64,
     /// Directory of the temporary file that is used if lines exceed the memory limit; `None` is the
     /// system's temporary directory.
-    pub folder: Option<PathBuf>,
+    pub directory: Option<PathBuf>,
 }
 
 impl ContourRequest {
     /// Creates a request for contours of the deepest level. Lines end near VOID cells, and the
     /// memory limit is 64 MiB.
     pub fn new(levels: ContourLevels) -> ContourRequest {
-        ContourRequest { levels, level: None, ends: ContourEnds::Open, memory: 64 << 20, folder: None }
+        ContourRequest { levels, level: None, ends: ContourEnds::Open, memory: 64 << 20, directory: None }
     }
 }
 
@@ -95,7 +95,7 @@ pub struct ContourSummary {
 pub struct Contour<'a> {
     range: [f64; 2],
     lines: &'a [ContourLine],
-    pieces: &'a LinePieces,
+    fragments: &'a FragmentStore,
     frame: &'a Frame,
 }
 
@@ -136,7 +136,7 @@ impl Contour<'_> {
     pub fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
         let Some(line) = self.lines.get(part) else { return Ok(()) };
         let mut world = Vec::new();
-        self.pieces.each(line.first, &mut |points| {
+        self.fragments.each(line.first, &mut |points| {
             world.clear();
             world.extend(points.iter().map(|[x, y]| {
                 let [x, y, _] = self.frame.to_world([*x, *y, 0.0]);
@@ -204,11 +204,11 @@ pub(crate) fn trace_contours(
     let is_reversed = (across[0] * down[1] - across[1] * down[0] > 0.0) != is_bands;
     let tile_level = ground.level.saturating_sub(TILE);
     let tiles = ground.size.map(|cells| cells.div_ceil(1 << TILE));
-    let folder = request.folder.clone().unwrap_or_else(std::env::temp_dir);
+    let directory = request.directory.clone().unwrap_or_else(std::env::temp_dir);
     let mut tracer = Tracer {
         ground,
         levels: &levels,
-        pieces: LinePieces::new(usize::try_from(request.memory / 8).unwrap_or(usize::MAX), folder),
+        fragments: FragmentStore::new(usize::try_from(request.memory / 8).unwrap_or(usize::MAX), directory),
         joiner: Joiner::default(),
         polygons: Polygons::new(is_reversed),
         is_bands,
@@ -227,9 +227,9 @@ pub(crate) fn trace_contours(
                 progress.check()?;
                 trace(&read_tile(ground, &levels, tiles, [*column, row])?, &levels, tracing, is_reversed)
             })?;
-            for pieces in traced {
+            for fragments in traced {
                 progress.check()?;
-                tracer.take(pieces)?;
+                tracer.take(fragments)?;
             }
         }
         tracer.settle(((row as i64 + 1) << TILE) - 1)?;
@@ -247,15 +247,15 @@ fn read_tile(
     tiles: [u64; 2],
     tile: [u64; 2],
 ) -> Result<ValueGrid> {
-    let picture = ground.size.map(|cells| cells as i64);
+    let extent = ground.size.map(|cells| cells as i64);
     let first: [i64; 2] = std::array::from_fn(|axis| ((tile[axis] << TILE) as i64) - 1);
     // The last tile also has the squares at the edge of the raster.
     let end: [i64; 2] = std::array::from_fn(|axis| {
-        if tile[axis] + 1 == tiles[axis] { picture[axis] + 1 } else { ((tile[axis] + 1) << TILE) as i64 }
+        if tile[axis] + 1 == tiles[axis] { extent[axis] + 1 } else { ((tile[axis] + 1) << TILE) as i64 }
     });
     let size: [usize; 2] = std::array::from_fn(|axis| (end[axis] - first[axis]) as usize);
     let low: [i64; 2] = first.map(|cell| cell.max(0));
-    let high: [i64; 2] = std::array::from_fn(|axis| end[axis].min(picture[axis]));
+    let high: [i64; 2] = std::array::from_fn(|axis| end[axis].min(extent[axis]));
     let bounds = Bounds { min: [low[0] as u64, low[1] as u64, 0], max: [high[0] as u64, high[1] as u64, 1] };
     let inner = ground.relief.numbers(&bounds)?;
     let width = bounds.size()[0] as usize;
@@ -264,14 +264,14 @@ fn read_tile(
     for (row, cells) in inner.chunks_exact(width).enumerate() {
         numbers[(offset[1] + row) * size[0] + offset[0]..][..width].copy_from_slice(cells);
     }
-    Ok(ValueGrid::new(first, size, picture, numbers, levels))
+    Ok(ValueGrid::new(first, size, extent, numbers, levels))
 }
 
 /// State of the tracing.
 struct Tracer<'a, 'e> {
     ground: &'a ContourGround<'a>,
     levels: &'a Levels,
-    pieces: LinePieces,
+    fragments: FragmentStore,
     joiner: Joiner,
     polygons: Polygons,
     is_bands: bool,
@@ -281,9 +281,9 @@ struct Tracer<'a, 'e> {
 
 impl Tracer<'_, '_> {
     /// Adds the fragments of a tile.
-    fn take(&mut self, pieces: Vec<LinePiece>) -> Result<()> {
-        for piece in pieces {
-            if let Some(line) = self.joiner.push(piece, &mut self.pieces)? {
+    fn take(&mut self, fragments: Vec<LineFragment>) -> Result<()> {
+        for fragment in fragments {
+            if let Some(line) = self.joiner.push(fragment, &mut self.fragments)? {
                 self.finish(line)?;
             }
         }
@@ -295,24 +295,24 @@ impl Tracer<'_, '_> {
         for line in self.joiner.settle(row) {
             self.finish(line)?;
         }
-        let Tracer { ground, levels, pieces, polygons, each, summary, .. } = self;
-        polygons.settle(pieces, &mut |lines, pieces| {
+        let Tracer { ground, levels, fragments, polygons, each, summary, .. } = self;
+        polygons.settle(fragments, &mut |lines, fragments| {
             let range = levels.band(lines.first().map_or(0, |line| line.class), ground.values);
             count(summary, lines);
-            each(&Contour { range, lines, pieces, frame: &ground.frame })
+            each(&Contour { range, lines, fragments, frame: &ground.frame })
         })
     }
 
     /// Passes a complete line to `each`, or stores a ring for its polygon.
     fn finish(&mut self, line: ContourLine) -> Result<()> {
         if self.is_bands {
-            return self.polygons.push(line, &self.pieces);
+            return self.polygons.push(line, &self.fragments);
         }
         let value = self.levels.value(line.class);
         let (range, frame) = ([value; 2], &self.ground.frame);
         count(&mut self.summary, &[line]);
-        (self.each)(&Contour { range, lines: &[line], pieces: &self.pieces, frame })?;
-        self.pieces.remove(line.first);
+        (self.each)(&Contour { range, lines: &[line], fragments: &self.fragments, frame })?;
+        self.fragments.remove(line.first);
         Ok(())
     }
 }

@@ -44,7 +44,7 @@ impl Tracing {
 pub(super) const NONE: u32 = u32::MAX;
 
 /// Maximum number of points in a tile: at least 64 MiB.
-const MOST: usize = 1 << 21;
+const MAX_POINTS: usize = 1 << 21;
 
 /// Minimum distance of lines from cell centres, as a fraction of the distance between two centres.
 /// Lines of a level therefore never touch, and areas have no seams, where values equal a level.
@@ -119,9 +119,9 @@ impl Nodes {
     }
 
     fn add(&mut self, point: [f64; 2], class: i32, is_border: bool) -> Result<u32> {
-        if self.points.len() >= MOST {
-            let found = format!("more than {MOST} points of lines in 256 x 256 cells");
-            return Err(Error::invalid("contour levels", found, "levels farther apart"));
+        if self.points.len() >= MAX_POINTS {
+            let found = format!("more than {MAX_POINTS} contour points in 256 x 256 cells");
+            return Err(Error::invalid("contour levels", found, "fewer levels"));
         }
         self.points.push(point);
         self.classes.push(class);

@@ -2,15 +2,15 @@
 
 use std::collections::BTreeMap;
 
+use super::fragments::{FragmentId, FragmentStore};
 use super::join::ContourLine;
-use super::pieces::{LinePieces, PieceNumber};
 use spinney_base::Result;
 use spinney_base::sort;
 
 /// A closed ring.
 struct BandRing {
     /// Its first fragment and its point count. No more, since there may be very many rings.
-    first: PieceNumber,
+    first: FragmentId,
     count: u64,
     /// Twice the signed area; positive if the ring is clockwise with rows going down.
     area: f64,
@@ -40,13 +40,13 @@ impl Polygons {
     ///
     /// # Errors
     /// If its fragments cannot be read.
-    pub(super) fn push(&mut self, line: ContourLine, pieces: &LinePieces) -> Result<()> {
+    pub(super) fn push(&mut self, line: ContourLine, fragments: &FragmentStore) -> Result<()> {
         let (low, high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let (class, first, count) = (line.class, line.first, line.count);
         let mut ring = BandRing { first, count, area: 0.0, low, high, point: [0.0; 2] };
         let mut first = None;
         let mut last = [0.0; 2];
-        pieces.each(line.first, &mut |points| {
+        fragments.each(line.first, &mut |points| {
             for point in points {
                 let origin = *first.get_or_insert(*point);
                 // (Relative to the first point, areas lose little to rounding.)
@@ -76,8 +76,8 @@ impl Polygons {
     /// If fragments cannot be read, or `each` fails.
     pub(super) fn settle(
         &mut self,
-        pieces: &mut LinePieces,
-        each: &mut dyn FnMut(&[ContourLine], &LinePieces) -> Result<()>,
+        fragments: &mut FragmentStore,
+        each: &mut dyn FnMut(&[ContourLine], &FragmentStore) -> Result<()>,
     ) -> Result<()> {
         let mut outer = std::mem::take(&mut self.outer);
         // Of two rings around a hole, the smaller one is the inner. (The sort is stable for equal
@@ -85,15 +85,20 @@ impl Polygons {
         sort::by_key(&mut outer, |(_, ring)| sort::float_key(ring.area.abs()));
         for (class, ring) in outer {
             let mut rings = vec![ContourLine::ring(class, ring.first, ring.count)];
-            rings.extend(self.take_holes(class, &ring, pieces)?);
-            each(&rings, pieces)?;
-            rings.iter().for_each(|line| pieces.remove(line.first));
+            rings.extend(self.take_holes(class, &ring, fragments)?);
+            each(&rings, fragments)?;
+            rings.iter().for_each(|line| fragments.remove(line.first));
         }
         Ok(())
     }
 
     /// Removes and returns the holes inside a ring.
-    fn take_holes(&mut self, class: i32, outer: &BandRing, pieces: &LinePieces) -> Result<Vec<ContourLine>> {
+    fn take_holes(
+        &mut self,
+        class: i32,
+        outer: &BandRing,
+        fragments: &FragmentStore,
+    ) -> Result<Vec<ContourLine>> {
         let rows = (class, outer.low[1].floor() as i64, 0)..=(class, outer.high[1].floor() as i64, u64::MAX);
         let is_near = |hole: &BandRing| {
             (0..2).all(|axis| outer.low[axis] <= hole.low[axis] && hole.high[axis] <= outer.high[axis])
@@ -107,7 +112,7 @@ impl Polygons {
         }
         sort::by_key(&mut crossed, |(point, ..)| sort::float_key(point[1]));
         let mut last: Option<[f64; 2]> = None;
-        pieces.each(outer.first, &mut |points| {
+        fragments.each(outer.first, &mut |points| {
             for b in points {
                 let Some(a) = last.replace(*b) else { continue };
                 let (upper, lower) = (a[1].min(b[1]), a[1].max(b[1]));

@@ -10,7 +10,7 @@ use spinney_base::space::{Code, Dimension};
 
 /// Adjacent tiles of a row with the same extremes, up to `end`, exclusive.
 #[derive(Clone, Copy)]
-struct Run {
+struct TileSpan {
     end: u64,
     extremes: Extremes,
 }
@@ -25,7 +25,7 @@ pub(super) struct TileRows<'a> {
     /// Columns and rows of tiles.
     tiles: [u64; 2],
     /// The row above.
-    above: Vec<Run>,
+    above: Vec<TileSpan>,
 }
 
 impl<'a> TileRows<'a> {
@@ -36,7 +36,7 @@ impl<'a> TileRows<'a> {
         level: u8,
         tiles: [u64; 2],
     ) -> TileRows<'a> {
-        let above = vec![Run { end: tiles[0], extremes: Extremes::NONE }];
+        let above = vec![TileSpan { end: tiles[0], extremes: Extremes::NONE }];
         TileRows { relief, levels, tracing, level, tiles, above }
     }
 
@@ -55,12 +55,13 @@ impl<'a> TileRows<'a> {
             if column >= self.tiles[0] {
                 break;
             }
-            let before = |runs: &[Run], index: usize, start: u64| match index {
+            let before = |runs: &[TileSpan], index: usize, start: u64| match index {
                 0 => Extremes::NONE,
                 _ if start == column => runs[index - 1].extremes,
                 _ => runs[index].extremes,
             };
-            let start = |runs: &[Run], index: usize| index.checked_sub(1).map_or(0, |index| runs[index].end);
+            let start =
+                |runs: &[TileSpan], index: usize| index.checked_sub(1).map_or(0, |index| runs[index].end);
             let all = [
                 run.extremes,
                 upper.extremes,
@@ -88,14 +89,14 @@ impl<'a> TileRows<'a> {
     /// Returns whether there may be lines if all cells have these extremes.
     fn has_lines(&self, all: &Extremes, is_border: bool) -> bool {
         let crosses = || {
-            let is_known = all.least.is_finite() && all.greatest.is_finite();
-            !is_known || self.levels.rank(all.least) != self.levels.rank(all.greatest)
+            let is_known = all.min.is_finite() && all.max.is_finite();
+            !is_known || self.levels.rank(all.min) != self.levels.rank(all.max)
         };
         all.has_values && (self.tracing.has_borders() && (all.has_void || is_border) || crosses())
     }
 
     /// Returns the extremes of all tiles of a row.
-    fn runs(&self, row: u64) -> Result<Vec<Run>> {
+    fn runs(&self, row: u64) -> Result<Vec<TileSpan>> {
         let mut runs = Vec::new();
         self.visit(Code::root(Dimension::Quad), row, &mut runs)?;
         let unknown: Vec<u64> =
@@ -105,7 +106,7 @@ impl<'a> TileRows<'a> {
             code.map_or(Ok(Extremes::NONE), |code| self.relief.extremes(code))
         })?;
         let mut found = found.into_iter();
-        let mut all: Vec<Run> = Vec::with_capacity(runs.len());
+        let mut all: Vec<TileSpan> = Vec::with_capacity(runs.len());
         for (column, extremes) in &runs {
             let extremes = match extremes {
                 Some(extremes) => *extremes,
@@ -114,7 +115,7 @@ impl<'a> TileRows<'a> {
             if let Some(last) = all.last_mut() {
                 last.end = *column;
             }
-            all.push(Run { end: self.tiles[0], extremes });
+            all.push(TileSpan { end: self.tiles[0], extremes });
         }
         Ok(all)
     }

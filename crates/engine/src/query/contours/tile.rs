@@ -19,7 +19,7 @@ pub(super) struct EdgeKey {
 }
 
 /// A fragment of a line. The first and last points of a ring are equal.
-pub(super) struct LinePiece {
+pub(super) struct LineFragment {
     /// Number of the level or the band.
     pub(super) class: i32,
     /// Coordinates in cells.
@@ -38,10 +38,10 @@ pub(super) fn trace(
     levels: &Levels,
     tracing: Tracing,
     is_reversed: bool,
-) -> Result<Vec<LinePiece>> {
+) -> Result<Vec<LineFragment>> {
     let mut nodes = Nodes::new(grid, levels, tracing, is_reversed)?;
     link_squares(grid, levels, &mut nodes)?;
-    let mut pieces = Vec::new();
+    let mut fragments = Vec::new();
     let mut is_done = vec![false; nodes.points.len()];
     // First open fragments, then rings.
     for is_ring in [false, true] {
@@ -65,10 +65,10 @@ pub(super) fn trace(
             }
             let ends =
                 if is_ring { [None; 2] } else { [first as u32, last].map(|node| key(grid, &nodes, node)) };
-            pieces.push(LinePiece { class: nodes.classes[first], points, ends, is_ring });
+            fragments.push(LineFragment { class: nodes.classes[first], points, ends, is_ring });
         }
     }
-    Ok(pieces)
+    Ok(fragments)
 }
 
 /// Appends a point to a line. Replaces the last point if that may be dropped and is on the way to

@@ -63,6 +63,8 @@ pub(super) struct Arc {
     pub(super) ends: [Point; 2],
     /// Directions of the first and of the last segment.
     directions: [Direction; 2],
+    /// Contribution of half-edge `2a` to twice the signed area of a ring. That of `2a + 1` is its
+    /// negative.
     swept: i128,
     /// Labels of the cells on the left and on the right; [`NONE`] for VOID cells.
     pub(super) labels: [u32; 2],
@@ -76,7 +78,8 @@ pub(super) struct Arc {
     previous: [u32; 2],
     /// Next half-edge in the region's list, per half-edge.
     listed: [u32; 2],
-    /// Whether a region may touch itself at the end.
+    /// Whether a region may touch itself at the end: four borders meet there, and diagonal cells
+    /// have the same class.
     pub(super) is_pinched: [bool; 2],
     /// Number of regions that still need the arc.
     users: u8,
@@ -109,11 +112,11 @@ impl Arcs {
 
     /// Returns an arc, which must exist.
     pub(super) fn arc(&self, number: u32) -> &Arc {
-        self.arcs[number as usize].as_ref().expect("the arc is needed")
+        self.arcs[number as usize].as_ref().expect("the arc is in use")
     }
 
     fn arc_mut(&mut self, number: u32) -> &mut Arc {
-        self.arcs[number as usize].as_mut().expect("the arc is needed")
+        self.arcs[number as usize].as_mut().expect("the arc is in use")
     }
 
     fn tip(&mut self, arc: u32, side: u8) -> u32 {
@@ -189,7 +192,7 @@ impl Arcs {
         let Tip { arc, side } = self.tips[tip as usize];
         let side = usize::from(side);
         let Arcs { arcs, points, .. } = self;
-        let arc = arcs[arc as usize].as_mut().expect("the arc is needed");
+        let arc = arcs[arc as usize].as_mut().expect("the arc is in use");
         points.push(&mut arc.chain, side, at);
         let last = std::mem::replace(&mut arc.ends[side], at);
         let (from, to) = if side == 0 { (at, last) } else { (last, at) };
@@ -209,7 +212,7 @@ impl Arcs {
         let [Tip { arc: first, side: 1 }, Tip { arc: second, side: 0 }] =
             [end, start].map(|tip| self.tips[tip as usize])
         else {
-            unreachable!("borders have the lesser class on one side all along");
+            unreachable!("the smaller class of a border is always on the same side");
         };
         if first == second {
             let beginning = self.arc(first).ends[0];
@@ -224,10 +227,10 @@ impl Arcs {
             return;
         }
         self.free_tips.extend([end, start]);
-        let after = self.arcs[second as usize].take().expect("the arc is needed");
+        let after = self.arcs[second as usize].take().expect("the arc is in use");
         self.free.push(second);
         let Arcs { arcs, points, tips, .. } = self;
-        let arc = arcs[first as usize].as_mut().expect("the arc is needed");
+        let arc = arcs[first as usize].as_mut().expect("the arc is in use");
         arc.swept += swept(at, after.ends[0]) + after.swept;
         arc.directions[1] = if after.count == 1 { direction(at, after.ends[0]) } else { after.directions[1] };
         arc.chain = points.join(arc.chain, after.chain);
@@ -345,10 +348,14 @@ impl Arcs {
         step(before, true) == step(half, false)
     }
 
-    /// Replaces the points of a finished arc. The ends must stay the same.
+    /// Replaces the points of a finished arc by simplified ones. The ends must stay the same.
+    ///
+    /// The area and the directions remain those of the exact border. Of the area, only the sign is
+    /// used, which is that of the simplified ring. The directions are not used: simplified rings
+    /// [keep their junctions](super::rings::RingRules::keeps_junctions).
     pub(super) fn replace(&mut self, number: u32, points: &[Point]) {
         let Arcs { arcs, points: all, .. } = self;
-        let arc = arcs[number as usize].as_mut().expect("the arc is needed");
+        let arc = arcs[number as usize].as_mut().expect("the arc is in use");
         all.remove(arc.chain);
         arc.chain = all.begin(points[0]);
         for point in &points[1..] {

@@ -5,17 +5,18 @@ use super::points::NONE;
 
 /// A label: a node of two disjoint-set forests. A root also has the data of its set.
 struct Label {
-    /// Parent in the forest of connected cells.
+    /// Parent in the forest of connected cells: the regions.
     parent: u32,
-    /// Parent in the forest of cells that are connected by edges.
-    part: u32,
+    /// Parent in the forest of cells that are connected by edges: the polygons of a region. It is
+    /// the same forest unless cells that share a corner are connected.
+    edge_parent: u32,
     /// Another label of the same set; all labels of a set form a cycle.
     next: u32,
     /// Number of cells of the set.
     cells: u64,
     /// First and last half-edge in the list of the set's borders.
     halves: [u32; 2],
-    /// Last line in which the set was seen.
+    /// Last line in which the set was marked; 0 if it was not.
     line: u64,
 }
 
@@ -31,7 +32,7 @@ impl Labels {
     pub(super) fn add(&mut self) -> u32 {
         let number = self.free.pop().unwrap_or(self.labels.len() as u32);
         let label =
-            Label { parent: number, part: number, next: number, cells: 0, halves: [NONE; 2], line: 0 };
+            Label { parent: number, edge_parent: number, next: number, cells: 0, halves: [NONE; 2], line: 0 };
         match self.labels.get_mut(number as usize) {
             Some(slot) => *slot = label,
             None => self.labels.push(label),
@@ -50,10 +51,10 @@ impl Labels {
     }
 
     /// Returns the root of the cells that are connected to a label's cells by edges.
-    pub(super) fn find_part(&mut self, mut label: u32) -> u32 {
-        while self.labels[label as usize].part != label {
-            let above = self.labels[label as usize].part;
-            self.labels[label as usize].part = self.labels[above as usize].part;
+    pub(super) fn find_edge_root(&mut self, mut label: u32) -> u32 {
+        while self.labels[label as usize].edge_parent != label {
+            let above = self.labels[label as usize].edge_parent;
+            self.labels[label as usize].edge_parent = self.labels[above as usize].edge_parent;
             label = above;
         }
         label
@@ -63,8 +64,8 @@ impl Labels {
     /// second half-edge to the list of the first.
     pub(super) fn join(&mut self, a: u32, b: u32, is_edge: bool, link: impl FnOnce(u32, u32)) {
         if is_edge {
-            let (a, b) = (self.find_part(a), self.find_part(b));
-            self.labels[a.max(b) as usize].part = a.min(b);
+            let (a, b) = (self.find_edge_root(a), self.find_edge_root(b));
+            self.labels[a.max(b) as usize].edge_parent = a.min(b);
         }
         let (a, b) = (self.find(a), self.find(b));
         if a == b {
@@ -105,8 +106,8 @@ impl Labels {
         set.halves[1] = half;
     }
 
-    /// Records that a set occurs in a line. Returns whether that was not recorded before.
-    pub(super) fn note(&mut self, label: u32, line: u64) -> bool {
+    /// Marks that a set occurs in a line. Returns whether that was not marked before.
+    pub(super) fn mark_line(&mut self, label: u32, line: u64) -> bool {
         let root = self.find(label);
         std::mem::replace(&mut self.labels[root as usize].line, line) != line
     }

@@ -23,7 +23,7 @@ use std::path::PathBuf;
 use self::arcs::Arcs;
 use self::points::Points;
 use self::rings::{RegionRings, RingRules};
-use self::rows::{Class, Run, TILE, read_strip, strip_rows};
+use self::rows::{Class, ClassSpan, TILE_LEVELS, read_strip, strip_rows};
 use self::simplify::Simplifier;
 use self::sweep::Sweep;
 use crate::tree::Child;
@@ -52,7 +52,7 @@ pub struct PolygonRequest {
     pub memory: u64,
     /// Directory of the temporary file that is used if borders exceed the memory limit; `None` is
     /// the system's temporary directory.
-    pub folder: Option<PathBuf>,
+    pub directory: Option<PathBuf>,
 }
 
 impl PolygonRequest {
@@ -66,7 +66,7 @@ impl PolygonRequest {
             level: None,
             in_cells: false,
             memory: 64 << 20,
-            folder: None,
+            directory: None,
         }
     }
 }
@@ -128,8 +128,8 @@ impl ClassRegion<'_> {
 
     /// Returns the number of points of a ring, or 0 if there is no such ring. The last point
     /// repeats the first.
-    pub fn count(&self, part: usize) -> u64 {
-        self.rings.rings.get(part).map_or(0, |ring| ring.count)
+    pub fn count(&self, ring: usize) -> u64 {
+        self.rings.rings.get(ring).map_or(0, |ring| ring.count)
     }
 
     /// Passes the points of a ring to `each` in chunks, in world coordinates or [in
@@ -137,8 +137,8 @@ impl ClassRegion<'_> {
     ///
     /// # Errors
     /// If a temporary file cannot be read, or `each` fails.
-    pub fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
-        let Some(ring) = self.rings.rings.get(part) else { return Ok(()) };
+    pub fn points(&self, ring: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
+        let Some(ring) = self.rings.rings.get(ring) else { return Ok(()) };
         let mut world = Vec::new();
         ring.points(self.arcs, self.rules, &mut |points| {
             world.clear();
@@ -162,8 +162,8 @@ pub(crate) trait ClassCells: Sync {
     fn window(&self, bounds: &Bounds) -> Result<(Vec<u8>, Vec<bool>)>;
 }
 
-/// Cells to extract polygons from.
-pub(crate) struct ClassGround<'a> {
+/// The grid of cells of a tree's level, to extract polygons from.
+pub(crate) struct ClassGrid<'a> {
     pub cells: &'a dyn ClassCells,
     /// Level, and its columns and rows.
     pub level: u8,
@@ -177,7 +177,7 @@ pub(crate) struct ClassGround<'a> {
     pub classes: Option<Vec<u64>>,
 }
 
-impl ClassGround<'_> {
+impl ClassGrid<'_> {
     /// Maps classes that are not distinguished to VOID.
     fn class(&self, class: Class) -> Class {
         match &self.classes {
@@ -196,10 +196,13 @@ impl ClassGround<'_> {
 
 /// Extracts all regions, in an order that depends only on the tree.
 ///
+/// Must not run in a [batch](spinney_base::io::batch): a restart would pass regions to `each` and
+/// report progress again. The reads of a strip are batched instead.
+///
 /// # Errors
 /// If the tree is corrupt, if a temporary file or `each` fails, or on cancellation.
 pub(crate) fn find_regions(
-    ground: &mut ClassGround<'_>,
+    grid: &mut ClassGrid<'_>,
     request: &PolygonRequest,
     progress: &dyn Progress,
     each: &mut RegionVisitor<'_>,
@@ -209,13 +212,17 @@ pub(crate) fn find_regions(
         Some(classes) => {
             let mut bits = Vec::with_capacity(classes.len());
             for class in classes {
-                // (A class that is not a value of the type is in no cell.)
-                let value = ground.value.exact(&[*class]);
+                // No cell has a class that the type cannot store, so requesting it is a mistake.
+                let value = grid.value.exact(&[*class]);
                 let value = value.ok_or_else(|| {
                     let found = class.to_string();
-                    Error::invalid("class", found, format!("a number that {:?} can be", ground.value.sample))
+                    Error::invalid(
+                        "class",
+                        found,
+                        format!("a number that {} can store", grid.value.sample.name()),
+                    )
                 })?;
-                bits.push(ClassGround::bits(value));
+                bits.push(ClassGrid::bits(value));
             }
             spinney_base::sort::by(&mut bits, &mut Ord::cmp);
             Some(bits)
@@ -227,38 +234,40 @@ pub(crate) fn find_regions(
         }
         tolerance => tolerance,
     };
-    // For simplification, junctions depend on all classes.
-    ground.classes = if tolerance.is_some() { None } else { wanted.clone() };
+    // Borders are simplified from junction to junction. If other classes counted as VOID, some
+    // junctions would vanish, and the border of a class would depend on the classes that are
+    // extracted with it. Exact borders do not keep junctions, and may ignore other classes.
+    grid.classes = if tolerance.is_some() { None } else { wanted.clone() };
     let rows_go_down = request.in_cells;
-    let points_frame = if rows_go_down { Frame::identity() } else { ground.frame.clone() };
-    let ground = &*ground;
+    let points_frame = if rows_go_down { Frame::identity() } else { grid.frame.clone() };
+    let grid = &*grid;
     // Rasters are traced with rows going down. If the world's rows go up, left and right are
     // swapped.
-    let [across, down, _] = ground.frame.linear().to_cols_array_2d();
+    let [across, down, _] = grid.frame.linear().to_cols_array_2d();
     let is_reversed = !rows_go_down && across[0] * down[1] - across[1] * down[0] > 0.0;
     let rules = RingRules { is_reversed, keeps_junctions: tolerance.is_some() };
-    let folder = request.folder.clone().unwrap_or_else(std::env::temp_dir);
-    let [columns, rows] = ground.size.map(|cells| cells as u32);
-    let arcs = Arcs::new(Points::new(request.memory / 4, folder));
+    let directory = request.directory.clone().unwrap_or_else(std::env::temp_dir);
+    let [columns, rows] = grid.size.map(|cells| cells as u32);
+    let arcs = Arcs::new(Points::new(request.memory / 4, directory));
     let mut tracer = Tracer {
-        ground,
+        grid,
         frame: points_frame,
         sweep: Sweep::new(columns, request.across_corners, arcs),
-        simplifier: tolerance.map(|tolerance| Simplifier::new(ground, tolerance, request.memory / 8)),
+        simplifier: tolerance.map(|tolerance| Simplifier::new(grid, tolerance, request.memory / 8)),
         wanted,
         rules,
         progress,
         each,
         summary: PolygonSummary::default(),
     };
-    let height = strip_rows(ground.size[0], request.memory / 4).min(1 << TILE.min(ground.level));
-    let cells = ground.size[0].saturating_mul(ground.size[1]);
+    let height = strip_rows(grid.size[0], request.memory / 4).min(1 << TILE_LEVELS.min(grid.level));
+    let cells = grid.size[0].saturating_mul(grid.size[1]);
     let mut first = 0;
     let mut runs = Vec::new();
     while first < rows {
         progress.check()?;
         let height = height.min(rows - first);
-        let strip = read_strip(ground, first, height)?;
+        let strip = read_strip(grid, first, height)?;
         for row in 0..strip.rows {
             if strip.is_repeated(row) {
                 tracer.sweep.repeat();
@@ -268,16 +277,16 @@ pub(crate) fn find_regions(
             }
         }
         first += height;
-        progress.advance(u64::from(height).saturating_mul(ground.size[0]), cells);
+        progress.advance(u64::from(height).saturating_mul(grid.size[0]), cells);
     }
     // Below the last row everything is VOID.
-    tracer.next(&[Run::new(Class::VOID, columns)])?;
+    tracer.next(&[ClassSpan::new(Class::VOID, columns)])?;
     Ok(tracer.summary)
 }
 
 /// State of the extraction.
 struct Tracer<'a, 'e> {
-    ground: &'a ClassGround<'a>,
+    grid: &'a ClassGrid<'a>,
     /// Frame of the output points.
     frame: Frame,
     sweep: Sweep,
@@ -292,8 +301,8 @@ struct Tracer<'a, 'e> {
 
 impl Tracer<'_, '_> {
     /// Processes a row, and passes the regions that end above it to `each`.
-    fn next(&mut self, runs: &[Run]) -> Result<()> {
-        let Tracer { ground, frame, sweep, simplifier, wanted, rules, each, summary, .. } = self;
+    fn next(&mut self, runs: &[ClassSpan]) -> Result<()> {
+        let Tracer { grid, frame, sweep, simplifier, wanted, rules, each, summary, .. } = self;
         for (root, class) in sweep.next(runs, simplifier)? {
             self.progress.check()?;
             let (cells, first) = sweep.labels.set(root);
@@ -304,9 +313,9 @@ impl Tracer<'_, '_> {
                 summary.rings += rings.rings.len() as u64;
                 summary.points += rings.rings.iter().map(|ring| ring.count).sum::<u64>();
                 summary.cells += cells;
-                let value = Value::from_bytes(&class.bits.to_le_bytes()[..ground.width]);
+                let value = Value::from_bytes(&class.bits.to_le_bytes()[..grid.width]);
                 let arcs = &sweep.arcs;
-                let value_type = ground.value;
+                let value_type = grid.value;
                 each(&ClassRegion { value, value_type, cells, rings: &rings, arcs, rules: *rules, frame })?;
             }
             rings.release(&mut sweep.arcs);

@@ -27,14 +27,14 @@ pub(super) struct Points {
     nodes: Vec<Node>,
     free: Vec<u32>,
     /// Maximum number of nodes before points are moved to the file.
-    most: usize,
+    max_nodes: usize,
     /// Runs of points in the file: offset and point count.
     runs: Vec<(u64, u32)>,
     free_runs: Vec<u32>,
     file: Option<File>,
     /// End of the used bytes of the file.
     end: u64,
-    folder: PathBuf,
+    directory: PathBuf,
 }
 
 /// First and last node of a border.
@@ -45,18 +45,18 @@ pub(super) struct Chain {
 }
 
 /// Points per read from the file.
-const PART: u32 = 1 << 12;
+const READ_POINTS: u32 = 1 << 12;
 
-/// Minimum number of points for a run in the file.
-const RUN: usize = 8;
+/// Minimum number of points of a run in the file, so that reading it is worth a system call.
+const MIN_RUN_POINTS: usize = 8;
 
 impl Points {
     /// Creates an empty set of points that may use `memory` bytes. The temporary file is created in
-    /// `folder`.
-    pub(super) fn new(memory: u64, folder: PathBuf) -> Points {
-        let most = usize::try_from(memory / size_of::<Node>() as u64).unwrap_or(usize::MAX).max(64);
+    /// `directory`.
+    pub(super) fn new(memory: u64, directory: PathBuf) -> Points {
+        let max_nodes = usize::try_from(memory / size_of::<Node>() as u64).unwrap_or(usize::MAX).max(64);
         let (nodes, free, runs, free_runs) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Points { nodes, free, most, runs, free_runs, file: None, end: 0, folder }
+        Points { nodes, free, max_nodes, runs, free_runs, file: None, end: 0, directory }
     }
 
     fn node(&mut self, at: Point, next: u32) -> u32 {
@@ -115,24 +115,27 @@ impl Points {
 
     /// Returns whether points should be moved to the file.
     pub(super) fn is_full(&self) -> bool {
-        self.nodes.len() - self.free.len() > self.most
+        self.nodes.len() - self.free.len() > self.max_nodes
     }
 
-    /// Moves the points of chains to the file.
+    /// Moves the points of chains to the file: consecutive points become a run, and one node for it
+    /// replaces theirs. Chains may grow afterwards, and be moved again.
     ///
     /// # Errors
     /// If it cannot be written.
     pub(super) fn spool<'a>(&mut self, chains: impl Iterator<Item = &'a mut Chain>) -> Result<()> {
-        let failed = || Error::io(&self.folder, "write a temporary file");
+        let failed = || Error::io(&self.directory, "write a temporary file");
         if self.file.is_none() {
-            self.file = Some(tempfile::tempfile_in(&self.folder).map_err(failed())?);
+            self.file = Some(tempfile::tempfile_in(&self.directory).map_err(failed())?);
         }
+        // Invariant: the buffer has the bytes of the file from `written` to `self.end`.
         let (mut buffer, mut written) = (Vec::new(), self.end);
         for chain in chains {
+            // Last node that stays in the chain, and the next node to process.
             let mut before = NONE;
             let mut number = chain.first;
             while number != NONE {
-                // Collect the points up to the next run.
+                // Collect the points up to the next run or the end, `tail` being the last of them.
                 let (first, start, mut tail) = (number, buffer.len(), before);
                 while number != NONE && self.nodes[number as usize].at[0] != NONE {
                     let node = self.nodes[number as usize];
@@ -140,7 +143,8 @@ impl Points {
                     (tail, number) = (number, node.next);
                 }
                 let count = buffer.len() - start;
-                if count < RUN {
+                if count < MIN_RUN_POINTS {
+                    // Too few: they stay in memory.
                     buffer.truncate(start);
                     before = tail;
                 } else {
@@ -156,19 +160,23 @@ impl Points {
                             (self.runs.len() - 1) as u32
                         }
                     };
-                    let mut passed = self.nodes[first as usize].next;
-                    while passed != number {
-                        self.free.push(passed);
-                        passed = self.nodes[passed as usize].next;
+                    // The first node becomes that of the run, so that the link to it stays valid.
+                    // The others are freed.
+                    let mut freed = self.nodes[first as usize].next;
+                    while freed != number {
+                        self.free.push(freed);
+                        freed = self.nodes[freed as usize].next;
                     }
                     self.nodes[first as usize] = Node { at: [NONE, slot], next: number };
                     before = first;
                 }
+                // Pass over a run that is in the file already.
                 if number != NONE {
                     (before, number) = (number, self.nodes[number as usize].next);
                 }
             }
-            chain.last = if before == NONE { chain.first } else { before };
+            // (A chain has at least one node, so one is before the end.)
+            chain.last = before;
             if buffer.len() >= 1 << 15 {
                 let file = self.file.as_ref().expect("there is one");
                 write_all_at(file, buffer.as_bytes(), written).map_err(failed())?;
@@ -180,7 +188,7 @@ impl Points {
         write_all_at(file, buffer.as_bytes(), written).map_err(failed())?;
         // The remaining points stay in memory. Try again only when there are twice as many.
         let left = self.nodes.len() - self.free.len();
-        self.most = self.most.max(left.saturating_mul(2));
+        self.max_nodes = self.max_nodes.max(left.saturating_mul(2));
         Ok(())
     }
 
@@ -194,15 +202,15 @@ impl Points {
         is_backward: bool,
         each: &mut dyn FnMut(&[Point]) -> Result<()>,
     ) -> Result<()> {
-        let mut part: Vec<Point> = Vec::new();
+        let mut chunk: Vec<Point> = Vec::new();
         if !is_backward {
             let mut number = chain.first;
             while number != NONE {
                 let node = self.nodes[number as usize];
-                self.node_points(node, false, &mut part, each)?;
+                self.node_points(node, false, &mut chunk, each)?;
                 number = node.next;
             }
-            return each(&part);
+            return each(&chunk);
         }
         let mut numbers = Vec::new();
         let mut number = chain.first;
@@ -211,46 +219,46 @@ impl Points {
             number = self.nodes[number as usize].next;
         }
         for number in numbers.into_iter().rev() {
-            self.node_points(self.nodes[number as usize], true, &mut part, each)?;
+            self.node_points(self.nodes[number as usize], true, &mut chunk, each)?;
         }
-        each(&part)
+        each(&chunk)
     }
 
     fn node_points(
         &self,
         node: Node,
         is_backward: bool,
-        part: &mut Vec<Point>,
+        chunk: &mut Vec<Point>,
         each: &mut dyn FnMut(&[Point]) -> Result<()>,
     ) -> Result<()> {
-        if part.len() >= PART as usize {
-            each(part)?;
-            part.clear();
+        if chunk.len() >= READ_POINTS as usize {
+            each(chunk)?;
+            chunk.clear();
         }
         if node.at[0] != NONE {
-            part.push(node.at);
+            chunk.push(node.at);
             return Ok(());
         }
-        each(part)?;
-        part.clear();
+        each(chunk)?;
+        chunk.clear();
         let (offset, count) = self.runs[node.at[1] as usize];
         let file = self.file.as_ref().expect("runs are in a file");
         let mut done = 0;
         while done < count {
-            let length = PART.min(count - done);
+            let length = READ_POINTS.min(count - done);
             let start = if is_backward { count - done - length } else { done };
-            part.clear();
-            part.resize(length as usize, [0; 2]);
+            chunk.clear();
+            chunk.resize(length as usize, [0; 2]);
             let at = offset + u64::from(start) * size_of::<Point>() as u64;
-            let read = read_exact_at(file, part.as_mut_slice().as_mut_bytes(), at);
-            read.map_err(Error::io(&self.folder, "read a temporary file"))?;
+            let read = read_exact_at(file, chunk.as_mut_slice().as_mut_bytes(), at);
+            read.map_err(Error::io(&self.directory, "read a temporary file"))?;
             if is_backward {
-                part.reverse();
+                chunk.reverse();
             }
-            each(part)?;
+            each(chunk)?;
             done += length;
         }
-        part.clear();
+        chunk.clear();
         Ok(())
     }
 }
@@ -262,8 +270,8 @@ mod tests {
     fn read(points: &Points, chain: Chain, is_backward: bool) -> Vec<Point> {
         let mut all = Vec::new();
         points
-            .each(chain, is_backward, &mut |part| {
-                all.extend_from_slice(part);
+            .each(chain, is_backward, &mut |chunk| {
+                all.extend_from_slice(chunk);
                 Ok(())
             })
             .unwrap();

@@ -82,7 +82,8 @@ pub(super) struct RegionRings {
     pub(super) rings: Vec<Ring>,
     /// Number of rings of each polygon.
     pub(super) polygons: Vec<usize>,
-    /// Arcs of the region, once per half-edge.
+    /// Arcs of the region, each once: its other side has another class, so the region has only one
+    /// of its half-edges.
     arcs: Vec<u32>,
 }
 
@@ -90,33 +91,35 @@ impl RegionRings {
     /// Assembles the borders of a region.
     pub(super) fn new(first: u32, arcs: &mut Arcs, labels: &mut Labels, rules: RingRules) -> RegionRings {
         let mut all = Vec::new();
-        let mut parts: BTreeMap<u32, Vec<(i128, Ring)>> = BTreeMap::new();
+        // Rings of each polygon, by the root of its cells.
+        let mut rings_by_root: BTreeMap<u32, Vec<(i128, Ring)>> = BTreeMap::new();
         let mut listed = first;
         while listed != NONE {
             all.push(listed / 2);
             let start = listed;
             listed = arcs.listed_after(listed);
             let mut half = start;
-            let mut walk = Vec::new();
+            let mut border = Vec::new();
             while arcs.see(half) {
-                walk.push(half);
+                border.push(half);
                 // (The number of an end is also the half-edge that begins there.)
                 half = arcs.half_after(half);
             }
-            if walk.is_empty() {
+            if border.is_empty() {
                 continue;
             }
             let label = arcs.arc(start / 2).labels[(start % 2) as usize];
-            let part = parts.entry(labels.find_part(label)).or_default();
-            for halves in simple_rings(walk, arcs) {
+            let own_rings = rings_by_root.entry(labels.find_edge_root(label)).or_default();
+            for halves in simple_rings(border, arcs) {
                 let area: i128 = halves.iter().map(|half| arcs.swept(*half)).sum();
-                part.push((area, Ring::new(halves, arcs, rules)));
+                own_rings.push((area, Ring::new(halves, arcs, rules)));
             }
         }
         let mut made = RegionRings { rings: Vec::new(), polygons: Vec::new(), arcs: all };
-        for (_, mut rings) in parts {
+        for (_, mut rings) in rings_by_root {
             // The region is on the left, so its outer ring is counterclockwise with rows going down
-            // and has a negative area.
+            // and has a negative area. (Simplified arcs keep the area of the exact border. Only its
+            // sign is used, which simplification preserves.)
             sort::by_key(&mut rings, |(area, _)| u64::from(*area >= 0));
             made.polygons.push(rings.len());
             made.rings.extend(rings.into_iter().map(|(_, ring)| ring));
@@ -130,26 +133,28 @@ impl RegionRings {
     }
 }
 
-/// Splits a closed border where it visits a point twice. Rings then touch there instead of crossing
-/// themselves or each other.
-fn simple_rings(walk: Vec<u32>, arcs: &Arcs) -> Vec<Vec<u32>> {
+/// Splits a closed border where it visits a point twice, which it only does at pinched ends. Rings
+/// then touch there instead of crossing themselves or each other.
+fn simple_rings(border: Vec<u32>, arcs: &Arcs) -> Vec<Vec<u32>> {
     let mut rings = Vec::new();
-    let mut way: Vec<u32> = Vec::new();
-    let mut passed: HashMap<Point, usize> = HashMap::new();
-    for half in walk {
+    // Half-edges that are in no ring yet, and the positions of those that begin at pinched points.
+    let mut open_path: Vec<u32> = Vec::new();
+    let mut positions: HashMap<Point, usize> = HashMap::new();
+    for half in border {
         if let (point, true) = arcs.start(half) {
-            if let Some(height) = passed.get(&point).copied() {
-                let ring = way.split_off(height);
+            if let Some(position) = positions.get(&point).copied() {
+                // The path returns to this point: its end from there on is a ring.
+                let ring = open_path.split_off(position);
                 for half in &ring[1..] {
-                    passed.remove(&arcs.start(*half).0);
+                    positions.remove(&arcs.start(*half).0);
                 }
                 rings.push(ring);
             } else {
-                passed.insert(point, way.len());
+                positions.insert(point, open_path.len());
             }
         }
-        way.push(half);
+        open_path.push(half);
     }
-    rings.push(way);
+    rings.push(open_path);
     rings
 }

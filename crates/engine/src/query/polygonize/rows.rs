@@ -1,7 +1,7 @@
 //! Rows of cells as runs of one class, from uniform nodes of the tree and from windows of the
 //! others.
 
-use super::ClassGround;
+use super::ClassGrid;
 use crate::tree::Child;
 use spinney_base::Result;
 use spinney_base::io::batch;
@@ -18,17 +18,17 @@ impl Class {
     pub(super) const VOID: Class = Class { is_valid: false, bits: 0 };
 }
 
-/// Adjacent cells of a class up to the column `end`, exclusive.
+/// A run: adjacent cells of a class up to the column `end`, exclusive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Run {
+pub(super) struct ClassSpan {
     bits: u64,
     pub(super) end: u32,
     is_valid: bool,
 }
 
-impl Run {
-    pub(super) fn new(class: Class, end: u32) -> Run {
-        Run { bits: class.bits, end, is_valid: class.is_valid }
+impl ClassSpan {
+    pub(super) fn new(class: Class, end: u32) -> ClassSpan {
+        ClassSpan { bits: class.bits, end, is_valid: class.is_valid }
     }
 
     pub(super) fn class(&self) -> Class {
@@ -37,15 +37,15 @@ impl Run {
 }
 
 /// Appends a run to a row, and merges it with the last one if the classes are equal.
-fn push(row: &mut Vec<Run>, class: Class, end: u32) {
+fn push(row: &mut Vec<ClassSpan>, class: Class, end: u32) {
     match row.last_mut() {
         Some(last) if last.class() == class => last.end = end,
-        _ => row.push(Run::new(class, end)),
+        _ => row.push(ClassSpan::new(class, end)),
     }
 }
 
 /// Base-2 logarithm of a tile's columns and of its maximum rows.
-pub(super) const TILE: u8 = 8;
+pub(super) const TILE_LEVELS: u8 = 8;
 
 /// Cells of a strip's rows up to the column `end`, exclusive.
 struct Tile {
@@ -56,13 +56,13 @@ struct Tile {
 enum TileCells {
     Same(Class),
     Rows {
-        runs: Vec<Run>,
+        runs: Vec<ClassSpan>,
         /// Range of each row in `runs`. Rows equal to the one above share its range.
         starts: Vec<(u32, u32)>,
     },
 }
 
-/// Consecutive rows as a sequence of tiles.
+/// A strip: consecutive rows that are read together, as a sequence of tiles from left to right.
 pub(super) struct Strip {
     tiles: Vec<Tile>,
     pub(super) rows: u32,
@@ -79,7 +79,7 @@ impl Strip {
     }
 
     /// Returns the runs of a row.
-    pub(super) fn row(&self, row: u32, runs: &mut Vec<Run>) {
+    pub(super) fn row(&self, row: u32, runs: &mut Vec<ClassSpan>) {
         runs.clear();
         for tile in &self.tiles {
             match &tile.cells {
@@ -96,24 +96,27 @@ impl Strip {
 }
 
 /// Maximum memory of a cell in a strip in bytes, if no two neighbours are equal.
-const CELL_BYTES: u64 = size_of::<Run>() as u64 + 8;
+const CELL_BYTES: u64 = size_of::<ClassSpan>() as u64 + 8;
 
 /// Returns the number of rows to read at a time.
 pub(super) fn strip_rows(columns: u64, memory: u64) -> u32 {
     let rows = memory / columns.saturating_mul(CELL_BYTES).max(1);
-    let most = 1u64 << TILE;
+    let max_rows = 1u64 << TILE_LEVELS;
     // (A power of two, so that strips do not cross tile borders.)
-    1 << rows.clamp(1, most).ilog2()
+    1 << rows.clamp(1, max_rows).ilog2()
 }
 
 /// Reads `rows` rows from `first` on, which must not cross a tile border.
-pub(super) fn read_strip(ground: &ClassGround<'_>, first: u32, rows: u32) -> Result<Strip> {
-    let level = ground.level.saturating_sub(TILE);
-    let mut nodes = Vec::new();
-    let row = u64::from(first) >> (ground.level - level);
-    visit(ground, level, Code::root(Dimension::Quad), row, &mut nodes)?;
-    let width = 1u64 << (ground.level - level);
-    let columns = ground.size[0];
+pub(super) fn read_strip(grid: &ClassGrid<'_>, first: u32, rows: u32) -> Result<Strip> {
+    let level = grid.level.saturating_sub(TILE_LEVELS);
+    let row = u64::from(first) >> (grid.level - level);
+    let nodes = batch::run_batched(|| {
+        let (mut nodes, mut is_unread) = (Vec::new(), false);
+        visit(grid, level, Code::root(Dimension::Quad), row, &mut nodes, &mut is_unread)?;
+        batch::finish_deferred(is_unread).map(|()| nodes)
+    })?;
+    let width = 1u64 << (grid.level - level);
+    let columns = grid.size[0];
     let all: Vec<(u64, u64, Option<Class>)> = nodes
         .iter()
         .enumerate()
@@ -127,7 +130,7 @@ pub(super) fn read_strip(ground: &ClassGround<'_>, first: u32, rows: u32) -> Res
             Some(class) => TileCells::Same(*class),
             None => {
                 let min = [*start, u64::from(first), 0];
-                read_tile(ground, &Bounds { min, max: [*end, u64::from(first + rows), 1] })?
+                read_tile(grid, &Bounds { min, max: [*end, u64::from(first + rows), 1] })?
             }
         };
         Ok(Tile { end: *end as u32, cells })
@@ -136,29 +139,31 @@ pub(super) fn read_strip(ground: &ClassGround<'_>, first: u32, rows: u32) -> Res
 }
 
 /// Adds the tiles of a row below a node: the first column of each, and its class if it is uniform.
+/// Nodes whose bytes are missing are [deferred](batch::defer_missing).
 fn visit(
-    ground: &ClassGround<'_>,
+    grid: &ClassGrid<'_>,
     level: u8,
     code: Code,
     row: u64,
     tiles: &mut Vec<(u64, Option<Class>)>,
+    is_unread: &mut bool,
 ) -> Result<()> {
     let below = level - code.level();
     let first = u64::from(code.cell()[0]) << below;
-    if first << (ground.level - level) >= ground.size[0] {
+    if first << (grid.level - level) >= grid.size[0] {
         return Ok(());
     }
-    match ground.cells.node(code)? {
-        Child::Inner { .. } if code.level() == ground.level => tiles.push((first, None)),
+    let Some(node) = batch::defer_missing(grid.cells.node(code), is_unread)? else { return Ok(()) };
+    match node {
         Child::Inner { .. } if below > 0 => {
             let lower = (row >> (below - 1) & 1) as usize;
-            visit(ground, level, code.child(2 * lower), row, tiles)?;
-            visit(ground, level, code.child(2 * lower + 1), row, tiles)?;
+            visit(grid, level, code.child(2 * lower), row, tiles, is_unread)?;
+            visit(grid, level, code.child(2 * lower + 1), row, tiles, is_unread)?;
         }
         Child::Inner { .. } => tiles.push((first, None)),
         uniform => {
             let class = uniform.value().map_or(Class::VOID, |value| {
-                ground.class(Class { is_valid: true, bits: ClassGround::bits(value) })
+                grid.class(Class { is_valid: true, bits: ClassGrid::bits(value) })
             });
             tiles.push((first, Some(class)));
         }
@@ -167,19 +172,19 @@ fn visit(
 }
 
 /// Reads the cells of a tile.
-fn read_tile(ground: &ClassGround<'_>, bounds: &Bounds) -> Result<TileCells> {
-    let (bytes, valid) = ground.cells.window(bounds)?;
-    Ok(match ground.width {
-        1 => scan::<1>(ground, &bytes, &valid, bounds),
-        2 => scan::<2>(ground, &bytes, &valid, bounds),
-        4 => scan::<4>(ground, &bytes, &valid, bounds),
-        _ => scan::<8>(ground, &bytes, &valid, bounds),
+fn read_tile(grid: &ClassGrid<'_>, bounds: &Bounds) -> Result<TileCells> {
+    let (bytes, valid) = grid.cells.window(bounds)?;
+    Ok(match grid.width {
+        1 => scan::<1>(grid, &bytes, &valid, bounds),
+        2 => scan::<2>(grid, &bytes, &valid, bounds),
+        4 => scan::<4>(grid, &bytes, &valid, bounds),
+        _ => scan::<8>(grid, &bytes, &valid, bounds),
     })
 }
 
 /// Converts rows of cells with values of `WIDTH` bytes to runs.
 fn scan<const WIDTH: usize>(
-    ground: &ClassGround<'_>,
+    grid: &ClassGrid<'_>,
     bytes: &[u8],
     valid: &[bool],
     bounds: &Bounds,
@@ -187,7 +192,7 @@ fn scan<const WIDTH: usize>(
     let columns = bounds.size()[0] as usize;
     let first = bounds.min[0] as u32;
     let values = bytes.as_chunks::<WIDTH>().0;
-    let mut runs: Vec<Run> = Vec::new();
+    let mut runs: Vec<ClassSpan> = Vec::new();
     let mut starts: Vec<(u32, u32)> = Vec::new();
     let mut above: Option<(&[[u8; WIDTH]], &[bool])> = None;
     for row in values.chunks_exact(columns).zip(valid.chunks_exact(columns)) {
@@ -216,14 +221,14 @@ fn scan<const WIDTH: usize>(
             let class = if is_valid {
                 let mut bits = [0; 8];
                 bits[..WIDTH].copy_from_slice(&value);
-                ground.class(Class { is_valid: true, bits: u64::from_le_bytes(bits) })
+                grid.class(Class { is_valid: true, bits: u64::from_le_bytes(bits) })
             } else {
                 Class::VOID
             };
             // (Classes that are not distinguished merge to one run.)
             match runs[start..].last_mut() {
                 Some(last) if last.class() == class => last.end = first + end as u32,
-                _ => runs.push(Run::new(class, first + end as u32)),
+                _ => runs.push(ClassSpan::new(class, first + end as u32)),
             }
             column = end;
         }

@@ -1,4 +1,5 @@
-//! Traces region borders line by line, between rows of cells.
+//! Traces region borders line by line. Line `y` is the grid line above row `y` of the cells; after
+//! the last row there is one more.
 //!
 //! Where two borders meet at a cell corner, one arc continues. Where three or four meet, arcs end
 //! and start. A region's border continues from the arriving border with the next one clockwise,
@@ -8,14 +9,14 @@
 use super::arcs::Arcs;
 use super::labels::Labels;
 use super::points::NONE;
-use super::rows::{Class, Run};
+use super::rows::{Class, ClassSpan};
 use super::simplify::Simplifier;
 use spinney_base::Result;
 
 /// A run of a row and the label of its cells; [`NONE`] if they are VOID.
 #[derive(Clone, Copy)]
-struct LabelledRun {
-    run: Run,
+struct LabelledSpan {
+    run: ClassSpan,
     label: u32,
 }
 
@@ -26,7 +27,7 @@ pub(super) struct Sweep {
     columns: u32,
     /// Whether cells that share a corner are connected.
     has_corners: bool,
-    row: Vec<LabelledRun>,
+    row: Vec<LabelledSpan>,
     /// Number of consecutive equal rows.
     height: u64,
     /// Columns and tips of the arcs that continue downwards.
@@ -43,7 +44,7 @@ const OUTSIDE: Cell = (Class::VOID, NONE);
 impl Sweep {
     /// Starts above the first row of a raster of `columns` columns.
     pub(super) fn new(columns: u32, has_corners: bool, arcs: Arcs) -> Sweep {
-        let row = vec![LabelledRun { run: Run::new(Class::VOID, columns), label: NONE }];
+        let row = vec![LabelledSpan { run: ClassSpan::new(Class::VOID, columns), label: NONE }];
         let labels = Labels::default();
         Sweep { arcs, labels, columns, has_corners, row, height: 0, downward: Vec::new(), line: 0 }
     }
@@ -60,7 +61,7 @@ impl Sweep {
     /// If arcs are simplified and the tree or a temporary file cannot be read.
     pub(super) fn next(
         &mut self,
-        runs: &[Run],
+        runs: &[ClassSpan],
         simplifier: &mut Option<Simplifier<'_>>,
     ) -> Result<Vec<(u32, Class)>> {
         if self.row.iter().map(|labelled| &labelled.run).eq(runs) {
@@ -75,16 +76,17 @@ impl Sweep {
             }
             self.arcs.list(number, &mut self.labels);
         }
-        // Regions without cells in the row below have ended.
-        let line = u64::from(self.line) * 2 + 1;
+        // Regions without cells in the row below have ended. (New labels have line 0, so marks
+        // start at 1.)
+        let line = u64::from(self.line) + 1;
         let above = std::mem::replace(&mut self.row, below);
-        for LabelledRun { label, .. } in self.row.iter().filter(|run| run.label != NONE) {
-            self.labels.note(*label, line);
+        for LabelledSpan { label, .. } in self.row.iter().filter(|run| run.label != NONE) {
+            self.labels.mark_line(*label, line);
         }
         let mut ended = Vec::new();
-        for LabelledRun { run, label } in above.iter().filter(|run| run.label != NONE) {
+        for LabelledSpan { run, label } in above.iter().filter(|run| run.label != NONE) {
             let root = self.labels.find(*label);
-            if self.labels.note(root, line) {
+            if self.labels.mark_line(root, line) {
                 ended.push((root, run.class()));
             }
         }
@@ -94,28 +96,33 @@ impl Sweep {
 
     /// Labels the runs of the next row from the row above, and adds the cells of the row above to
     /// its regions.
-    fn label(&mut self, runs: &[Run]) -> Vec<LabelledRun> {
+    fn label(&mut self, runs: &[ClassSpan]) -> Vec<LabelledSpan> {
         let mut start = 0;
-        for LabelledRun { run, label } in &self.row {
+        for LabelledSpan { run, label } in &self.row {
             if *label != NONE {
                 self.labels.count(*label, u64::from(run.end - start) * self.height);
             }
             start = run.end;
         }
-        let mut below: Vec<LabelledRun> = Vec::with_capacity(runs.len());
+        let mut below: Vec<LabelledSpan> = Vec::with_capacity(runs.len());
         let Sweep { labels, arcs, row, has_corners, .. } = self;
         let (mut first, mut start) = (0, 0);
         for run in runs {
             let class = run.class();
             if !class.is_valid {
-                below.push(LabelledRun { run: *run, label: NONE });
+                below.push(LabelledSpan { run: *run, label: NONE });
                 start = run.end;
                 continue;
             }
+            // Start at the run above that ends where this one starts, if there is one: they share a
+            // corner.
             while row[first].run.end < start {
                 first += 1;
             }
             let mut label = NONE;
+            // Labels of equal cells above that only share the left or the right upper corner. They
+            // are joined last, when the run has a label. A run that only touches corners gets a new
+            // one: its cells are another polygon of the same region.
             let mut corners = [NONE; 2];
             let mut above_start = if first == 0 { 0 } else { row[first - 1].run.end };
             for above in &row[first..] {
@@ -143,25 +150,25 @@ impl Sweep {
                     labels.join(label, corner, false, |last, half| arcs.link_halves(last, half));
                 }
             }
-            below.push(LabelledRun { run: *run, label });
+            below.push(LabelledSpan { run: *run, label });
             start = run.end;
         }
         below
     }
 
     /// Continues the borders of the row above to the row below.
-    fn borders(&mut self, below: &[LabelledRun]) {
+    fn borders(&mut self, below: &[LabelledSpan]) {
         let y = self.line;
         let mut downward = Vec::with_capacity(below.len() + 1);
         let mut upper = self.downward.iter().peekable();
-        let cell = |row: &[LabelledRun], index: usize| {
+        let cell = |row: &[LabelledSpan], index: usize| {
             row.get(index).map_or(OUTSIDE, |labelled| (labelled.run.class(), labelled.label))
         };
         // Runs of the cells to the right of the corner.
         let (mut above_run, mut below_run) = (0, 0);
         let (mut north_west, mut south_west) = (OUTSIDE, OUTSIDE);
         let mut x = 0;
-        // Border that arrives along the line from the left.
+        // Tip of the arc that arrives along the line from the left.
         let mut west = NONE;
         loop {
             let (north_east, south_east) = if x == self.columns {
@@ -204,9 +211,13 @@ impl Sweep {
                     downward.push((x, south));
                     west = east;
                 }
+                // A junction.
                 _ => {
+                    // Diagonal cells of equal class may belong to one region, which then touches
+                    // itself here.
                     let is_pinched =
                         edges == [true; 4] && (north_west.0 == south_east.0 || north_east.0 == south_west.0);
+                    // Ends at the junction clockwise: north, east, south, west.
                     let mut ends = [NONE; 4];
                     if north != NONE {
                         ends[0] = self.arcs.end(north, at, is_pinched);
@@ -225,6 +236,7 @@ impl Sweep {
                         ends[2] = end;
                         downward.push((x, tip));
                     }
+                    // Link each end to the next one clockwise, and the last one to the first.
                     let (mut last, first) = (NONE, ends.iter().copied().find(|end| *end != NONE));
                     for end in ends.into_iter().chain(first).filter(|end| *end != NONE) {
                         if last != NONE {

@@ -1,16 +1,20 @@
 use std::collections::{HashMap, HashSet};
+use std::ops::Range;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
 
 use super::*;
+use spinney_base::io::{Fetch, RangeCache, RangeFile, ReadBackend};
 use spinney_base::value::SampleType;
 
 /// A raster of classes; 0 is VOID.
-struct Picture {
+struct ClassRaster {
     size: [u64; 2],
     cells: Vec<u8>,
 }
 
-impl Picture {
-    fn random(seed: u64, has_void: bool) -> Picture {
+impl ClassRaster {
+    fn random(seed: u64, has_void: bool) -> ClassRaster {
         let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) + 1;
         let mut next = |bound: u64| {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -23,12 +27,21 @@ impl Picture {
         let cells = (0..size[0] * size[1])
             .map(|cell| coarse[(cell / size[0] / block * 20 + cell % size[0] / block) as usize])
             .collect();
-        Picture { size, cells }
+        ClassRaster { size, cells }
     }
 
-    fn of(rows: &[&str]) -> Picture {
+    fn of(rows: &[&str]) -> ClassRaster {
         let cells = rows.iter().flat_map(|row| row.bytes().map(|cell| cell - b'0')).collect();
-        Picture { size: [rows[0].len() as u64, rows.len() as u64], cells }
+        ClassRaster { size: [rows[0].len() as u64, rows.len() as u64], cells }
+    }
+
+    /// A diamond of class 1 in VOID. Its border has `8 * radius - 4` vertices.
+    fn diamond(radius: u64) -> ClassRaster {
+        let size = [2 * radius, 2 * radius];
+        let from_middle = |at: u64| at.abs_diff(radius).max((at + 1).abs_diff(radius));
+        let cell = |x: u64, y: u64| u8::from(from_middle(x) + from_middle(y) <= radius + 1);
+        let cells = (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| cell(x, y))).collect();
+        ClassRaster { size, cells }
     }
 
     /// Number of cells of each region, with its class.
@@ -64,7 +77,7 @@ impl Picture {
     }
 }
 
-impl ClassCells for Picture {
+impl ClassCells for ClassRaster {
     fn node(&self, _: Code) -> Result<Child<()>> {
         Ok(Child::Inner { representative: Value::from([0u8]), node: () })
     }
@@ -90,18 +103,18 @@ struct Found {
     polygons: Vec<Vec<Ring>>,
 }
 
-fn find(picture: &Picture, request: &PolygonRequest) -> Vec<Found> {
-    let mut ground = ClassGround {
-        cells: picture,
-        level: 5,
-        size: picture.size,
+fn find(raster: &ClassRaster, request: &PolygonRequest) -> Vec<Found> {
+    let mut grid = ClassGrid {
+        cells: raster,
+        level: raster.size[0].max(raster.size[1]).next_power_of_two().ilog2().max(5) as u8,
+        size: raster.size,
         frame: Frame::identity(),
         value: ValueType::new(SampleType::U8, 1),
         width: 1,
         classes: None,
     };
     let mut all = Vec::new();
-    find_regions(&mut ground, request, &(), &mut |region| {
+    find_regions(&mut grid, request, &(), &mut |region| {
         let mut rings = Vec::new();
         for part in 0..region.parts() {
             let mut ring: Ring = Vec::new();
@@ -138,12 +151,12 @@ fn is_inside(rings: &[Ring], [x, y]: [f64; 2]) -> bool {
 }
 
 /// Compares exact polygons with regions found by flood fill.
-fn check(picture: &Picture, across_corners: bool) {
+fn check(raster: &ClassRaster, across_corners: bool) {
     let mut request = PolygonRequest::new();
     request.across_corners = across_corners;
-    let found = find(picture, &request);
+    let found = find(raster, &request);
     request.memory = 1;
-    assert_eq!(found, find(picture, &request), "memory changes nothing");
+    assert_eq!(found, find(raster, &request), "memory changes nothing");
     let mut regions = HashSet::new();
     for Found { class, cells, polygons } in &found {
         let mut own = Vec::new();
@@ -164,8 +177,8 @@ fn check(picture: &Picture, across_corners: bool) {
                     assert!(near.iter().any(|at| is_inside(&rings[..1], *at)), "holes lie inside");
                 }
             }
-            let width = picture.size[0];
-            own.extend((0..picture.cells.len()).filter(|cell| {
+            let width = raster.size[0];
+            own.extend((0..raster.cells.len()).filter(|cell| {
                 let cell = *cell as u64;
                 is_inside(rings, [(cell % width) as f64 + 0.5, (cell / width) as f64 + 0.5])
             }));
@@ -177,20 +190,20 @@ fn check(picture: &Picture, across_corners: bool) {
         regions.insert((*class as u8, own));
     }
     assert_eq!(regions.len(), found.len());
-    assert_eq!(regions, picture.regions(across_corners));
+    assert_eq!(regions, raster.regions(across_corners));
 }
 
 #[test]
-fn polygons_are_the_regions_of_random_pictures() {
+fn polygons_are_the_regions_of_random_rasters() {
     for seed in 0..400 {
-        let picture = Picture::random(seed, true);
-        check(&picture, false);
-        check(&picture, true);
+        let raster = ClassRaster::random(seed, true);
+        check(&raster, false);
+        check(&raster, true);
     }
 }
 
 #[test]
-fn polygons_are_the_regions_of_pictures_that_are_hard() {
+fn polygons_are_the_regions_of_difficult_rasters() {
     for rows in [
         &["1111"][..],
         &["1212", "2121", "1212", "2121"],
@@ -214,8 +227,8 @@ fn polygons_are_the_regions_of_pictures_that_are_hard() {
         &["111111", "102011", "120211", "112011", "111111"],
         &["0111", "1011", "1101", "1110"],
     ] {
-        check(&Picture::of(rows), false);
-        check(&Picture::of(rows), true);
+        check(&ClassRaster::of(rows), false);
+        check(&ClassRaster::of(rows), true);
     }
 }
 
@@ -237,11 +250,11 @@ fn meet([a, b]: [[f64; 2]; 2], [c, d]: [[f64; 2]; 2]) -> bool {
 fn simplified_borders_are_shared_and_never_cross() {
     let mut saved = 0;
     for seed in 0..300 {
-        let picture = Picture::random(seed, false);
+        let raster = ClassRaster::random(seed, false);
         let mut request = PolygonRequest::new();
-        let exact = find(&picture, &request);
+        let exact = find(&raster, &request);
         request.simplify = Some([0.6, 1.0, 2.0, 9.0][seed as usize % 4]);
-        let found = find(&picture, &request);
+        let found = find(&raster, &request);
         assert_eq!(found.len(), exact.len());
         type Seen = (u32, [[f64; 2]; 2]);
         let mut segments: HashMap<[[u64; 2]; 2], Seen> = HashMap::new();
@@ -261,10 +274,10 @@ fn simplified_borders_are_shared_and_never_cross() {
                 segments.entry(ends).or_insert((0, [pair[0], pair[1]])).0 += 1;
             }
         }
-        assert_eq!(total, (picture.size[0] * picture.size[1]) as f64, "{seed}");
+        assert_eq!(total, (raster.size[0] * raster.size[1]) as f64, "{seed}");
         for (count, [a, b]) in segments.values() {
             let is_edge = (0..2)
-                .any(|axis| a[axis] == b[axis] && (a[axis] == 0.0 || a[axis] == picture.size[axis] as f64));
+                .any(|axis| a[axis] == b[axis] && (a[axis] == 0.0 || a[axis] == raster.size[axis] as f64));
             assert_eq!(*count, if is_edge { 1 } else { 2 }, "{seed}: {a:?} {b:?}");
         }
         let all: Vec<_> = segments.values().map(|(_, ends)| *ends).collect();
@@ -273,4 +286,62 @@ fn simplified_borders_are_shared_and_never_cross() {
         }
     }
     assert!(saved > 1000, "{saved}");
+}
+
+#[test]
+fn simplified_rings_of_all_lengths_keep_an_area() {
+    // Rings of 4,097 to 8,191 points consist of two chunks, longer ones of more.
+    for radius in [3, 400, 800, 1030, 1200] {
+        let mut request = PolygonRequest::new();
+        request.simplify = Some(1e6);
+        let found = find(&ClassRaster::diamond(radius), &request);
+        let rings: Vec<&Ring> = found.iter().flat_map(|region| region.polygons.iter().flatten()).collect();
+        assert_eq!(rings.len(), 1);
+        assert!(rings[0].len() >= 4 && area(rings[0]) > 0.0, "{radius}: {rings:?}");
+    }
+}
+
+/// Nodes and tiles of VOID cells, with a byte each in a remote file.
+struct RemoteRaster(RangeFile);
+
+impl ClassCells for RemoteRaster {
+    fn node(&self, code: Code) -> Result<Child<()>> {
+        self.0.share(100 * u64::from(code.level()) + u64::from(code.cell()[0]) * 10, 1)?;
+        Ok(Child::Inner { representative: Value::from([0u8]), node: () })
+    }
+
+    fn window(&self, bounds: &Bounds) -> Result<(Vec<u8>, Vec<bool>)> {
+        self.0.share(1000 + bounds.min[0], 1)?;
+        let cells = bounds.volume() as usize;
+        Ok((vec![0; cells], vec![false; cells]))
+    }
+}
+
+/// Numbers of ranges of each fetch.
+struct Fetched(Arc<Mutex<Vec<usize>>>);
+
+impl Fetch for Fetched {
+    fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
+        self.0.lock().unwrap().push(ranges.len());
+        Ok(ranges.iter().map(|range| vec![0; (range.end - range.start) as usize]).collect())
+    }
+}
+
+#[test]
+fn strips_of_remote_trees_take_a_batch_per_level_and_one_for_tiles() {
+    let fetched = Arc::default();
+    let cache = (Arc::new(RangeCache::new(1 << 20)), RangeCache::file_number());
+    let fetch = Box::new(Fetched(Arc::clone(&fetched)));
+    let file = RangeFile::new(Path::new("(remote)"), 1 << 16, fetch, cache, 0);
+    let mut grid = ClassGrid {
+        cells: &RemoteRaster(file),
+        level: 10,
+        size: [1024, 1],
+        frame: Frame::identity(),
+        value: ValueType::new(SampleType::U8, 1),
+        width: 1,
+        classes: None,
+    };
+    find_regions(&mut grid, &PolygonRequest::new(), &(), &mut |_| Ok(())).unwrap();
+    assert_eq!(*fetched.lock().unwrap(), [1, 2, 4, 4]);
 }

@@ -3,7 +3,7 @@
 use super::check_buffers;
 use super::painter::{Painter, bytes_of};
 use crate::query::check_level;
-use crate::store::autumnal::{Autumnal, Piece};
+use crate::store::autumnal::{Autumnal, BoxContent};
 use crate::store::records::{Record, RecordLayout, with_record_type};
 use spinney_base::Result;
 use spinney_base::space::Bounds;
@@ -40,15 +40,15 @@ impl Autumnal {
     fn paint<R: Record>(&self, level: u8, painter: &mut Painter<'_, R>) -> Result<()> {
         painter.clear();
         let bounds = painter.bounds;
-        self.pieces(level, &bounds, &mut |space, piece| match piece {
-            Piece::Uniform(value) => {
+        self.visit_contents(level, &bounds, &mut |space, content| match content {
+            BoxContent::Uniform(value) => {
                 let part = space.intersect(&bounds);
                 if !part.is_empty() {
                     painter.paint(&part, Some(bytes_of::<R>(value)));
                 }
                 Ok(())
             }
-            Piece::Run(records, levels, bad_run) => {
+            BoxContent::Records(records, levels, bad_run) => {
                 painter.run(R::of(records), 0, levels - 1, space.min).map_err(|_| bad_run())
             }
         })

@@ -4,7 +4,7 @@
 //! segments of descendants that reach deeper.
 
 use super::check_buffers;
-use super::painter::{AxisSpan, BadRun, Painter, bytes_of};
+use super::painter::{AxisSpan, InvalidRecords, Painter, bytes_of};
 use crate::query::check_level;
 use crate::store::goblin::{Goblin, Located, Segment};
 use crate::store::records::{Record, with_record_type};
@@ -200,8 +200,8 @@ impl<R: Record> Drawing<'_, '_, R> {
                 if is_complete {
                     let drawn = self.painter.run(records, record, self.window.level - level - 1, min);
                     return drawn.map_err(|bad| match bad {
-                        BadRun::Skip(at) => self.window.tree.bad_skip(&segment, at),
-                        BadRun::Cut => self.window.tree.bad_cut(segment.code()),
+                        InvalidRecords::Skip(at) => self.window.tree.bad_skip(&segment, at),
+                        InvalidRecords::Cut => self.window.tree.bad_cut(segment.code()),
                     });
                 }
                 self.node(&segment, records, record, level, min)?;

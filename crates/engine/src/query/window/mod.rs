@@ -29,7 +29,7 @@ fn check_buffers(
     let flags = valid.map_or(count, <[bool]>::len);
     if flags != count {
         let found = format!("{count} values and {flags} flags");
-        return Err(Error::invalid("window buffer", found, format!("{cells}")));
+        return Err(Error::invalid("window buffer", found, format!("{cells} of each")));
     }
     Ok(())
 }

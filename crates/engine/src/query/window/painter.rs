@@ -15,7 +15,7 @@ use spinney_container::{CUT, INNER, VOID};
 
 /// Contradiction in a run.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum BadRun {
+pub(super) enum InvalidRecords {
     /// At the record with this number.
     Skip(usize),
     /// A node is CUT above the cells to draw.
@@ -23,7 +23,7 @@ pub(super) enum BadRun {
 }
 
 /// Result of drawing.
-pub(super) type Drawn = Result<(), BadRun>;
+pub(super) type Drawn = Result<(), InvalidRecords>;
 
 /// Cells of a node, or of its lower or upper half, that are in a window, along one axis.
 #[derive(Clone, Copy, Default)]
@@ -62,7 +62,7 @@ impl<'a, R: Record> Painter<'a, R> {
         valid: Option<&'a mut [bool]>,
     ) -> Painter<'a, R> {
         let [width, height, _] = array::map(bounds.size(), |size| size as usize);
-        let values = <[R::Bytes]>::mut_from_bytes(values).expect("a whole number of values, as was checked");
+        let values = <[R::Bytes]>::mut_from_bytes(values).expect("whole values, as the caller checked");
         let strides = [1, width, width * height];
         Painter { bounds, strides, fill: bytes_of::<R>(fill), values, valid }
     }
@@ -123,7 +123,7 @@ impl<'a, R: Record> Painter<'a, R> {
                 // Children outside of the window are skipped, but their skips are checked as well.
                 let skip = if next < end { records[next].skip() as usize } else { 0 };
                 if skip == 0 || next + skip > end {
-                    return Err(BadRun::Skip(at));
+                    return Err(InvalidRecords::Skip(at));
                 }
                 next += skip;
             }
@@ -139,7 +139,7 @@ impl<'a, R: Record> Painter<'a, R> {
                     let min = array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
                     self.run(records, under, below - 1, min)?;
                 }
-                CUT if below > 0 => return Err(BadRun::Cut),
+                CUT if below > 0 => return Err(InvalidRecords::Cut),
                 _ => self.fill(start, size, Some(record.values()[child])),
             }
         }
@@ -169,12 +169,12 @@ impl<'a, R: Record> Painter<'a, R> {
                     let skip =
                         records.get(next).filter(|_| next < end).map_or(0, |record| record.skip() as usize);
                     if skip == 0 || next + skip > end {
-                        return Err(BadRun::Skip(at));
+                        return Err(InvalidRecords::Skip(at));
                     }
                     self.whole(records, next, below - 1, start)?;
                     next += skip;
                 }
-                CUT => return Err(BadRun::Cut),
+                CUT => return Err(InvalidRecords::Cut),
                 state => {
                     let value = (state != VOID).then(|| record.values()[child]);
                     let side = 1 << below;
@@ -187,9 +187,13 @@ impl<'a, R: Record> Painter<'a, R> {
 
     /// Returns the dense block at a record if it contains the window's cells, which are `below + 1`
     /// levels below its root.
-    fn dense_rows<'s>(records: &'s [R], at: usize, below: u8) -> std::result::Result<DenseBlock<'s>, BadRun> {
+    fn dense_rows<'s>(
+        records: &'s [R],
+        at: usize,
+        below: u8,
+    ) -> std::result::Result<DenseBlock<'s>, InvalidRecords> {
         let block = dense_block(records, at);
-        block.filter(|block| block.levels > below).ok_or(BadRun::Skip(at))
+        block.filter(|block| block.levels > below).ok_or(InvalidRecords::Skip(at))
     }
 
     /// Draws a dense block that is entirely in the window by copying its rows: the common case for
@@ -316,9 +320,9 @@ impl<'a, R: Record> Painter<'a, R> {
         // discards what was drawn. So corruption is tested once at the end, and the loop does not
         // branch on it. (CUT has both bits of a state set.)
         if states & states >> 1 & LOW_STATE_BITS != 0 {
-            return Err(BadRun::Cut);
+            return Err(InvalidRecords::Cut);
         }
-        if next == under.len() { Ok(()) } else { Err(BadRun::Skip(at)) }
+        if next == under.len() { Ok(()) } else { Err(InvalidRecords::Skip(at)) }
     }
 
     /// Draws the children of a node as single cells, in pairs along x.

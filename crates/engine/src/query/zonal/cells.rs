@@ -13,7 +13,7 @@ use spinney_overlay::{Crossings, FULL_SHARE, Polygon};
 pub(super) struct ZoneCells<'a> {
     pub(super) polygon: &'a Polygon,
     pub(super) rule: EdgeRule,
-    pub(super) picture: Bounds,
+    pub(super) extent: Bounds,
     /// Cached results for the other trees of the grid, if there are any.
     pub(super) found: Option<RefCell<FoundCells>>,
 }
@@ -68,9 +68,9 @@ impl ZoneCells<'_> {
             return *found;
         }
         let found = find();
-        let (mut known, room) = (known.borrow_mut(), MAX_FOUND);
+        let (mut known, limit) = (known.borrow_mut(), MAX_FOUND);
         let of_kind = kind(&mut known);
-        if of_kind.len() < room {
+        if of_kind.len() < limit {
             of_kind.insert(area, found);
         }
         found
@@ -91,7 +91,7 @@ impl ZoneCells<'_> {
 
     /// Returns the area outside of the raster in cells.
     pub(super) fn outside(&self) -> f64 {
-        self.polygon.area_outside(&self.picture) * self.picture.max[2] as f64
+        self.polygon.area_outside(&self.extent) * self.extent.max[2] as f64
     }
 
     /// Passes the spans of a box's cells in the polygon to `each`, row by row, with the share of
@@ -140,7 +140,7 @@ impl ZoneCells<'_> {
 impl Selection for ZoneCells<'_> {
     fn cover(&self, space: &Bounds) -> Cover {
         // Cells outside of the raster are VOID and do not count.
-        if self.picture.intersect(space).is_empty() {
+        if self.extent.intersect(space).is_empty() {
             return Cover::Nothing;
         }
         self.find(space, |found| &mut found.covers, || self.cover_of(space))

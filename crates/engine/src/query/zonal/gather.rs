@@ -5,7 +5,7 @@ use super::super::count::{Count, counter_of};
 use super::super::walk::{Visitor, Walked, Zone};
 use super::ZonalTree;
 use super::cells::{CellCount, ZoneCells, in_shares};
-use super::parts::Parts;
+use super::parts::PartialCellSums;
 use super::request::{ZonalRequest, ZoneStatistics};
 use super::values::{Values, of_classes};
 use crate::store::records::dense::DenseBlock;
@@ -23,7 +23,7 @@ pub(super) struct Gather<'a> {
     /// Statistics of full cells.
     count: Box<dyn Count>,
     /// Statistics of partial cells.
-    parts: Parts,
+    parts: PartialCellSums,
     /// All cells of the zone within the raster, including VOID ones, in shares.
     all: u128,
     /// Cell counts per sample, if they are requested and not counted as classes.
@@ -49,7 +49,7 @@ impl<'a> Gather<'a> {
             request,
             depth: tree.depth,
             count: if counts_classes { Box::new(Classes::new(form)) } else { counter_of(form) },
-            parts: Parts::new(form, counts_classes),
+            parts: PartialCellSums::new(form, counts_classes),
             all: 0,
             values: (request.needs_values() && !is_counted).then(|| Values::new(form, memory)),
             counts_classes: is_counted,
@@ -63,24 +63,24 @@ impl<'a> Gather<'a> {
     /// # Errors
     /// If temporary files cannot be used.
     pub(super) fn finish(self) -> Result<ZoneStatistics> {
-        let mut told = self.parts.with(&self.count.finish(), self.all);
-        told.outside_cells = self.zone.outside();
+        let mut statistics = self.parts.with(&self.count.finish(), self.all);
+        statistics.outside_cells = self.zone.outside();
         if let Some(values) = self.values {
-            let cells: Vec<f64> = told.channels.iter().map(|channel| channel.cells).collect();
+            let cells: Vec<f64> = statistics.channels.iter().map(|channel| channel.cells).collect();
             let found = values.finish(&cells, self.request)?;
-            told.channels.iter_mut().zip(found).for_each(|(channel, values)| channel.values = values);
+            statistics.channels.iter_mut().zip(found).for_each(|(channel, values)| channel.values = values);
         } else if self.counts_classes
             && self.request.needs_values()
-            && let Some(channel) = told.channels.first_mut()
+            && let Some(channel) = statistics.channels.first_mut()
         {
-            channel.values = of_classes(&told.classes, self.request);
+            channel.values = of_classes(&statistics.classes, self.request);
         }
-        Ok(told)
+        Ok(statistics)
     }
 
     /// Counts all cells of a node within the raster.
     fn count_all(&mut self, code: Code) {
-        let bounds = code.bounds(self.depth).intersect(&self.zone.picture);
+        let bounds = code.bounds(self.depth).intersect(&self.zone.extent);
         self.all += in_shares((bounds.volume(), 0));
     }
 }
@@ -106,7 +106,7 @@ impl Visitor for Gather<'_> {
                 return Ok(());
             }
             None => (cells, 0),
-            Some(part) => self.zone.count(&part.intersect(&self.zone.picture), &mut self.crossings),
+            Some(part) => self.zone.count(&part.intersect(&self.zone.extent), &mut self.crossings),
         };
         let shares = in_shares(count);
         self.all += shares;
@@ -134,9 +134,9 @@ impl Visitor for Gather<'_> {
         let (count, parts, values, all) = (&mut self.count, &mut self.parts, &mut self.values, &mut self.all);
         let origin = code.bounds(self.depth).min;
         // (Cells outside of the raster are VOID.)
-        let picture = &self.zone.picture;
+        let extent = &self.zone.extent;
         let [columns, rows, layers] =
-            [0, 1, 2].map(|axis| (size[axis] as u64).min(picture.max[axis].saturating_sub(origin[axis])));
+            [0, 1, 2].map(|axis| (size[axis] as u64).min(extent.max[axis].saturating_sub(origin[axis])));
         let part = Bounds { min: [origin[0], origin[1], 0], max: [origin[0] + columns, origin[1] + rows, 1] };
         self.zone.spans(&part, &mut self.crossings, &mut |row, span, share| {
             *all += u128::from(share) * u128::from((span.end - span.start) * layers);

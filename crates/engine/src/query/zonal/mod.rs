@@ -36,7 +36,7 @@ pub(crate) struct ZonalTree<'a> {
     depth: u8,
     counts_classes: bool,
     /// Box of the cells that may be other than VOID.
-    picture: Bounds,
+    extent: Bounds,
     walk: Box<WalkZone<'a>>,
 }
 
@@ -56,7 +56,7 @@ impl<'a> ZonalTree<'a> {
 
     fn new(header: &Header, walk: Box<WalkZone<'a>>) -> ZonalTree<'a> {
         let (depth, counts_classes) = (header.depth(), header.counts_classes());
-        ZonalTree { form: header.form, depth, counts_classes, picture: header.picture(), walk }
+        ZonalTree { form: header.form, depth, counts_classes, extent: header.extent_bounds(), walk }
     }
 }
 
@@ -120,7 +120,7 @@ impl ZonalGroup<'_> {
         let Some(Some(polygon)) = self.polygons.get(number) else { return Ok(()) };
         let mut found = (self.trees.len() > 1).then(RefCell::<FoundCells>::default);
         for (place, tree) in &self.trees {
-            let zone = ZoneCells { polygon, rule: request.edge, picture: tree.picture, found: found.take() };
+            let zone = ZoneCells { polygon, rule: request.edge, extent: tree.extent, found: found.take() };
             let mut gather = Gather::new(tree, &zone, (request, memory), progress);
             ended((tree.walk)(&zone, &mut gather))?;
             all[*place] = gather.finish()?;

@@ -16,21 +16,21 @@ use spinney_base::{TreeType, sort};
 use spinney_overlay::FULL_SHARE;
 
 /// Statistics of partial cells.
-pub(super) struct Parts {
+pub(super) struct PartialCellSums {
     value_type: ValueType,
-    channels: [ChannelParts; 4],
+    channels: [ChannelSums; 4],
     /// Sum of the shares of all cells.
     shares: u128,
-    classes: PartsOfClasses,
+    classes: ClassShares,
     /// Converts a sample to `f64` for computing.
     number: fn(&[u8]) -> f64,
     /// Converts a sample exactly.
     exact: fn(&[u8]) -> Number,
-    dense: AddDense<Parts>,
+    dense: AddDense<PartialCellSums>,
 }
 
 /// Shares of each class. (For one channel, all other statistics follow from them.)
-enum PartsOfClasses {
+enum ClassShares {
     /// Not counted.
     None,
     /// Values of one byte.
@@ -40,7 +40,7 @@ enum PartsOfClasses {
 
 /// Sums of a channel's samples, weighted by their shares.
 #[derive(Clone, Copy)]
-struct ChannelParts {
+struct ChannelSums {
     shares: u128,
     /// Exact sum of integers of up to 32 bits.
     exact: i128,
@@ -54,11 +54,11 @@ struct ChannelParts {
     most: f64,
 }
 
-impl Default for ChannelParts {
+impl Default for ChannelSums {
     fn default() -> Self {
         let (least, most) = (f64::INFINITY, f64::NEG_INFINITY);
         let (sum, squares) = (TripleDouble::default(), TripleDouble::default());
-        ChannelParts { shares: 0, exact: 0, sum, squares, min: least.into(), max: most.into(), least, most }
+        ChannelSums { shares: 0, exact: 0, sum, squares, min: least.into(), max: most.into(), least, most }
     }
 }
 
@@ -70,7 +70,7 @@ fn double_of(shares: u128) -> DoubleDouble {
     }
 }
 
-impl ChannelParts {
+impl ChannelSums {
     /// Extends the extremes by a sample. The extremes are exact, but most samples do not need an
     /// exact comparison.
     #[inline]
@@ -83,18 +83,18 @@ impl ChannelParts {
     }
 }
 
-impl Parts {
+impl PartialCellSums {
     /// Creates empty statistics for trees of `form`.
-    pub(super) fn new(form: TreeType, counts_classes: bool) -> Parts {
+    pub(super) fn new(form: TreeType, counts_classes: bool) -> PartialCellSums {
         let value_type = form.value;
         let classes = match (counts_classes, value_type.size()) {
-            (false, _) => PartsOfClasses::None,
-            (true, 1) => PartsOfClasses::Bytes(Box::new([0; 256])),
-            (true, _) => PartsOfClasses::Values(HashMap::new()),
+            (false, _) => ClassShares::None,
+            (true, 1) => ClassShares::Bytes(Box::new([0; 256])),
+            (true, _) => ClassShares::Values(HashMap::new()),
         };
-        Parts {
+        PartialCellSums {
             value_type,
-            channels: [ChannelParts::default(); 4],
+            channels: [ChannelSums::default(); 4],
             shares: 0,
             classes,
             number: with_sample_type!(value_type.sample, S => number_of::<S>),
@@ -119,9 +119,9 @@ impl Parts {
     fn add(&mut self, bytes: &[u8], shares: u128) {
         self.shares += shares;
         match &mut self.classes {
-            PartsOfClasses::None => self.measure(bytes, shares),
-            PartsOfClasses::Bytes(classes) => classes[usize::from(bytes[0])] += shares,
-            PartsOfClasses::Values(classes) => {
+            ClassShares::None => self.measure(bytes, shares),
+            ClassShares::Bytes(classes) => classes[usize::from(bytes[0])] += shares,
+            ClassShares::Values(classes) => {
                 *classes.entry(Value::from_bytes(bytes)).or_default() += shares;
             }
         }
@@ -160,14 +160,13 @@ impl Parts {
     /// raster.
     pub(super) fn with(mut self, whole: &ZoneStats, all: u128) -> ZoneStatistics {
         let value_type = self.value_type;
-        let mut classes: Vec<(Value, u128)> = match std::mem::replace(&mut self.classes, PartsOfClasses::None)
-        {
-            PartsOfClasses::None => Vec::new(),
-            PartsOfClasses::Bytes(classes) => {
+        let mut classes: Vec<(Value, u128)> = match std::mem::replace(&mut self.classes, ClassShares::None) {
+            ClassShares::None => Vec::new(),
+            ClassShares::Bytes(classes) => {
                 let counted = (0..=u8::MAX).zip(*classes).filter(|(_, shares)| *shares > 0);
                 counted.map(|(byte, shares)| (Value::from([byte]), shares)).collect()
             }
-            PartsOfClasses::Values(classes) => classes.into_iter().collect(),
+            ClassShares::Values(classes) => classes.into_iter().collect(),
         };
         // (Rounded sums depend on the order, so the order is fixed.)
         sort::by(&mut classes, &mut |(a, _), (b, _)| value_type.order(*a, *b));
@@ -243,7 +242,7 @@ fn exact_of<S: Sample>(bytes: &[u8]) -> Number {
 }
 
 fn add_dense<R: Record>(
-    parts: &mut Parts,
+    parts: &mut PartialCellSums,
     block: &DenseBlock<'_>,
     part: ([usize; 3], [usize; 3]),
     share: u64,

@@ -65,7 +65,7 @@ impl ZonalRequest {
     /// Fails if a quantile is out of range or there are too many.
     pub(super) fn check(&self) -> Result<()> {
         if self.quantiles.len() > MAX_QUANTILES {
-            let found = format!("{} of them", self.quantiles.len());
+            let found = format!("{} quantiles", self.quantiles.len());
             return Err(Error::invalid("quantiles", found, format!("at most {MAX_QUANTILES}")));
         }
         match self.quantiles.iter().find(|quantile| !(0.0..=1.0).contains(*quantile)) {

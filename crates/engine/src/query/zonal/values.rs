@@ -49,7 +49,7 @@ struct Channel {
 type Entry = (u64, u128);
 
 /// Minimum number of entries to collect before equal keys are merged.
-const FEW: usize = 1 << 12;
+const MIN_ENTRIES: usize = 1 << 12;
 
 impl Values {
     /// Creates empty counts for trees of `form` that may use `memory` bytes.
@@ -57,10 +57,10 @@ impl Values {
         let value_type = form.value;
         let bits = 8 * value_type.sample.size();
         let channels = u64::from(value_type.channels);
-        let most = (memory / channels / ENTRY_BYTES).clamp(FEW as u64, u64::from(u32::MAX)) as usize;
+        let most = (memory / channels / ENTRY_BYTES).clamp(MIN_ENTRIES as u64, u64::from(u32::MAX)) as usize;
         let channel = |_| Channel {
             entries: Vec::new(),
-            limit: FEW,
+            limit: MIN_ENTRIES,
             most,
             table: if bits == 8 { vec![0; 1 << bits] } else { Vec::new() },
             bits,
@@ -174,7 +174,7 @@ impl Channel {
     #[inline(never)]
     fn push(&mut self, key: u64, cells: u128, failed: &mut Result<()>) {
         if self.entries.len() >= self.limit
-            && let Err(error) = self.make_room()
+            && let Err(error) = self.free_memory()
         {
             // (The counts are incomplete from here on; `finish` returns the error.)
             self.entries.clear();
@@ -188,7 +188,7 @@ impl Channel {
 
     /// Merges equal samples, in a table if the sample type has few values. If more than half of the
     /// memory limit is still used, the entries move to temporary files.
-    fn make_room(&mut self) -> Result<()> {
+    fn free_memory(&mut self) -> Result<()> {
         if self.bits <= 16 {
             self.table = vec![0; 1 << self.bits];
             for (key, cells) in self.entries.drain(..) {
@@ -196,7 +196,7 @@ impl Channel {
             }
             return Ok(());
         }
-        self.put_together();
+        self.merge_entries();
         if self.entries.len() > self.most / 2 {
             let memory = self.most as u64 / 4 * ENTRY_BYTES;
             let sorter =
@@ -207,11 +207,11 @@ impl Channel {
         }
         // (Leave space for as many new entries as there are, so that the time for sorting stays
         // small.)
-        self.limit = (2 * self.entries.len()).clamp(FEW, self.most);
+        self.limit = (2 * self.entries.len()).clamp(MIN_ENTRIES, self.most);
         Ok(())
     }
 
-    fn put_together(&mut self) {
+    fn merge_entries(&mut self) {
         sort::by_key(&mut self.entries, |entry| entry.0);
         self.entries.dedup_by(|next, entry| {
             let is_same = next.0 == entry.0;
@@ -229,26 +229,26 @@ impl Channel {
         all: f64,
         request: &ZonalRequest,
     ) -> Result<Option<ZoneValues>> {
-        let mut told = Told::new(all, request);
+        let mut measures = OrderStatistics::new(all, request);
         if !self.table.is_empty() {
             let counted = (0..).zip(&self.table).filter(|(_, cells)| **cells > 0);
-            counted.for_each(|(key, cells)| told.add(number(key), *cells));
-            return Ok(told.finish());
+            counted.for_each(|(key, cells)| measures.add(number(key), *cells));
+            return Ok(measures.finish());
         }
-        self.put_together();
+        self.merge_entries();
         let Some(mut sorter) = self.sorter else {
-            self.entries.iter().for_each(|(key, cells)| told.add(number(*key), *cells));
-            return Ok(told.finish());
+            self.entries.iter().for_each(|(key, cells)| measures.add(number(*key), *cells));
+            return Ok(measures.finish());
         };
         for (key, cells) in std::mem::take(&mut self.entries) {
             sorter.push(key, item_of(key, cells))?;
         }
         sorter.finish(&mut |item| {
             let (key, cells) = entry_of(item);
-            told.add(number(key), cells);
+            measures.add(number(key), cells);
             Ok(())
         })?;
-        Ok(told.finish())
+        Ok(measures.finish())
     }
 }
 
@@ -266,15 +266,15 @@ fn entry_of(item: &[u8]) -> Entry {
 
 /// Returns the measures from the cells of each class, in ascending order of classes.
 pub(super) fn of_classes(classes: &[(Number, f64)], request: &ZonalRequest) -> Option<ZoneValues> {
-    let mut told = Told::new(classes.iter().map(|(_, cells)| *cells).sum(), request);
+    let mut measures = OrderStatistics::new(classes.iter().map(|(_, cells)| *cells).sum(), request);
     for (class, cells) in classes {
-        told.add(*class, (*cells * FULL_SHARE as f64) as u128);
+        measures.add(*class, (*cells * FULL_SHARE as f64) as u128);
     }
-    told.finish()
+    measures.finish()
 }
 
 /// Computes measures from samples in ascending order.
-struct Told {
+struct OrderStatistics {
     values: ZoneValues,
     /// Shares of the majority and of the minority.
     most: u128,
@@ -304,20 +304,21 @@ struct Window {
     cells: f64,
 }
 
-impl Told {
+impl OrderStatistics {
     /// Creates an accumulator for `all` cells in total.
-    fn new(all: f64, request: &ZonalRequest) -> Told {
+    fn new(all: f64, request: &ZonalRequest) -> OrderStatistics {
         let window = |number: Option<usize>, quantile: f64| {
             let from = (quantile * (all - 1.0)).max(0.0);
             let to = (from + 1.0).min(all.max(f64::MIN_POSITIVE));
             Window { number, from, to, first: f64::NAN, more: 0.0, cells: 0.0 }
         };
-        let asked = (0..).zip(&request.quantiles).map(|(number, quantile)| window(Some(number), *quantile));
-        let mut windows: Vec<Window> = asked.chain([window(None, 0.5)]).collect();
+        let requested =
+            (0..).zip(&request.quantiles).map(|(number, quantile)| window(Some(number), *quantile));
+        let mut windows: Vec<Window> = requested.chain([window(None, 0.5)]).collect();
         sort::by(&mut windows, &mut |a, b| a.from.total_cmp(&b.from));
         let quantiles = vec![f64::NAN; request.quantiles.len()];
         let values = ZoneValues { quantiles, ..ZoneValues::default() };
-        Told { values, most: 0, fewest: u128::MAX, last: None, before: 0, windows, done: 0 }
+        OrderStatistics { values, most: 0, fewest: u128::MAX, last: None, before: 0, windows, done: 0 }
     }
 
     /// Adds cells of a sample that is not less than those before.

@@ -13,7 +13,7 @@ use super::packed::{PackedExtents, PackedWriter};
 use super::pages::{PAGE, SECTOR};
 use super::reader::Autumnal;
 use super::share::{DedupTable, hash};
-use spinney_base::io::{ReadBackend, WriteBackend, folder};
+use spinney_base::io::{ReadBackend, WriteBackend, directory_of};
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 
@@ -44,7 +44,11 @@ pub(super) struct Appender {
     buffer: Vec<u8>,
     /// Buffer offset and kind of the open extent.
     extent: Option<(usize, ExtentKind)>,
+    /// Records written and shared since the last commit. (The editor counts the bytes, by offsets.)
     pub(super) written: WriteSummary,
+    /// Records that this writer has written, if equal subtrees are stored once. It does not have
+    /// those that were in the file before: they are shared only with the same node of the edited
+    /// tree, by the caller.
     dedup: Option<DedupTable>,
     /// Reader of the written bytes, to compare them with new records. Reopened after each write.
     reader: Option<Box<dyn ReadBackend>>,
@@ -68,7 +72,7 @@ impl Appender {
         end: u64,
         share: Option<u64>,
     ) -> Appender {
-        let dedup = share.map(|memory| DedupTable::new(memory, folder(&path)));
+        let dedup = share.map(|memory| DedupTable::new(memory, directory_of(&path)));
         Appender {
             backend,
             path,
@@ -92,6 +96,10 @@ impl Appender {
     }
 
     /// Switches to records of another tree.
+    ///
+    /// Invariant: records may be shared between trees of different types, so known records are
+    /// kept. A record is shared if its bytes, read with the layout of the present tree, are those
+    /// of the new record ([`Self::size_of`]); then it means the same in this tree.
     pub(super) fn set_tree(&mut self, tree: &Autumnal) {
         self.close_extent();
         self.layout = tree.layout().clone();
@@ -235,7 +243,7 @@ impl Appender {
         }
         self.open_extent(ExtentKind::Records)?;
         let mut address = self.position();
-        let mut size = self.encode_record(address, record);
+        self.encode_record(address, record);
         // Invariant: between an extent's start and the start of its last record, no sector boundary
         // has the magic number of a head. Readers search backwards from a record to the nearest
         // head, and values can look like one. Then no record may start there or later in the same
@@ -247,24 +255,21 @@ impl Appender {
                 self.close_extent();
                 self.open_extent(ExtentKind::Records)?;
                 address = self.position();
-                size = self.encode_record(address, record);
+                self.encode_record(address, record);
             }
             if self.magic_since(address).is_some() {
                 self.close_extent();
             }
         }
         self.written.records += 1;
-        self.written.bytes += size as u64;
         Ok(address)
     }
 
-    /// Appends a record to the buffer and returns its size in bytes.
-    fn encode_record(&mut self, address: u64, record: NewRecord<'_>) -> usize {
+    /// Appends a record to the buffer.
+    fn encode_record(&mut self, address: u64, record: NewRecord<'_>) {
         let NewRecord { height, representative, pointers, run, zone } = record;
-        let start = self.buffer.len();
         self.layout.encode((address, height), representative, pointers, run, &mut self.buffer);
         self.buffer.extend_from_slice(zone);
-        self.buffer.len() - start
     }
 
     /// Returns the first sector boundary with a head's magic number that extends beyond `address`
@@ -373,20 +378,20 @@ impl Appender {
 
     /// Returns the size in bytes of a record if it has this content.
     fn size_of(&self, bytes: &[u8], address: u64, content: &[u8], new: NewRecord<'_>) -> Option<usize> {
-        let parts = self.layout.parts(bytes, new.height).ok()?;
+        let fields = self.layout.fields(bytes, new.height).ok()?;
         let representative = self.layout.representative(bytes)?;
-        let zone = bytes.get(parts.end..parts.end + new.zone.len())?;
-        let pointers = parts.pointers(bytes, address)?;
+        let zone = bytes.get(fields.end..fields.end + new.zone.len())?;
+        let pointers = fields.pointers(bytes, address)?;
         let mut found = Vec::with_capacity(content.len());
         let record = NewRecord {
             height: new.height,
             representative,
             pointers: &pointers,
-            run: parts.run(bytes),
+            run: fields.run(bytes),
             zone,
         };
         Self::content_of(&mut found, record, self.layout.width());
-        (found == content).then_some(parts.end + zone.len())
+        (found == content).then_some(fields.end + zone.len())
     }
 
     /// Writes a separate extent and returns its offset.

@@ -12,7 +12,7 @@ use super::commit::{Commit, CommitLayer};
 use super::extents::Extents;
 use super::layout::run_levels;
 use super::meta::Meta;
-use super::newest::{Look, Newest, find_newest, whole};
+use super::newest::{NewestSearch, NewestState, find_newest, whole};
 use super::packed::PackedExtents;
 use super::pages::{FIRST_EXTENT, PAGE};
 use spinney_base::io::platform::pause;
@@ -34,14 +34,14 @@ struct RawRecords {
 }
 
 /// Offset of these fields.
-const RECORDS: u64 = 64;
+const RECORDS_OFFSET: u64 = 64;
 
 /// Returns the first page of a file.
 pub(super) fn first_page(header: &FileHeader, form: RecordsForm) -> Vec<u8> {
     let mut page = header.to_bytes().to_vec();
-    page.resize(RECORDS as usize, 0);
-    let RecordsForm { run_levels, share, is_packed } = form;
-    let (share, packed) = (share.into(), is_packed.into());
+    page.resize(RECORDS_OFFSET as usize, 0);
+    let RecordsForm { run_levels, share, may_pack } = form;
+    let (share, packed) = (share.into(), may_pack.into());
     let mut raw = RawRecords { share, run_levels, packed, zero: 0, checksum: 0.into() };
     raw.checksum = crc32c::crc32c(&raw.as_bytes()[..4]).into();
     page.extend_from_slice(raw.as_bytes());
@@ -57,7 +57,7 @@ pub(super) struct RecordsForm {
     /// Whether equal subtrees are stored once.
     pub(super) share: bool,
     /// Whether extents of records may be packed.
-    pub(super) is_packed: bool,
+    pub(super) may_pack: bool,
 }
 
 /// Content of the header page.
@@ -71,21 +71,22 @@ impl Pages {
     fn read(path: &Path, bytes: &dyn ReadBackend) -> Result<Pages> {
         let header = FileHeader::read_cells(path, bytes)?;
         if header.format != TreeFormat::Autumnal {
-            let advice =
-                "`spinney convert` makes an Autumnal file of it, which can be edited and has a history";
-            return Err(Error::unsupported(path, "editing a Goblin file", advice));
+            let found = "a Goblin file, which is read-only and has no commits, instead of an Autumnal file";
+            let advice = "convert it to an Autumnal file, which can be edited: `spinney convert`";
+            return Err(Error::unsupported(path, found, advice));
         }
         let corrupt = |place, found: &str, expected| Error::corrupt(path, place, found, expected);
         if bytes.len() < FIRST_EXTENT {
             let found = format!("{} bytes", bytes.len());
-            return Err(corrupt("file", &found, "three pages and a commit (is the file cut short?)"));
+            return Err(corrupt("file", &found, "at least 3 pages and a commit (is the file cut short?)"));
         }
-        let raw = bytes.read(RECORDS, size_of::<RawRecords>())?.into_owned();
+        let raw = bytes.read(RECORDS_OFFSET, size_of::<RawRecords>())?.into_owned();
         let good = crc32c::crc32c(&raw[..4]);
-        let raw = RawRecords::ref_from_bytes(&raw).map_err(|_| corrupt("header", "too few bytes", "more"))?;
+        let raw =
+            RawRecords::ref_from_bytes(&raw).map_err(|_| corrupt("header", "too few bytes", "a page"))?;
         if raw.checksum.get() != good || raw.share > 1 {
-            let found = format!("{} for equal subtrees stored once", raw.share);
-            return Err(corrupt("header", &found, "0 or 1, with its checksum"));
+            let found = format!("sharing of equal subtrees {}", raw.share);
+            return Err(corrupt("header", &found, "0 or 1, and the right checksum"));
         }
         let levels = run_levels(header.dimension);
         if !levels.contains(&raw.run_levels) {
@@ -94,25 +95,29 @@ impl Pages {
             return Err(corrupt("header", &found, &expected));
         }
         if raw.packed > 1 {
-            let found = format!("records packed by the codec {}", raw.packed);
-            return Err(Error::unsupported(path, found, "read it with a program as new as the file"));
+            let found = format!("record codec {}", raw.packed);
+            return Err(Error::unsupported(
+                path,
+                found,
+                "install the version of Spinney that wrote the file, or a newer one",
+            ));
         }
         let form =
-            RecordsForm { run_levels: raw.run_levels, share: raw.share != 0, is_packed: raw.packed != 0 };
+            RecordsForm { run_levels: raw.run_levels, share: raw.share != 0, may_pack: raw.packed != 0 };
         Ok(Pages { header, form })
     }
 
     fn archive(
         self,
         extents: Extents,
-        (meta, newest): (Meta, Newest),
+        (meta, state): (Meta, NewestState),
         file: FileId,
         access: &FileAccess,
     ) -> Archive {
         let Pages { header, form } = self;
-        let packed = form.is_packed.then(|| Arc::new(PackedExtents::new(&header, form.run_levels, access)));
+        let packed = form.may_pack.then(|| Arc::new(PackedExtents::new(&header, form.run_levels, access)));
         let extents = Arc::new(extents.with_packed(packed));
-        Archive { header, form, extents, meta, newest, file, access: access.clone() }
+        Archive { header, form, extents, meta, state, file, access: access.clone() }
     }
 }
 
@@ -125,7 +130,7 @@ pub(super) struct Archive {
     /// Slot of the newest readable commit.
     pub(super) meta: Meta,
     /// State of the newest commit, which callers should report.
-    pub(super) newest: Newest,
+    pub(super) state: NewestState,
     pub(super) file: FileId,
     /// Options that the file was opened with.
     pub(super) access: FileAccess,
@@ -150,12 +155,12 @@ impl Archive {
         open: &dyn Fn() -> Result<OpenFile>,
         options: &OpenOptions,
     ) -> Result<Archive> {
-        for attempt in 0..MAX_ATTEMPTS {
+        for retry in 0..MAX_ATTEMPTS {
             // Start over with the header: another file may have that name by now.
-            if let Some(archive) = Archive::read(path, open()?, options, attempt)? {
+            if let Some(archive) = Archive::read(path, open()?, options, retry)? {
                 return Ok(archive);
             }
-            pause(Duration::from_micros(u64::from(attempt) * 10));
+            pause(Duration::from_micros(u64::from(retry) * 10));
         }
         Err(no_meta(path))
     }
@@ -172,20 +177,22 @@ impl Archive {
         path: &Path,
         (bytes, file): OpenFile,
         options: &OpenOptions,
-        attempt: u32,
+        retry: u32,
     ) -> Result<Option<Archive>> {
         let pages = Pages::read(path, &*bytes)?;
         // A slot whose commit ends after these bytes may have been written since they were opened.
-        let (bytes, meta, newest) = match find_newest(path, bytes)? {
-            Look::Nothing(Some(error)) if attempt >= ENOUGH_ATTEMPTS => return Err(error),
-            Look::Nothing(_) => return Ok(None),
-            Look::Found(bytes, meta, newest) if newest == Newest::Good || attempt >= ENOUGH_ATTEMPTS => {
-                (bytes, meta, newest)
+        let (bytes, meta, state) = match find_newest(path, bytes)? {
+            NewestSearch::Nothing(Some(error)) if retry >= ENOUGH_ATTEMPTS => return Err(error),
+            NewestSearch::Nothing(_) => return Ok(None),
+            NewestSearch::Found(bytes, meta, state)
+                if state == NewestState::Good || retry >= ENOUGH_ATTEMPTS =>
+            {
+                (bytes, meta, state)
             }
-            Look::Found(..) => return Ok(None),
+            NewestSearch::Found(..) => return Ok(None),
         };
         let extents = Extents::new(path, bytes, meta.end, options.check)?;
-        Ok(Some(pages.archive(extents, (meta, newest), file, &options.access)))
+        Ok(Some(pages.archive(extents, (meta, state), file, &options.access)))
     }
 
     /// Opens a file up to a commit whose slot is missing.
@@ -197,7 +204,7 @@ impl Archive {
     ) -> Result<Archive> {
         let pages = Pages::read(path, &*bytes)?;
         let extents = Extents::new(path, bytes, meta.end, true)?;
-        Ok(pages.archive(extents, (meta, Newest::Good), file, access))
+        Ok(pages.archive(extents, (meta, NewestState::Good), file, access))
     }
 
     /// Checks that the file still has everything that it had when it was opened.
@@ -207,16 +214,16 @@ impl Archive {
             return changed("was cut short");
         }
         // (If the newest commit's slot is corrupt, the valid one is a commit older.)
-        let known = self.meta.sequence - u64::from(self.newest == Newest::BehindSlot);
+        let known = self.meta.sequence - u64::from(self.state == NewestState::CorruptSlot);
         let now = whole(&self.extents.slots()?).first().map_or(0, |newest| newest.sequence);
         if now < known { changed("was overwritten") } else { Ok(()) }
     }
 
     /// Returns a remark on the file for its users.
     pub(super) fn remark(&self) -> Option<&'static str> {
-        let remark = "the meta slot of its newest commit is damaged; the commit was found behind the one before, and \
-                      the next edit mends the slot";
-        (self.newest == Newest::BehindSlot).then_some(remark)
+        let remark = "the meta slot of its newest commit is corrupt; the commit was found after the previous one, and \
+                      the next edit repairs the slot";
+        (self.state == NewestState::CorruptSlot).then_some(remark)
     }
 
     /// Returns the header of a layer.
@@ -237,7 +244,7 @@ impl Archive {
 
     /// Reads the newest commit.
     pub(super) fn newest(&self) -> Result<Commit> {
-        self.newest.check(&self.extents)?;
+        self.state.check(&self.extents)?;
         Commit::read(&self.extents, self.meta.commit)
     }
 
@@ -246,7 +253,7 @@ impl Archive {
         let mut commit = Commit::read(&self.extents, self.meta.commit)?;
         if commit.number < number {
             // It may be the unreadable one.
-            self.newest.check(&self.extents)?;
+            self.state.check(&self.extents)?;
         }
         // Take jumps as long as they do not lead too far, else single steps. (Both lead back in the
         // file, so the loop ends for any input.)
@@ -263,12 +270,30 @@ impl Archive {
         if commit.number == number {
             return Ok(commit);
         }
-        let expected = "one of those that `spinney log` shows";
+        let newest = Commit::read(&self.extents, self.meta.commit)?;
+        let expected = match (self.oldest(&newest)?, newest.number) {
+            (only, newest) if only == newest => format!("{only}, the only commit"),
+            (oldest, newest) => format!("a commit that `spinney log` lists, from {oldest} to {newest}"),
+        };
         Err(Error::invalid(format!("{}: commit", self.extents.path.display()), number.to_string(), expected))
+    }
+
+    /// Returns the number of the oldest commit, given the newest.
+    fn oldest(&self, newest: &Commit) -> Result<u64> {
+        let before = |commit: &Commit| match (commit.jump.1, commit.previous) {
+            (0, previous) => previous,
+            (jump, _) => jump,
+        };
+        let (mut number, mut next) = (newest.number, before(newest));
+        while next != 0 {
+            let commit = Commit::read(&self.extents, next)?;
+            (number, next) = (commit.number, before(&commit));
+        }
+        Ok(number)
     }
 }
 
 fn no_meta(path: &Path) -> Error {
-    let found = "none that is whole and fits the file";
-    Error::corrupt(path, "meta slots", found, "one (is the file cut short?)")
+    let found = "no valid slot whose commit is in the file";
+    Error::corrupt(path, "meta slots", found, "a valid slot (is the file cut short?)")
 }

@@ -12,7 +12,9 @@ use super::node::AutumnalNode;
 use super::reader::Autumnal;
 use super::verified::Verified;
 use super::zone::Zone;
-use crate::store::builder::{BuildOptions, BuiltBlock, Part, RecordRef, Siblings, TreeSink, upper_levels};
+use crate::store::builder::{
+    BuildOptions, BuiltBlock, EncodedSubtree, RecordRef, Siblings, TreeSink, upper_levels,
+};
 use crate::store::records::subtree::RECORDS_ARE_CHECKED;
 use crate::store::records::{RecordLayout, RunChildren, RunNode, Runs};
 use crate::tree::{Child, Source};
@@ -49,10 +51,10 @@ impl<'a> Check<'a> {
         if !self.extent.contains(&node.address) || tree.extents().packed().is_some() {
             self.extent = tree.extents().records_at(node.address)?;
         }
-        let size = tree.record(node)?.parts.end + zone;
+        let size = tree.record(node)?.fields.end + zone;
         if self.extent.end - node.address < size as u64 {
             let found = format!("{size} bytes");
-            let expected = format!("an end at byte {} or before, where its extent ends", self.extent.end);
+            let expected = format!("an end at or before byte {}, the end of its extent", self.extent.end);
             return Err(tree.extents().corrupt(format!("record at {}", node.address), found, &expected));
         }
         Ok(())
@@ -120,18 +122,18 @@ impl<'a> RecordBuilder<'a> {
 
     /// Returns the root and its zone after all blocks were pushed.
     pub(super) fn finish(self) -> (Root, Zone) {
-        let BuiltNode { part, pointers } = self.root.expect("all blocks were pushed");
-        let value = part.child.value().map(|value| value.to_bytes()[..self.form.width()].to_vec());
-        let address = if part.child.is_inner() { pointers.targets[0] } else { 0 };
-        let root = Root { state: part.child.state() as u8, value: value.unwrap_or_default(), address };
-        (root, Zone { records: part.total, tally: part.tally })
+        let BuiltNode { subtree, pointers } = self.root.expect("all blocks were pushed");
+        let value = subtree.child.value().map(|value| value.to_bytes()[..self.form.width()].to_vec());
+        let address = if subtree.child.is_inner() { pointers.targets[0] } else { 0 };
+        let root = Root { state: subtree.child.state() as u8, value: value.unwrap_or_default(), address };
+        (root, Zone { inner_nodes: subtree.total, tally: subtree.tally })
     }
 
     /// Adds a node and all ancestors that it completes.
     fn join(&mut self, mut node: BuiltNode) -> Result<()> {
         let (depth, value_type) = (self.depth, self.form.value);
         loop {
-            let code = node.part.code;
+            let code = node.subtree.code;
             if let Some(copied) = &mut self.copied {
                 copied.made(code, &node);
             }
@@ -139,7 +141,7 @@ impl<'a> RecordBuilder<'a> {
                 self.root = Some(node);
                 return Ok(());
             };
-            let void = |code| BuiltNode::new(Part::uniform(code, depth, value_type, None, false));
+            let void = |code| BuiltNode::new(EncodedSubtree::uniform(code, depth, value_type, None, false));
             let step = code.step(parent.level());
             let Some(children) = self.siblings.join(parent, step, node, void) else { return Ok(()) };
             node = self.merge(parent, children)?;
@@ -150,10 +152,10 @@ impl<'a> RecordBuilder<'a> {
     fn merge(&mut self, code: Code, nodes: Vec<BuiltNode>) -> Result<BuiltNode> {
         let height = self.depth - code.level();
         // Levels from a child down to the next nodes with records; 0 if the child itself has one.
-        let below = self.heights.below(height).map_or(0, |below| height - 1 - below);
-        let bits = self.form.dimension.cells(below);
+        let levels = self.heights.target_height(height).map_or(0, |target_height| height - 1 - target_height);
+        let bits = self.form.dimension.cells(levels);
         let mut pointers = Pointers::default();
-        let mut parts = Vec::with_capacity(nodes.len());
+        let mut subtrees = Vec::with_capacity(nodes.len());
         for (step, node) in (0..).zip(nodes) {
             // Invariant: 64 bits suffice, since nodes with records are at most two levels apart (8
             // x 8 nodes in an octree). The children's bits are contiguous in child order, as are
@@ -161,35 +163,35 @@ impl<'a> RecordBuilder<'a> {
             debug_assert!(bits * step < 64);
             pointers.bitmap |= node.pointers.bitmap << (bits * step);
             pointers.targets.extend(node.pointers.targets);
-            parts.push(node.part);
+            subtrees.push(node.subtree);
         }
-        let part = Part::merge(code, &parts, self.depth, self.rule, &mut LevelCounts::default());
-        let mut node = BuiltNode { part, pointers };
-        self.seal(&mut node)?;
+        let subtree =
+            EncodedSubtree::merge(code, &subtrees, self.depth, self.rule, &mut LevelCounts::default());
+        let mut node = BuiltNode { subtree, pointers };
+        self.write_own_record(&mut node)?;
         Ok(node)
     }
 
     /// Writes the record of a node if it should have one, and reduces the node to what its
     /// ancestors need.
-    fn seal(&mut self, node: &mut BuiltNode) -> Result<()> {
-        let code = node.part.code;
+    fn write_own_record(&mut self, node: &mut BuiltNode) -> Result<()> {
+        let code = node.subtree.code;
         let height = self.depth - code.level();
-        let Child::Inner { representative, .. } = node.part.child else { return Ok(()) };
+        let Child::Inner { representative, .. } = node.subtree.child else { return Ok(()) };
         if self.heights.record_of(height) != height {
             return Ok(());
         }
-        let run = upper_levels(self.form, &node.part.records, self.heights.run_of(height));
+        let run = upper_levels(self.form, &node.subtree.records, self.heights.run_of(height));
         let run = run.expect(RECORDS_ARE_CHECKED);
         let zone = match self.heights.has_zone(height) {
-            true => {
-                Zone { records: node.part.total, tally: node.part.tally.clone() }.to_bytes(self.with_classes)
-            }
+            true => Zone { inner_nodes: node.subtree.total, tally: node.subtree.tally.clone() }
+                .to_bytes(self.with_classes),
             false => Vec::new(),
         };
         let pointers = &node.pointers;
         let address =
             self.write(code, NewRecord { height, representative, pointers, run: &run, zone: &zone })?;
-        node.part.records = self.above_of(code, &run).expect(RECORDS_ARE_CHECKED);
+        node.subtree.records = self.above_of(code, &run).expect(RECORDS_ARE_CHECKED);
         node.pointers = Pointers { bitmap: 1, targets: vec![address] };
         Ok(())
     }
@@ -208,10 +210,11 @@ impl<'a> RecordBuilder<'a> {
     /// Writes the record of a node, unless it equals the one at that node before.
     fn write(&mut self, code: Code, record: NewRecord<'_>) -> Result<u64> {
         let old = self.base.inner_at(code)?;
-        // Invariant: records below are written before those above, and existing records are not
-        // written again. So equal addresses mean equal subtrees: a record with the same pointers as
-        // before is the same tree, and keeps its subtree without reading it. If a record were
-        // written before what it points to, a crash could leave dangling pointers.
+        // Invariant: a record is written after all records that it points to, and existing records
+        // are never changed. So the addresses in its pointers are known, all pointers lead back,
+        // which ends every descent, and equal addresses mean equal subtrees: a record with the same
+        // pointers as before is the same tree, and its subtree is kept without being read. (Crashes
+        // do not matter here: no commit refers to any of these records before all are durable.)
         if let Some(old) = old
             && is_same(self.base, old, record)?
         {
@@ -227,7 +230,7 @@ impl<'a> RecordBuilder<'a> {
             Mode::Write(appender) => appender.record(record),
             Mode::Check(check) => {
                 let place = format!("node {code}");
-                let problem = "its record, or its zone, is not what the leaves below make it";
+                let problem = "its record or zone differs from the one computed from the leaves below";
                 check.findings.push(Finding { place, problem: problem.into() });
                 // (Once for all nodes that the record represents.)
                 if let Some(old) = old.filter(|_| !record.zone.is_empty()) {
@@ -242,11 +245,11 @@ impl<'a> RecordBuilder<'a> {
 
     /// Writes the records of all nodes of a block below its node `top`. Returns the pointers of
     /// `top`.
-    fn below(&mut self, top: (Code, &[u8], Value)) -> Result<Pointers> {
+    fn write_below(&mut self, top: (Code, &[u8], Value)) -> Result<Pointers> {
         let height = self.depth - top.0.level();
         let mut pointers = Pointers::default();
-        if let Some(below) = self.heights.below(height) {
-            self.levels_below(top, height - below, 0, &mut pointers)?;
+        if let Some(target_height) = self.heights.target_height(height) {
+            self.write_levels_below(top, height - target_height, 0, &mut pointers)?;
         }
         Ok(pointers)
     }
@@ -254,7 +257,7 @@ impl<'a> RecordBuilder<'a> {
     /// Writes the records of the nodes `levels` levels below a node of a block, and of their
     /// descendants. Adds pointers to the former. `number` is the path from the top node to this
     /// node.
-    fn levels_below(
+    fn write_levels_below(
         &mut self,
         (code, records, representative): (Code, &[u8], Value),
         levels: u8,
@@ -262,7 +265,7 @@ impl<'a> RecordBuilder<'a> {
         pointers: &mut Pointers,
     ) -> Result<()> {
         if levels == 0 {
-            let own = self.below((code, records, representative))?;
+            let own = self.write_below((code, records, representative))?;
             let height = self.depth - code.level();
             let run = match height > self.heights.run {
                 true => {
@@ -284,9 +287,14 @@ impl<'a> RecordBuilder<'a> {
             if child.state == INNER {
                 let at = child.node.record as usize;
                 let skip = layout.head(records, at).expect(RECORDS_ARE_CHECKED).skip;
-                let below = layout.subtree(records, at, skip).expect(RECORDS_ARE_CHECKED);
+                let subtree = layout.subtree(records, at, skip).expect(RECORDS_ARE_CHECKED);
                 let number = number * layout.children() + step;
-                self.levels_below((code.child(step), below, child.value), levels - 1, number, pointers)?;
+                self.write_levels_below(
+                    (code.child(step), subtree, child.value),
+                    levels - 1,
+                    number,
+                    pointers,
+                )?;
             }
         }
         Ok(())
@@ -299,8 +307,8 @@ fn is_same(base: &Autumnal, old: AutumnalNode, new: NewRecord<'_>) -> Result<boo
     if record.run() != new.run || base.representative(old)? != new.representative {
         return Ok(false);
     }
-    let pointers = record.parts.pointers(&record.bytes, record.address);
-    Ok(pointers.as_ref() == Some(new.pointers) && base.has_zone(old, new.zone)?)
+    let pointers = record.fields.pointers(&record.bytes, record.address);
+    Ok(pointers.as_ref() == Some(new.pointers) && base.zone_equals(old, new.zone)?)
 }
 
 impl TreeSink for RecordBuilder<'_> {
@@ -311,17 +319,19 @@ impl TreeSink for RecordBuilder<'_> {
         self.heights.run
     }
 
-    fn push(&mut self, (mut part, sealed, _): BuiltBlock) -> Result<()> {
-        // A small tree is a single block, whose records were taken for the root's segment.
+    fn push(&mut self, (mut subtree, sealed, _): BuiltBlock) -> Result<()> {
+        // If the tree is a single block, the block is the root, which owns a segment in a Goblin
+        // file: building has moved its records there (`EncodedSubtree::seal`). Here they are the
+        // root's run. (Other blocks own none: the shape makes no node heavy.)
         if let Some(sealed) = sealed {
-            part.records = sealed.records;
+            subtree.records = sealed.records;
         }
-        part.tally.keep_listed_for(self.rule);
-        let mut node = BuiltNode::new(part);
-        if let Child::Inner { representative, .. } = node.part.child {
-            node.pointers = self.below((node.part.code, &node.part.records, representative))?;
+        subtree.tally.keep_listed_for(self.rule);
+        let mut node = BuiltNode::new(subtree);
+        if let Child::Inner { representative, .. } = node.subtree.child {
+            node.pointers = self.write_below((node.subtree.code, &node.subtree.records, representative))?;
         }
-        self.seal(&mut node)?;
+        self.write_own_record(&mut node)?;
         self.join(node)
     }
 
@@ -341,6 +351,16 @@ impl RecordBuilder<'_> {
     /// Keeps a node of the file itself, or one whose location in this file is known.
     fn keep_own(&mut self, code: Code, kept: RecordRef) -> Result<bool> {
         let base = self.base;
+        // Invariant: a kept record is the one that building its cells would yield. The source of an
+        // edit may be another layer of this file, or an older commit of one. Such a layer has the
+        // same tree type and run levels, but may have another rule, zones without class counts, or
+        // a root at a height where this layer has no records.
+        let is_alike = kept.rule == self.rule
+            && kept.counts_classes == self.with_classes
+            && self.heights.record_of(kept.height) == kept.height;
+        if !is_alike {
+            return Ok(false);
+        }
         let node = AutumnalNode::new(kept.address, kept.height);
         let node = if kept.file == base.archive.file {
             Some(node)
@@ -364,15 +384,15 @@ impl RecordBuilder<'_> {
         {
             return Ok(false);
         }
-        let Some(Zone { records: total, tally }) = base.zone(node)? else { return Ok(false) };
+        let Some(Zone { inner_nodes: total, tally }) = base.zone(node)? else { return Ok(false) };
         if self.rule == Rule::Majority && tally.lacks_classes() {
             return Ok(false);
         }
         let child = Child::Inner { representative: base.representative(node)?, node: () };
         let above = self.above_of(code, base.record(node)?.run());
         let records = above.ok_or_else(|| base.bad_run(node.address))?;
-        let part = Part { code, child, total, records, tally };
-        self.join(BuiltNode { part, pointers: Pointers { bitmap: 1, targets: vec![node.address] } })?;
+        let subtree = EncodedSubtree { code, child, total, records, tally };
+        self.join(BuiltNode { subtree, pointers: Pointers { bitmap: 1, targets: vec![node.address] } })?;
         Ok(true)
     }
 }

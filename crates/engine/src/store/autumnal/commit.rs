@@ -19,14 +19,16 @@ pub struct Note {
     pub message: String,
 }
 
-/// Numbers of records and bytes that a commit wrote or shares with earlier ones.
+/// Numbers of records and bytes that a commit wrote, or did not write because it shares them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WriteSummary {
-    /// Records written.
+    /// Autumnal records written.
     pub records: u64,
     /// Their bytes, and those of extent heads, metadata and alignment.
     pub bytes: u64,
-    /// Records not written because the file already had them.
+    /// Records not written because the same editor had written an equal one before, for another
+    /// node. Only in files that store equal subtrees once. (Records of unchanged nodes, which an
+    /// edit keeps, do not count.)
     pub shared: u64,
     /// Bytes that these would have taken.
     pub spared: u64,
@@ -63,7 +65,7 @@ pub struct CommitLayer {
     /// Number of cells that are not VOID.
     pub cells: u64,
     /// Number of INNER nodes. Nodes of shared subtrees count once per occurrence.
-    pub records: u64,
+    pub inner_nodes: u64,
     /// The tree's header in its stored form.
     pub(super) header: Vec<u8>,
     pub(super) root: Root,
@@ -81,7 +83,7 @@ pub struct Commit {
     /// Number of cells of all layers that are not VOID.
     pub cells: u64,
     /// Number of INNER nodes of all layers. Nodes of shared subtrees count once per occurrence.
-    pub records: u64,
+    pub inner_nodes: u64,
     /// Summary of what the commit wrote.
     pub written: WriteSummary,
     /// Number of commits in the file up to this one.
@@ -108,7 +110,11 @@ impl Commit {
         let bytes = bincode::serde::encode_to_vec((VERSION, self), config()).ok();
         bytes.filter(|bytes| bytes.len() <= LIMIT).ok_or_else(|| {
             let found = format!("{} bytes", self.note.author.len() + self.note.message.len());
-            Error::invalid("author and message", found, "less than 16 million bytes, with all layers")
+            Error::invalid(
+                "author and message",
+                found,
+                "less than 16 million bytes, together with all layers",
+            )
         })
     }
 
@@ -116,17 +122,18 @@ impl Commit {
     pub(super) fn read(extents: &Extents, start: u64) -> Result<Commit> {
         let bytes = extents.whole(ExtentKind::Commit, start)?;
         let decoded = bincode::serde::decode_from_slice::<(u32, Commit), _>(&bytes, config());
-        let corrupt =
-            |found: String| extents.corrupt(format!("commit at {start}"), found, "that of formats.md");
+        let corrupt = |found: String| {
+            extents.corrupt(format!("commit at {start}"), found, "a valid commit (formats.md, section 23)")
+        };
         let ((version, commit), _) = decoded.map_err(|error| corrupt(error.to_string()))?;
         if version != VERSION {
-            let advice = "read it with a program as new as the file";
+            let advice = "install the version of Spinney that wrote the file, or a newer one";
             return Err(Error::unsupported(&extents.path, format!("commit version {version}"), advice));
         }
         // Everything is written before what points to it, so following pointers terminates.
         let of_layers = commit.layers.iter().flat_map(|layer| [layer.metadata, layer.root.address]);
         if of_layers.chain([commit.previous, commit.jump.1]).any(|offset| offset >= start) {
-            return Err(corrupt("a pointer that does not lead back".into()));
+            return Err(corrupt("a pointer that does not point backwards".into()));
         }
         commit.check_layers().map_err(corrupt)?;
         Ok(commit)
@@ -153,7 +160,7 @@ impl Commit {
             .layers
             .iter()
             .find(|layer| count > 1 && (layer.name.is_empty() || !seen.insert(&layer.name)));
-        bad.map_or(Ok(()), |layer| Err(format!("a layer with the name `{}`", layer.name)))
+        bad.map_or(Ok(()), |layer| Err(format!("an empty or duplicate layer name `{}`", layer.name)))
     }
 
     /// Replaces or appends one layer, and recomputes the totals.
@@ -170,7 +177,7 @@ impl Commit {
     /// Recomputes the totals of all layers.
     pub(super) fn count(&mut self) {
         self.cells = self.layers.iter().fold(0, |sum, layer| sum.saturating_add(layer.cells));
-        self.records = self.layers.iter().fold(0, |sum, layer| sum.saturating_add(layer.records));
+        self.inner_nodes = self.layers.iter().fold(0, |sum, layer| sum.saturating_add(layer.inner_nodes));
     }
 
     /// Returns the jump of the commit after this one. This one is at `start`.

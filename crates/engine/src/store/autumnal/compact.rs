@@ -10,8 +10,9 @@ use super::write::backend;
 use crate::store::builder::{BuildOptions, TreeSink, walk};
 use crate::store::records::RecordLayout;
 use spinney_base::io::Output;
-use spinney_base::space::CodeRun;
+use spinney_base::space::CodeRange;
 use spinney_base::{Error, Progress, Result, sort};
+use spinney_container::TreeFormat;
 
 /// Selection of the commits to keep.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -34,7 +35,7 @@ impl Keep {
         sort::by_key(&mut kept, |commit| commit.number);
         kept.dedup_by_key(|commit| commit.number);
         if kept.is_empty() {
-            return Err(Error::invalid("commits to keep", "none", "at least one"));
+            return Err(Error::invalid("commits to keep", "none", "at least one commit"));
         }
         Ok(kept)
     }
@@ -78,8 +79,8 @@ impl<'k> CompactOptions<'k> {
 /// use spinney::Output;
 /// use spinney::raw::store::autumnal::{CompactOptions, Keep, compact};
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("archive.autumn");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("archive.autumn");
 /// let keep = Keep::Last(100);
 /// let options = CompactOptions::new(&keep, 64 << 20).pack(true);
 /// let commits = compact("fixtures/v1/history.autumn".as_ref(), &options, Output::create(&path)?, &())?;
@@ -88,14 +89,22 @@ impl<'k> CompactOptions<'k> {
 /// ```
 ///
 /// # Errors
-/// If there are no such commits, the file is corrupt, the output cannot be written, or on
-/// cancellation.
+/// If the output's name has another extension than `.autumn`, there are no such commits, the file
+/// is corrupt, the output cannot be written, or on cancellation.
 pub fn compact(
     path: &Path,
     options: &CompactOptions<'_>,
     mut output: Output,
     progress: &dyn Progress,
 ) -> Result<Vec<Commit>> {
+    let name = output.path();
+    if name.extension().is_some() && TreeFormat::of(name) != TreeFormat::Autumnal {
+        let advice = format!(
+            "the result is an Autumnal file: choose a name that ends with .autumn, such as {}",
+            name.with_extension("autumn").display()
+        );
+        return Err(Error::unsupported(name, "an Autumnal file with this extension", advice));
+    }
     let history = History::open(path, &output.access().into())?;
     if let Some(remark) = history.remark() {
         progress.warn(path, remark);
@@ -109,11 +118,11 @@ pub fn compact(
         for number in 0..commit.layers.len() {
             let tree = Autumnal::new(history.archive.clone(), commit.clone(), number)?;
             let least = RecordLayout::new(tree.header().form).least_node();
-            needed = needed.saturating_add(tree.claimed_records()?.saturating_mul(least));
+            needed = needed.saturating_add(tree.claimed_inner_nodes()?.saturating_mul(least));
         }
         // (Packed history follows the newest commit; its size is not known yet.)
         if !options.pack || Some(commit) == commits.last() {
-            output.check_room(needed)?;
+            output.check_space(needed)?;
         }
     }
     let mut copy =
@@ -202,13 +211,13 @@ impl Copy<'_> {
             });
             let twin = twin.transpose()?;
             let mut fill = |sink: &mut dyn TreeSink, shape| {
-                walk(&tree, &build, (shape, CodeRun::ALL), true, sink, *progress)
+                walk(&tree, &build, (shape, CodeRange::ALL), true, sink, *progress)
             };
             editor.fill([u64::MAX; 3], &build, twin.as_ref(), &mut fill)?;
             editor.set_metadata(build.metadata)?;
         }
         let Some(editor) = &mut self.editor else {
-            return Err(Error::invalid("commit", "no layers", "one at least"));
+            return Err(Error::invalid("commit", "no layers", "at least one layer"));
         };
         editor.keep_only(&commit)?;
         self.before = Some(commit);

@@ -31,15 +31,15 @@ impl Copied {
             return None;
         };
         let mut found = found.clone();
-        found.part.code = code;
+        found.subtree.code = code;
         Some(found)
     }
 
     /// Records that the node at `code` was built and written.
     pub(super) fn made(&mut self, code: Code, made: &BuiltNode) {
         if let Some(node) = self.begun.remove(&code) {
-            let classes = made.part.tally.classes.len() * size_of::<(Value, u64)>();
-            let more = classes + made.part.records.len();
+            let classes = made.subtree.tally.classes.len() * size_of::<(Value, u64)>();
+            let more = classes + made.subtree.records.len();
             self.done.insert(node.height, (node.file, node.address), made.clone(), more as u64);
         }
     }

@@ -26,7 +26,7 @@ const MEMORY: u64 = 64 << 20;
 const ITEM: usize = 8 * 8;
 
 /// Visitor of a tree's contents in a box.
-pub(crate) trait Occurring {
+pub(crate) trait OccurrenceVisitor {
     /// Receives an INNER node that is entirely in the box and occurs `times` times. Returns whether
     /// to visit its descendants.
     fn inner(&mut self, node: AutumnalNode, times: u64) -> Result<bool>;
@@ -36,55 +36,55 @@ pub(crate) trait Occurring {
 }
 
 /// Nodes to visit, with their multiplicities.
-struct Waiting {
+struct PendingNodes {
     /// Nodes by height.
     by_height: Vec<Option<Sorter>>,
 }
 
 /// Nodes with the same record and the same clipping.
 #[derive(Clone, Copy)]
-struct Alike {
+struct EqualNodes {
     /// Offset of their record.
     address: u64,
     /// Cells in the box, relative to the node's first cell; `None` if all are.
-    part: Option<Bounds>,
+    clip: Option<Bounds>,
     /// Number of nodes.
     times: u64,
 }
 
-impl Alike {
+impl EqualNodes {
     fn to_item(self) -> Vec<u8> {
-        let Bounds { min, max } = self.part.unwrap_or(Bounds { min: [0; 3], max: [0; 3] });
+        let Bounds { min, max } = self.clip.unwrap_or(Bounds { min: [0; 3], max: [0; 3] });
         let numbers = [self.address, self.times].into_iter().chain(min).chain(max);
         numbers.flat_map(u64::to_le_bytes).collect()
     }
 
-    fn from_item(item: &[u8]) -> Alike {
+    fn from_item(item: &[u8]) -> EqualNodes {
         let mut numbers =
             item.chunks_exact(8).map(|bytes| u64::from_le_bytes(bytes.try_into().expect("8 bytes")));
-        let mut number = || numbers.next().expect("eight numbers");
+        let mut number = || numbers.next().expect("8 numbers");
         let (address, times) = (number(), number());
         let [min, max] = [(); 2].map(|()| [(); 3].map(|()| number()));
-        let part = Some(Bounds { min, max }).filter(|part| !part.is_empty());
-        Alike { address, part, times }
+        let clip = Some(Bounds { min, max }).filter(|clip| !clip.is_empty());
+        EqualNodes { address, clip, times }
     }
 }
 
 /// Adds nodes to the entry of the same record and clipping, or adds an entry.
-fn count(found: &mut Vec<(u8, Alike)>, height: u8, more: Alike) {
-    match found.iter_mut().find(|(_, alike)| (alike.address, alike.part) == (more.address, more.part)) {
+fn count(found: &mut Vec<(u8, EqualNodes)>, height: u8, more: EqualNodes) {
+    match found.iter_mut().find(|(_, alike)| (alike.address, alike.clip) == (more.address, more.clip)) {
         Some((_, alike)) => alike.times += more.times,
         None => found.push((height, more)),
     }
 }
 
-impl Waiting {
+impl PendingNodes {
     /// Creates an empty queue for a tree of `depth` levels.
-    fn new(depth: u8) -> Waiting {
-        Waiting { by_height: (0..=depth).map(|_| None).collect() }
+    fn new(depth: u8) -> PendingNodes {
+        PendingNodes { by_height: (0..=depth).map(|_| None).collect() }
     }
 
-    fn add(&mut self, height: u8, nodes: Alike) -> Result<()> {
+    fn add(&mut self, height: u8, nodes: EqualNodes) -> Result<()> {
         let memory = MEMORY / self.by_height.len() as u64;
         let level =
             self.by_height[usize::from(height)].get_or_insert_with(|| Sorter::new(&temp_dir(), ITEM, memory));
@@ -92,13 +92,13 @@ impl Waiting {
     }
 
     /// Visits all nodes of a height, merged by record and clipping.
-    fn take(&mut self, height: u8, mut each: impl FnMut(&mut Self, Alike) -> Result<()>) -> Result<()> {
+    fn take(&mut self, height: u8, mut each: impl FnMut(&mut Self, EqualNodes) -> Result<()>) -> Result<()> {
         let Some(sorter) = mem::take(&mut self.by_height[usize::from(height)]) else { return Ok(()) };
         // Entries of one record. (A box clips the nodes of a level in at most four ways along each
         // axis.)
-        let mut same: Vec<(u8, Alike)> = Vec::new();
+        let mut same: Vec<(u8, EqualNodes)> = Vec::new();
         sorter.finish(&mut |item| {
-            let alike = Alike::from_item(item);
+            let alike = EqualNodes::from_item(item);
             if same.first().is_some_and(|(_, first)| first.address != alike.address) {
                 same.drain(..).try_for_each(|(_, alike)| each(self, alike))?;
             }
@@ -119,7 +119,7 @@ impl Autumnal {
         let least = self.layout().run.least_node();
         // (Packed records can be far larger than their encoded bytes.)
         let packed = if self.extents().packed().is_some() { PLAIN_PER_BYTE } else { 1 };
-        Ok(self.claimed_records()? > self.extents().end.saturating_mul(packed) / least)
+        Ok(self.claimed_inner_nodes()? > self.extents().end.saturating_mul(packed) / least)
     }
 
     /// Visits everything that the tree has in a box of cells of the deepest level. Each record is
@@ -127,38 +127,38 @@ impl Autumnal {
     ///
     /// # Errors
     /// If the file is corrupt, temporary files cannot be used, or the visitor fails.
-    pub(crate) fn each_distinct(&self, bounds: &Bounds, told: &mut dyn Occurring) -> Result<()> {
+    pub(crate) fn each_distinct(&self, bounds: &Bounds, visitor: &mut dyn OccurrenceVisitor) -> Result<()> {
         let (dimension, depth) = (self.form().dimension, self.depth());
         let space = Bounds::space(dimension, depth);
-        let part = bounds.intersect(&space);
+        let clip = bounds.intersect(&space);
         let node = match self.root_child() {
-            _ if part.is_empty() => return Ok(()),
+            _ if clip.is_empty() => return Ok(()),
             Child::Inner { node, .. } => node,
-            uniform => return told.uniform(uniform.value(), depth, 1, part.volume()),
+            uniform => return visitor.uniform(uniform.value(), depth, 1, clip.volume()),
         };
-        let mut waiting = Waiting::new(depth);
-        let part = Some(part).filter(|part| *part != space);
-        waiting.add(depth, Alike { address: node.address, part, times: 1 })?;
+        let mut waiting = PendingNodes::new(depth);
+        let clip = Some(clip).filter(|clip| *clip != space);
+        waiting.add(depth, EqualNodes { address: node.address, clip, times: 1 })?;
         for height in (1..=depth).rev() {
-            waiting.take(height, |waiting, Alike { address, part, times }| {
-                let mut below: Vec<(u8, Alike)> = Vec::new();
-                self.below(&AutumnalNode::new(address, height), (part, times), &mut below, told)?;
-                below.into_iter().try_for_each(|(height, alike)| waiting.add(height, alike))
+            waiting.take(height, |waiting, EqualNodes { address, clip, times }| {
+                let mut targets: Vec<(u8, EqualNodes)> = Vec::new();
+                self.visit_below(&AutumnalNode::new(address, height), (clip, times), &mut targets, visitor)?;
+                targets.into_iter().try_for_each(|(height, alike)| waiting.add(height, alike))
             })?;
         }
         Ok(())
     }
 
     /// Visits the nodes that a record contains at and below a node. Nodes with records of their own
-    /// are added to `below` with their heights.
-    fn below(
+    /// are added to `targets` with their heights.
+    fn visit_below(
         &self,
         node: &AutumnalNode,
-        (part, times): (Option<Bounds>, u64),
-        below: &mut Vec<(u8, Alike)>,
-        told: &mut dyn Occurring,
+        (clip, times): (Option<Bounds>, u64),
+        targets: &mut Vec<(u8, EqualNodes)>,
+        visitor: &mut dyn OccurrenceVisitor,
     ) -> Result<()> {
-        if part.is_none() && !told.inner(*node, times)? {
+        if clip.is_none() && !visitor.inner(*node, times)? {
             return Ok(());
         }
         let dimension = self.form().dimension;
@@ -167,22 +167,22 @@ impl Autumnal {
         self.children(node, &mut children)?;
         for (step, child) in children[..dimension.children()].iter().enumerate() {
             let space = whole.child(dimension, step);
-            let part = part.unwrap_or(whole).intersect(&space);
+            let clip = clip.unwrap_or(whole).intersect(&space);
             match child {
-                _ if part.is_empty() => {}
+                _ if clip.is_empty() => {}
                 Child::Inner { node, .. } => {
-                    let part = (part != space).then(|| part.within(&space));
+                    let clip = (clip != space).then(|| clip.within(&space));
                     if node.has_record() {
                         // (Siblings are often alike.)
-                        count(below, node.height, Alike { address: node.address, part, times });
+                        count(targets, node.height, EqualNodes { address: node.address, clip, times });
                     } else {
-                        self.below(node, (part, times), below, told)?;
+                        self.visit_below(node, (clip, times), targets, visitor)?;
                     }
                 }
                 // (All occurrences are disjoint in the tree's space, so the product does not exceed
                 // its cell count.)
                 uniform => {
-                    told.uniform(uniform.value(), node.height - 1, times, part.volume() * times)?;
+                    visitor.uniform(uniform.value(), node.height - 1, times, clip.volume() * times)?;
                 }
             }
         }

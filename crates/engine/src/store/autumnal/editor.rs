@@ -12,7 +12,7 @@ use super::commit::{Commit, CommitLayer, Note, Root, WriteSummary};
 use super::extents::{ExtentKind, Extents};
 use super::layout::run_levels;
 use super::meta::Meta;
-use super::newest::Newest;
+use super::newest::NewestState;
 use super::packed::{PackedExtents, PackedWriter};
 use super::pages::FIRST_EXTENT;
 use super::reader::Autumnal;
@@ -20,7 +20,7 @@ use super::write::check_plain;
 use crate::store::builder::{BuildOptions, Fill, Packing, ReusableSource, TreeSink, walk};
 use crate::tree::Source;
 use spinney_base::io::{FileAccess, FileBackend, LockedFile, WriteBackend, redacted};
-use spinney_base::space::CodeRun;
+use spinney_base::space::CodeRange;
 use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Content, FileHeader, FileReference, Header, Metadata, TreeFormat, VOID};
@@ -110,7 +110,7 @@ impl Editor {
     }
 
     /// Starts a file on an empty backend, with one VOID layer that is not committed yet. Layers may
-    /// have up to `depth` levels. `is_packed` permits packed records.
+    /// have up to `depth` levels. `may_pack` permits packed records.
     ///
     /// # Errors
     /// If the backend cannot be written.
@@ -119,7 +119,7 @@ impl Editor {
         path: PathBuf,
         (header, depth): (&Header, u8),
         options: &BuildOptions,
-        is_packed: bool,
+        may_pack: bool,
     ) -> Result<Editor> {
         let dimension = header.form.dimension;
         let levels = run_levels(dimension);
@@ -127,21 +127,21 @@ impl Editor {
         let run_levels = if options.share { *levels.start() } else { *levels.end() };
         let (format, content) = (TreeFormat::Autumnal, Content::Cells);
         let file_header = FileHeader { format, content, dimension, depth, layers: 0 };
-        let form = RecordsForm { run_levels, share: options.share, is_packed };
+        let form = RecordsForm { run_levels, share: options.share, may_pack };
         let mut pages = first_page(&file_header, form);
         pages.resize(FIRST_EXTENT as usize, 0);
         backend.write(0, &pages).map_err(Error::io(&*path, "write the header"))?;
         let (bytes, file) = open_file(&*backend)?;
         let meta = Meta { sequence: 0, commit: 0, end: FIRST_EXTENT };
         let packed =
-            is_packed.then(|| Arc::new(PackedExtents::new(&file_header, run_levels, &backend.access())));
+            may_pack.then(|| Arc::new(PackedExtents::new(&file_header, run_levels, &backend.access())));
         let extents = Arc::new(Extents::new(&path, bytes, FIRST_EXTENT, true)?.with_packed(packed));
         let archive = Archive {
             header: file_header,
             form,
             extents,
             meta,
-            newest: Newest::Good,
+            state: NewestState::Good,
             file,
             access: backend.access(),
         };
@@ -149,7 +149,7 @@ impl Editor {
             number: 0,
             note: Note::default(),
             cells: 0,
-            records: 0,
+            inner_nodes: 0,
             written: WriteSummary::default(),
             sequence: 0,
             layers: vec![void_layer(header, &options.metadata.name)],
@@ -238,11 +238,11 @@ impl Editor {
         let name = &metadata.name;
         if header.form.dimension != file.dimension || header.depth() > file.depth {
             let found = format!("a {} of depth {}", header.form.dimension.tree_name(), header.depth());
-            let expected = format!("a {} of depth {} at most", file.dimension.tree_name(), file.depth);
+            let expected = format!("a {} of at most depth {}", file.dimension.tree_name(), file.depth);
             return Err(Error::invalid("layer", found, expected));
         }
         if name.is_empty() || self.draft.commit.layer_named(name).is_some() {
-            return Err(Error::invalid("layer's name", format!("`{name}`"), "one that no other layer has"));
+            return Err(Error::invalid("layer name", format!("`{name}`"), "a name that no other layer has"));
         }
         self.keep_metadata()?;
         let number = self.draft.commit.layers.len();
@@ -304,7 +304,7 @@ impl Editor {
     /// If there is no layer of that name, or no other layer.
     pub fn drop_layer(&mut self, name: &str) -> Result<()> {
         if self.draft.commit.layer_named(name).is_none() {
-            return Err(Error::invalid("layer", format!("`{name}`"), "the name of one"));
+            return Err(Error::invalid("layer", format!("`{name}`"), "the name of a layer of the file"));
         }
         self.select(name)?;
         let mut commit = self.draft.commit.clone();
@@ -338,11 +338,11 @@ impl Editor {
     ) -> Result<()> {
         let (form, expected) = (source.form(), self.draft.form());
         if form != expected {
-            return Err(Error::invalid("source", form.to_string(), format!("{expected}, as the file")));
+            return Err(Error::invalid("source", form.to_string(), format!("{expected}, like the file")));
         }
         let options = self.options().packing(packing);
         let mut fill = |sink: &mut dyn TreeSink, shape| {
-            walk(source, &options, (shape, CodeRun::ALL), true, sink, progress)
+            walk(source, &options, (shape, CodeRange::ALL), true, sink, progress)
         };
         self.fill([u64::MAX; 3], &options, None, &mut fill).map(|_| ())
     }
@@ -371,8 +371,8 @@ impl Editor {
         fill(&mut builder, base.heights().shape())?;
         let (root, zone) = builder.finish();
         self.appender.flush()?;
-        let (cells, records) = (zone.tally.cells, zone.records);
-        let layer = CommitLayer { root, cells, records, ..self.draft.layer().clone() };
+        let (cells, inner_nodes) = (zone.tally.cells, zone.inner_nodes);
+        let layer = CommitLayer { root, cells, inner_nodes, ..self.draft.layer().clone() };
         let commit = self.draft.commit.with_layer(self.draft.number, layer);
         self.set_draft(commit, self.draft.metadata().clone())?;
         Ok(zone.tally)
@@ -400,8 +400,8 @@ impl Editor {
     pub fn revert(&mut self, number: u64) -> Result<()> {
         let old = self.draft.archive.commit(number)?;
         if !self.is_named && (old.layers.len() > 1 || self.draft.commit.layers.len() > 1) {
-            let (layers, cells, records) = (old.layers, old.cells, old.records);
-            let commit = Commit { layers, cells, records, ..self.draft.commit.clone() };
+            let (layers, cells, inner_nodes) = (old.layers, old.cells, old.inner_nodes);
+            let commit = Commit { layers, cells, inner_nodes, ..self.draft.commit.clone() };
             let tree = Autumnal::new(self.draft.archive.clone(), commit, 0)?;
             self.appender.set_tree(&tree);
             self.draft = Arc::new(tree);
@@ -411,7 +411,7 @@ impl Editor {
         let Some(there) = old.layer_named(&now.name).filter(|there| old.layers[*there].header == now.header)
         else {
             let found = format!("no layer `{}` of the same type", now.name);
-            let expected = "one in that commit";
+            let expected = "that layer in the commit";
             return Err(Error::invalid(format!("commit {number}"), found, expected));
         };
         let tree = Autumnal::new(self.draft.archive.clone(), old, there)?;
@@ -497,7 +497,7 @@ impl Editor {
     fn after(&self, number: u64) -> Result<u64> {
         let next = number.checked_add(1);
         next.ok_or_else(|| {
-            self.draft.extents().corrupt("commit", format!("number {number}"), "one that has a next one")
+            self.draft.extents().corrupt("commit", format!("number {number}"), "a smaller number")
         })
     }
 
@@ -556,7 +556,7 @@ fn void_layer(header: &Header, name: &str) -> CommitLayer {
     CommitLayer {
         name: name.into(),
         cells: 0,
-        records: 0,
+        inner_nodes: 0,
         header: header.to_bytes().to_vec(),
         root,
         metadata: 0,

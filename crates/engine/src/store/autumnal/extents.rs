@@ -40,8 +40,8 @@ pub(super) const HEAD_SIZE: usize = size_of::<RawHead>();
 /// Size in bytes after which writers close an extent. A single record can be longer.
 pub(super) const FULL_EXTENT: usize = 1 << 16;
 
-/// Maximum payload of an extent in bytes. It bounds the memory that an untrusted length can
-/// request.
+/// Maximum payload in bytes of an extent whose content is used. It bounds the memory that an
+/// untrusted length can request.
 const MAX_WHOLE: u64 = 16 << 20;
 /// Bytes to prefetch for an extent that is read as a whole. Most such extents are shorter.
 const WHOLE_READ: u64 = 16 << 10;
@@ -152,8 +152,13 @@ pub(super) trait ByteAccess<'a>: Copy {
     /// Borrowed or shared bytes.
     type Bytes: Deref<Target = [u8]>;
 
-    /// Returns bytes of a record extent from `address` on: `most` bytes, more if they are free, or
-    /// fewer at the end of the commit.
+    /// Returns bytes of a record from `address` on, at least `most` unless they end before. The
+    /// record's extent is checked.
+    ///
+    /// In a file that is not mapped, or has packed records, they end with the extent. In a mapped
+    /// file they end with the commit, whatever `most` is: so a crafted record that claims to be
+    /// longer than its extent is read from bytes that were not checked, although within bounds.
+    /// Writers never split records, and verification reports such a record.
     fn bytes(self, address: u64, most: usize) -> Result<Self::Bytes>;
 }
 
@@ -170,12 +175,12 @@ impl<'a> ByteAccess<'a> for MappedBytes<'a> {
     #[inline]
     fn bytes(self, address: u64, _: usize) -> Result<&'a [u8]> {
         self.extents.check_at(address)?;
-        // (Bytes outside of all extents never passed a check.)
+        // (Whole sectors pass the check, so an address in the last one can be after the commit.)
         Ok(self.bytes.get(address as usize..).unwrap_or_default())
     }
 }
 
-/// Reads each extent as a whole and returns at most `most` bytes.
+/// Reads each extent as a whole, unless the file is mapped, and returns at most `most` bytes.
 impl<'a> ByteAccess<'a> for &'a Extents {
     type Bytes = FileBytes<'a>;
 
@@ -190,10 +195,10 @@ impl<'a> ByteAccess<'a> for &'a Extents {
         if let Some(packed) = self.packed.as_ref().filter(|_| extent.kind == ExtentKind::Packed as u8) {
             let record = packed.record(extent.start, address, &bytes);
             let record = record.map_err(|found| {
-                self.corrupt(format!("extent at {}", extent.start), found, "records that were packed")
+                self.corrupt(format!("extent at {}", extent.start), found, "packed records")
             })?;
             let end = most.min(record.len());
-            return Ok(FileBytes::Held(record.part(0..end)));
+            return Ok(FileBytes::Cached(record.part(0..end)));
         }
         let start = (address - extent.payload_start()) as usize;
         let end = start.saturating_add(most).min(bytes.len());
@@ -209,7 +214,11 @@ impl Extents {
     pub(super) fn new(path: &Path, backend: Box<dyn ReadBackend>, end: u64, check: bool) -> Result<Extents> {
         if end > MAX_BYTES {
             let found = format!("a commit that ends at byte {end}");
-            return Err(Error::unsupported(path, found, format!("files may have {MAX_BYTES} bytes")));
+            return Err(Error::unsupported(
+                path,
+                found,
+                format!("the maximum file size is {MAX_BYTES} bytes"),
+            ));
         }
         let (verified, version) = (Sectors::new(end), backend.version()?);
         Ok(Extents {
@@ -326,8 +335,10 @@ impl Extents {
     }
 
     /// Returns the address range of the record extent that contains `address`; in a packed extent,
-    /// the range from that record to the end of the extent. (For readers, an extent contains every
-    /// byte of its sectors.)
+    /// the range from that record to the end of the extent.
+    ///
+    /// (This is stricter than reading. Readers remember which sectors were checked, so they accept
+    /// an address in the head or the padding of an extent if its sectors were checked before.)
     pub(super) fn records_at(&self, address: u64) -> Result<Range<u64>> {
         let extent = self.extent_of(address)?;
         if extent.kind == ExtentKind::Packed as u8 {
@@ -339,7 +350,7 @@ impl Extents {
     fn extent_of(&self, address: u64) -> Result<Extent> {
         let outside = || {
             let found = format!("a pointer to byte {address}");
-            self.corrupt("record", found, "one to a record of this commit")
+            self.corrupt("record", found, "a pointer to a record of this commit")
         };
         if address < FIRST_EXTENT || address >= self.end {
             return Err(outside());
@@ -396,7 +407,8 @@ impl Extents {
         Ok(is_head.then_some(Extent { kind: raw.kind, start, length, checksum }))
     }
 
-    /// Checks an extent's checksum in chunks: record extents may be as long as the file.
+    /// Checks an extent's checksum in chunks: heads in untrusted files may claim any length up to
+    /// the end, and callers that go from extent to extent do not limit it to [`MAX_WHOLE`].
     pub(super) fn check_payload(&self, extent: &Extent) -> Result<()> {
         let (mut at, mut checksum) = (extent.payload_start(), 0);
         while at < extent.end() {
@@ -421,7 +433,7 @@ impl Extents {
         self.backend.prefetch(std::slice::from_ref(&(start.min(near)..near)))?;
         let extent = self.extent_at(start)?.filter(|extent| extent.kind == kind as u8);
         let extent = extent.ok_or_else(|| {
-            self.corrupt(format!("byte {start}"), "something else", &format!("an extent of kind {kind:?}"))
+            self.corrupt(format!("byte {start}"), "no such extent", &format!("an extent of kind {kind:?}"))
         })?;
         if extent.length > MAX_WHOLE {
             let found = format!("{} bytes", extent.length);

@@ -33,7 +33,7 @@ impl History {
     /// # Errors
     /// If it is corrupt and only older commits can be read.
     pub fn check_newest(&self) -> Result<()> {
-        self.archive.newest.check(&self.archive.extents)
+        self.archive.state.check(&self.archive.extents)
     }
 
     /// Checks that the file still has the commits: see

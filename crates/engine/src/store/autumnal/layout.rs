@@ -65,7 +65,7 @@ impl Heights {
     /// Returns the height of the nodes that a record of `height` points to, or `None` if it is a
     /// run without pointers.
     #[inline]
-    pub(super) fn below(&self, height: u8) -> Option<u8> {
+    pub(super) fn target_height(&self, height: u8) -> Option<u8> {
         let above = height.checked_sub(self.run + 1)?;
         Some(self.run + above / STRIDE * STRIDE)
     }
@@ -130,7 +130,7 @@ pub(super) struct Pointers {
 
 /// Offsets of a record's fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct RecordParts {
+pub(super) struct RecordFields {
     /// See [`Pointers`].
     bitmap: u64,
     /// Size of a pointer in bytes.
@@ -166,7 +166,7 @@ impl PointeredLayout {
     /// Returns the size in bytes of the bitmap of a record of `height`, or `None` if it has no
     /// pointers.
     pub(super) fn bitmap_bytes(&self, height: u8) -> Option<usize> {
-        self.heights.below(height).map(|below| self.bitmap_size(height - below))
+        self.heights.target_height(height).map(|target_height| self.bitmap_size(height - target_height))
     }
 
     /// Returns the size of a value in bytes.
@@ -183,28 +183,29 @@ impl PointeredLayout {
 
     /// Locates the fields of a record of `height` and checks their ranges.
     #[inline]
-    pub(super) fn parts(&self, record: &[u8], height: u8) -> Result<RecordParts, BadRecord> {
+    pub(super) fn fields(&self, record: &[u8], height: u8) -> Result<RecordFields, BadRecord> {
         let width = self.width();
-        let mut parts = RecordParts { bitmap: 0, pointer: 0, pointers_at: width, run_at: width, end: width };
-        if let Some(below) = self.heights.below(height) {
-            let size = self.bitmap_size(height - below);
-            parts.pointers_at = width + 1 + size;
-            let head = record.get(width..parts.pointers_at).ok_or(BadRecord::Short(parts.pointers_at))?;
-            parts.pointer = head[0];
+        let mut fields =
+            RecordFields { bitmap: 0, pointer: 0, pointers_at: width, run_at: width, end: width };
+        if let Some(target_height) = self.heights.target_height(height) {
+            let size = self.bitmap_size(height - target_height);
+            fields.pointers_at = width + 1 + size;
+            let head = record.get(width..fields.pointers_at).ok_or(BadRecord::Short(fields.pointers_at))?;
+            fields.pointer = head[0];
             let mut bitmap = [0; size_of::<u64>()];
             bitmap[..size].copy_from_slice(&head[1..]);
-            parts.bitmap = u64::from_le_bytes(bitmap);
-            let nodes = self.form.dimension.cells(height - below);
-            let is_good = (1..=MAX_POINTER).contains(&usize::from(parts.pointer))
-                && parts.bitmap & !(u64::MAX >> (64 - nodes)) == 0;
+            fields.bitmap = u64::from_le_bytes(bitmap);
+            let nodes = self.form.dimension.cells(height - target_height);
+            let is_good = (1..=MAX_POINTER).contains(&usize::from(fields.pointer))
+                && fields.bitmap & !(u64::MAX >> (64 - nodes)) == 0;
             if !is_good {
                 return Err(BadRecord::Wrong);
             }
-            parts.run_at =
-                parts.pointers_at + parts.bitmap.count_ones() as usize * usize::from(parts.pointer);
+            fields.run_at =
+                fields.pointers_at + fields.bitmap.count_ones() as usize * usize::from(fields.pointer);
         }
-        let first = parts.run_at + self.run.size;
-        let head = record.get(parts.run_at..first).ok_or(BadRecord::Short(first))?;
+        let first = fields.run_at + self.run.size;
+        let head = record.get(fields.run_at..first).ok_or(BadRecord::Short(first))?;
         let skip = self.run.head(head, 0).ok_or(BadRecord::Wrong)?.skip;
         // A tree without uniform nodes has 1 + c + c^2 + ... records for c children.
         let levels = self.heights.run_of(height);
@@ -212,8 +213,8 @@ impl PointeredLayout {
         if !(1..=most).contains(&u64::from(skip)) {
             return Err(BadRecord::Wrong);
         }
-        parts.end = parts.run_at + skip as usize * self.run.size;
-        if parts.end > record.len() { Err(BadRecord::Short(parts.end)) } else { Ok(parts) }
+        fields.end = fields.run_at + skip as usize * self.run.size;
+        if fields.end > record.len() { Err(BadRecord::Short(fields.end)) } else { Ok(fields) }
     }
 
     /// Appends a record without its zone to `buffer`. The record is to be stored at `address`, and
@@ -227,12 +228,12 @@ impl PointeredLayout {
         buffer: &mut Vec<u8>,
     ) {
         buffer.extend_from_slice(&representative.to_bytes()[..self.width()]);
-        if let Some(below) = self.heights.below(height) {
+        if let Some(target_height) = self.heights.target_height(height) {
             // The smallest size that holds the longest distance.
             let longest = targets.iter().map(|target| address - target).max().unwrap_or(1);
             let bytes = (8 - longest.leading_zeros() as usize / 8).max(1);
             buffer.push(bytes as u8);
-            buffer.extend_from_slice(&bitmap.to_le_bytes()[..self.bitmap_size(height - below)]);
+            buffer.extend_from_slice(&bitmap.to_le_bytes()[..self.bitmap_size(height - target_height)]);
             for target in targets {
                 buffer.extend_from_slice(&(address - target).to_le_bytes()[..bytes]);
             }
@@ -241,7 +242,7 @@ impl PointeredLayout {
     }
 }
 
-impl RecordParts {
+impl RecordFields {
     /// Returns the run of a record.
     #[inline]
     pub(super) fn run<'r>(&self, record: &'r [u8]) -> &'r [u8] {
@@ -291,11 +292,11 @@ mod tests {
         let heights = Heights::new(Dimension::Quad, 5, 16);
         let records = [16, 15, 14, 12, 9, 8, 6, 5, 1].map(|height| heights.record_of(height));
         assert_eq!(records, [16, 15, 15, 13, 9, 9, 7, 5, 5]);
-        let below = [16, 15, 13, 7, 5].map(|height| heights.below(height));
-        assert_eq!(below, [Some(15), Some(13), Some(11), Some(5), None]);
+        let targets = [16, 15, 13, 7, 5].map(|height| heights.target_height(height));
+        assert_eq!(targets, [Some(15), Some(13), Some(11), Some(5), None]);
         let small = Heights::new(Dimension::Oct, 3, 4);
         assert_eq!([4, 3, 1].map(|height| small.record_of(height)), [4, 3, 3]);
-        assert_eq!([small.below(4), small.below(3)], [Some(3), None]);
+        assert_eq!([small.target_height(4), small.target_height(3)], [Some(3), None]);
         assert_eq!(Heights::new(Dimension::Quad, 5, 2).record_of(1), 2);
     }
 
@@ -319,14 +320,14 @@ mod tests {
                     let mut record = Vec::new();
                     let pointers = Pointers { bitmap, targets };
                     layout.encode((80_000, height), representative, &pointers, &run, &mut record);
-                    let parts = layout.parts(&record, height).unwrap();
-                    assert_eq!((parts.bitmap, parts.pointer), (bitmap, bytes));
-                    assert_eq!(parts.pointers(&record, 80_000), Some(pointers));
-                    assert_eq!(parts.pointer(&record, 80_000, 3), Some(None));
-                    assert_eq!(parts.pointer(&record, 0, 2), None);
-                    assert_eq!((parts.run(&record), parts.end), (&run[..], record.len()));
+                    let fields = layout.fields(&record, height).unwrap();
+                    assert_eq!((fields.bitmap, fields.pointer), (bitmap, bytes));
+                    assert_eq!(fields.pointers(&record, 80_000), Some(pointers));
+                    assert_eq!(fields.pointer(&record, 80_000, 3), Some(None));
+                    assert_eq!(fields.pointer(&record, 0, 2), None);
+                    assert_eq!((fields.run(&record), fields.end), (&run[..], record.len()));
                     assert_eq!(layout.representative(&record), Some(representative));
-                    let short = layout.parts(&record[..record.len() - 1], height);
+                    let short = layout.fields(&record[..record.len() - 1], height);
                     assert_eq!(short, Err(BadRecord::Short(record.len())));
                 }
             }

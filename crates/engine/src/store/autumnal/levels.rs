@@ -1,6 +1,6 @@
 //! Node counts per level. Edits do not maintain them, so they are counted.
 
-use super::distinct::Occurring;
+use super::distinct::OccurrenceVisitor;
 use super::node::AutumnalNode;
 use super::reader::Autumnal;
 use crate::tree::{Child, NodeState, Source, no_children};
@@ -70,7 +70,7 @@ struct Counted<'p> {
     progress: &'p dyn Progress,
 }
 
-impl Occurring for Counted<'_> {
+impl OccurrenceVisitor for Counted<'_> {
     fn inner(&mut self, node: AutumnalNode, times: u64) -> Result<bool> {
         self.progress.check()?;
         self.counts.add(self.depth - node.height, nodes_of(NodeState::Inner, times));

@@ -15,7 +15,8 @@ pub(super) struct Meta {
     pub(super) sequence: u64,
     /// Offset of the commit's extent.
     pub(super) commit: u64,
-    /// Offset of the commit's end.
+    /// End of the commit: all of its bytes are before this offset. The next commit starts here,
+    /// rounded up to a page, and is searched for there if its slot is lost.
     pub(super) end: u64,
 }
 
@@ -72,7 +73,7 @@ impl Meta {
 
     /// Decodes and checks the slot at `offset`.
     pub(super) fn from_bytes(bytes: &[u8], offset: u64) -> Slot {
-        let Ok(raw) = RawMeta::ref_from_bytes(bytes) else { return Slot::Damaged };
+        let Ok(raw) = RawMeta::ref_from_bytes(bytes) else { return Slot::Corrupt };
         if bytes.iter().all(|byte| *byte == 0) {
             return Slot::Empty;
         }
@@ -80,7 +81,7 @@ impl Meta {
         let meta = Meta { sequence: raw.sequence.get(), commit: raw.commit.get(), end: raw.end.get() };
         let fits =
             meta.sequence > 0 && meta.offset() == offset && (FIRST_EXTENT..meta.end).contains(&meta.commit);
-        if good && fits { Slot::Whole(meta) } else { Slot::Damaged }
+        if good && fits { Slot::Whole(meta) } else { Slot::Corrupt }
     }
 }
 
@@ -91,5 +92,5 @@ pub(super) enum Slot {
     Empty,
     Whole(Meta),
     /// Incomplete after a crash, or corrupt.
-    Damaged,
+    Corrupt,
 }

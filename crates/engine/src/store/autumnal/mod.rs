@@ -8,6 +8,7 @@
 
 mod append;
 mod archive;
+mod box_contents;
 mod builder;
 mod built_node;
 mod commit;
@@ -24,7 +25,6 @@ mod newest;
 mod node;
 mod packed;
 mod pages;
-mod pieces;
 mod reader;
 mod recover;
 mod remembered;
@@ -36,13 +36,13 @@ mod verify;
 mod write;
 mod zone;
 
+pub(crate) use box_contents::BoxContent;
 pub use commit::{Commit, CommitLayer, Note, WriteSummary};
 pub use compact::{CompactOptions, Keep, compact};
-pub(crate) use distinct::Occurring;
+pub(crate) use distinct::OccurrenceVisitor;
 pub use editor::Editor;
 pub use history::History;
 pub use node::AutumnalNode;
-pub use pieces::Piece;
 pub use reader::Autumnal;
 pub use recover::recover;
 pub(crate) use remembered::Remembered;

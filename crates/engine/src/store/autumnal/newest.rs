@@ -12,24 +12,24 @@ use spinney_base::{Error, Result, sort};
 
 /// State of the newest commit.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Newest {
+pub(super) enum NewestState {
     /// It is the one that the slots refer to.
     Good,
     /// Its slot is corrupt; it was found after the commit of the other slot.
-    BehindSlot,
+    CorruptSlot,
     /// It cannot be read, and an older commit is used instead. The strings are the position in the
     /// file, what was found, and what was expected.
-    Damaged([String; 3]),
+    Corrupt([String; 3]),
 }
 
-impl Newest {
+impl NewestState {
     /// Fails if the newest commit cannot be read.
     pub(super) fn check(&self, extents: &Extents) -> Result<()> {
         match self {
-            Newest::Good | Newest::BehindSlot => Ok(()),
-            Newest::Damaged([place, found, expected]) => {
-                let advice = "`spinney log` shows the commits that can be read, `spinney recover` makes one of them the newest";
-                Err(extents.corrupt(place, found, &format!("{expected} ({advice})")))
+            NewestState::Good | NewestState::CorruptSlot => Ok(()),
+            NewestState::Corrupt([place, found, expected]) => {
+                let advice = "`spinney log` lists the readable commits, `spinney recover` makes one of them the newest";
+                Err(extents.corrupt(place, found, &format!("{expected}; {advice}")))
             }
         }
     }
@@ -37,8 +37,8 @@ impl Newest {
 
 /// Result of the search for the newest commit: the bytes that were searched, the slot of the newest
 /// readable commit, and the state of the newest commit.
-pub(super) enum Look {
-    Found(Box<dyn ReadBackend>, Meta, Newest),
+pub(super) enum NewestSearch {
+    Found(Box<dyn ReadBackend>, Meta, NewestState),
     /// No slot leads to a readable commit. The error gives the reason if a slot is valid.
     Nothing(Option<Error>),
 }
@@ -58,11 +58,11 @@ pub(super) fn whole(slots: &[Slot; 2]) -> Vec<Meta> {
 /// is found by continuing after the other slot's commit. Any other invalid slot, and any valid slot
 /// whose commit is missing, is corruption and is reported. Silently falling back to an older commit
 /// would lose acknowledged edits.
-pub(super) fn find_newest(path: &Path, bytes: Box<dyn ReadBackend>) -> Result<Look> {
+pub(super) fn find_newest(path: &Path, bytes: Box<dyn ReadBackend>) -> Result<NewestSearch> {
     let length = bytes.len();
     let slots = slots(&*bytes)?;
     let mut extents = Extents::new(path, bytes, 0, true)?;
-    let mut damage = None;
+    let mut corruption = None;
     let mut found = None;
     for meta in whole(&slots) {
         match read(&mut extents, &meta, length) {
@@ -70,37 +70,42 @@ pub(super) fn find_newest(path: &Path, bytes: Box<dyn ReadBackend>) -> Result<Lo
                 found = Some(meta);
                 break;
             }
-            Err(error @ (Error::Io { .. } | Error::NotFetched)) => return Err(error),
-            Err(error) => damage = damage.or(Some(texts(error))),
+            Err(error) if is_read_failure(&error) => return Err(error),
+            Err(error) => corruption = corruption.or(Some(strings_of(error))),
         }
     }
     let Some(meta) = found else {
-        let error = damage.map(|[place, found, expected]| Error::corrupt(path, place, found, expected));
-        return Ok(Look::Nothing(error));
+        let error = corruption.map(|[place, found, expected]| Error::corrupt(path, place, found, expected));
+        return Ok(NewestSearch::Nothing(error));
     };
-    if let Some(damage) = damage {
-        return Ok(Look::Found(extents.into_backend(), meta, Newest::Damaged(damage)));
+    if let Some(corruption) = corruption {
+        return Ok(NewestSearch::Found(extents.into_backend(), meta, NewestState::Corrupt(corruption)));
     }
     // After the first commit, the other slot is empty.
     let other = slots[usize::from(!meta.sequence.is_multiple_of(2))];
     let is_lost = match other {
         Slot::Whole(_) => false,
         Slot::Empty => meta.sequence > 1,
-        Slot::Damaged => true,
+        Slot::Corrupt => true,
     };
     if !is_lost {
-        return Ok(Look::Found(extents.into_backend(), meta, Newest::Good));
+        return Ok(NewestSearch::Found(extents.into_backend(), meta, NewestState::Good));
     }
     extents.end = length;
     let next = find_next(&extents, &meta);
     let backend = extents.into_backend();
     Ok(match next {
-        Ok(Some(next)) => Look::Found(backend, next, Newest::BehindSlot),
+        Ok(Some(next)) => NewestSearch::Found(backend, next, NewestState::CorruptSlot),
         // The older slot was lost.
-        Ok(None) => Look::Found(backend, meta, Newest::Good),
-        Err(error @ (Error::Io { .. } | Error::NotFetched)) => return Err(error),
-        Err(error) => Look::Found(backend, meta, Newest::Damaged(texts(error))),
+        Ok(None) => NewestSearch::Found(backend, meta, NewestState::Good),
+        Err(error) if is_read_failure(&error) => return Err(error),
+        Err(error) => NewestSearch::Found(backend, meta, NewestState::Corrupt(strings_of(error))),
     })
+}
+
+/// Returns whether an error says nothing about the file's bytes, because they could not be read.
+pub(super) fn is_read_failure(error: &Error) -> bool {
+    matches!(error, Error::Io { .. } | Error::NotFetched)
 }
 
 /// Checks that the commit of a slot exists.
@@ -108,14 +113,14 @@ fn read(extents: &mut Extents, meta: &Meta, length: u64) -> Result<()> {
     if meta.end > length {
         let found = format!("{length} bytes");
         let expected =
-            format!("at least {}, where the newest commit ends (was the file cut short?)", meta.end);
+            format!("at least {}, the end of the newest commit (was the file cut short?)", meta.end);
         return Err(extents.corrupt("file", found, &expected));
     }
     extents.end = meta.end;
     let commit = Commit::read(extents, meta.commit)?;
     if commit.sequence != meta.sequence {
         let found = format!("sequence {}", commit.sequence);
-        let expected = format!("{}, as its slot says", meta.sequence);
+        let expected = format!("{}, the sequence of its slot", meta.sequence);
         return Err(extents.corrupt(format!("commit at {}", meta.commit), found, &expected));
     }
     Ok(())
@@ -124,11 +129,11 @@ fn read(extents: &mut Extents, meta: &Meta, length: u64) -> Result<()> {
 /// Finds the commit that was written after another one. All its extents must be intact.
 fn find_next(extents: &Extents, last: &Meta) -> Result<Option<Meta>> {
     let mut start = last.end.next_multiple_of(PAGE);
-    let mut damaged = None;
+    let mut first_error = None;
     while let Some(extent) = extents.extent_at(start)? {
         let end = extent.end().next_multiple_of(SECTOR);
         if let Err(error) = extents.check_payload(&extent) {
-            damaged = damaged.or(Some(error));
+            first_error = first_error.or(Some(error));
         } else if extent.kind == ExtentKind::Commit as u8 {
             let commit = Commit::read(extents, start)?;
             // Invariant: a commit refers to the one before it and is the next in sequence. What a
@@ -136,7 +141,7 @@ fn find_next(extents: &Extents, last: &Meta) -> Result<Option<Meta>> {
             // intact, and is never restored.
             let follows =
                 commit.previous == last.commit && commit.sequence == last.sequence.saturating_add(1);
-            return match damaged {
+            return match first_error {
                 _ if !follows => Ok(None),
                 Some(error) => Err(error),
                 None => Ok(Some(Meta { sequence: commit.sequence, commit: start, end })),
@@ -148,9 +153,9 @@ fn find_next(extents: &Extents, last: &Meta) -> Result<Option<Meta>> {
 }
 
 /// Returns the strings of an error about corruption.
-fn texts(error: Error) -> [String; 3] {
+fn strings_of(error: Error) -> [String; 3] {
     match error {
-        Error::Corrupt { place, found, expected, .. } => [place, found, expected],
-        other => ["newest commit".into(), other.to_string(), "one that can be read".into()],
+        Error::Corrupt { location: place, found, expected, .. } => [place, found, expected],
+        other => ["newest commit".into(), other.to_string(), "a readable commit".into()],
     }
 }

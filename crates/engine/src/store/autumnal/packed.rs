@@ -10,7 +10,7 @@
 //! 2 bytes: record count, 1 to 480
 //! 1 byte: codec, 0 plain or 1 packed
 //! 1 byte: padding, 0
-//! 48 bytes: header of the tree that all records belong to
+//! 48 bytes: header of the tree that all records were written for
 //! codec 0:                                   codec 1:
 //!   4 bytes per record: its offset, counted    output of `pack_runs` for the runs, and these
 //!     from byte 56 of the payload              side bytes per record with pointers:
@@ -19,6 +19,9 @@
 //!                                                  expected address
 //!                                                LEB128: zone length, then the zone, if any
 //! ```
+//!
+//! The header determines how the records are decoded. (The decoded bytes may then be shared by a
+//! layer with another header.)
 //!
 //! The expected address of the first pointer is the record's own, and of each further pointer the
 //! target of the pointer before plus 1. `formats.md` (section 41) is the specification.
@@ -33,7 +36,7 @@ use super::zone::{get_signed, get_u64, put, put_signed};
 use spinney_base::io::{CachedBytes, FileAccess, Unpacked};
 use spinney_base::value::Value;
 use spinney_container::{FileHeader, Header};
-use spinney_packing::{Corruption, Run, RunForm, UnpackedRuns, may_unpack, pack_runs, unpack_runs};
+use spinney_packing::{Corruption, RunForm, RunRecords, UnpackedRuns, may_unpack, pack_runs, unpack_runs};
 
 /// Base-2 logarithm of an upper bound of an extent's decoded bytes.
 const PLAIN_BITS: u32 = 21;
@@ -41,7 +44,7 @@ const PLAIN_BITS: u32 = 21;
 const MAX_PLAIN: usize = 1 << (PLAIN_BITS - 1);
 /// Maximum record count of an extent. Invariant: all record addresses are in the same sector as the
 /// extent's head, so a search by address never takes packed bytes for a head.
-const MAX_RECORDS: usize = SECTOR as usize - HEAD_SIZE;
+const MAX_PACKED_RECORDS: usize = SECTOR as usize - HEAD_SIZE;
 
 /// Bytes before the records: decoded size, record count, codec, and the header of the tree.
 const START: usize = 8 + HEADER;
@@ -70,17 +73,19 @@ impl PackedExtents {
         address: u64,
         payload: &[u8],
     ) -> Result<CachedBytes, &'static str> {
-        let head = PackedHead::read(payload).ok_or("the head of packed records")?;
+        let head = PackedHead::read(payload).ok_or("an invalid head")?;
         let index = start / SECTOR;
+        // (The length differs only if another process has overwritten the extent since. Then the
+        // cached offset table could be too short for the record's number.)
         let held = match self.unpacked.get(index).filter(|held| held.len() == head.all()) {
             Some(held) => held,
             None => self.unpacked.put(index, Arc::new(self.unpack(start, head, payload)?)),
         };
         let number = (address - start) as usize - HEAD_SIZE;
         if number >= head.records {
-            return Err("the number of a record");
+            return Err("fewer records");
         }
-        let (at, end) = (place(&held[number * PLACE..]), held.len());
+        let (at, end) = (record_offset(&held[number * PLACE..]), held.len());
         Ok(held.part(at.min(end)..end))
     }
 
@@ -89,21 +94,21 @@ impl PackedExtents {
         let packed = &payload[START..];
         let header: &[u8; HEADER] = payload[8..START].first_chunk().expect("as long as it is");
         let header = Header::from_bytes("".as_ref(), "", header, (self.header.dimension, self.header.depth));
-        let header = header.map_err(|_| "the header of a tree")?;
-        if !head.is_packed {
-            let places = packed[..head.records * PLACE].chunks_exact(PLACE);
-            let places: Vec<usize> = places.map(place).collect();
-            let is_good = places[0] == head.records * PLACE
-                && places.windows(2).all(|pair| pair[0] < pair[1])
-                && places.last().is_some_and(|last| *last < packed.len());
-            return if is_good { Ok(packed.to_vec()) } else { Err("places that records cannot have") };
+        let header = header.map_err(|_| "an invalid tree header")?;
+        if !head.is_compressed {
+            let offsets = packed[..head.records * PLACE].chunks_exact(PLACE);
+            let offsets: Vec<usize> = offsets.map(record_offset).collect();
+            let is_good = offsets[0] == head.records * PLACE
+                && offsets.windows(2).all(|pair| pair[0] < pair[1])
+                && offsets.last().is_some_and(|last| *last < packed.len());
+            return if is_good { Ok(packed.to_vec()) } else { Err("invalid record offsets") };
         }
         let layout = PointeredLayout::new(header.form, self.run_levels, header.depth());
         let form = run_form(&header, self.run_levels);
         // (The bytes other than runs take at most twice the size of their decoded form.)
         let unpacked = unpack_runs(&form, head.records, 2 * head.plain, packed);
         let UnpackedRuns { runs, side_bytes } = unpacked.map_err(|Corruption(what)| what)?;
-        let mut records = Records::default();
+        let mut records = DecodedRecords::default();
         let mut rest = &side_bytes[..];
         for run in &runs {
             let address = start + (HEAD_SIZE + records.starts.len()) as u64;
@@ -111,20 +116,20 @@ impl PackedExtents {
                 return Err("a node above the root");
             }
             let pointers = take_pointers(&mut rest, &layout, (address, run.height));
-            let pointers = pointers.ok_or("pointers that cannot be")?;
-            let zone = take_zone(&mut rest, &layout, run.height).ok_or("a zone that breaks off")?;
+            let pointers = pointers.ok_or("invalid pointers")?;
+            let zone = take_zone(&mut rest, &layout, run.height).ok_or("an incomplete zone")?;
             let representative = Value::from_bytes(&run.representative);
             records.push(&layout, (address, run.height), representative, &pointers, &run.records, zone);
         }
         if records.bytes.len() != head.plain || !rest.is_empty() {
-            return Err("other bytes than were packed");
+            return Err("a different unpacked length");
         }
         Ok(records.to_bytes())
     }
 }
 
 /// Returns the record offset at the start of `bytes`.
-fn place(bytes: &[u8]) -> usize {
+fn record_offset(bytes: &[u8]) -> usize {
     bytes.first_chunk().map_or(0, |four| u32::from_le_bytes(*four) as usize)
 }
 
@@ -139,7 +144,8 @@ struct PackedHead {
     /// Decoded size of the records in bytes.
     plain: usize,
     records: usize,
-    is_packed: bool,
+    /// Whether the codec is 1.
+    is_compressed: bool,
 }
 
 impl PackedHead {
@@ -148,13 +154,14 @@ impl PackedHead {
         let (start, rest) = payload.split_at_checked(START)?;
         let plain = u32::from_le_bytes(start[..4].try_into().ok()?) as usize;
         let records = usize::from(u16::from_le_bytes(start[4..6].try_into().ok()?));
-        let head = PackedHead { plain, records, is_packed: start[6] == 1 };
-        let fits = if head.is_packed {
+        let head = PackedHead { plain, records, is_compressed: start[6] == 1 };
+        let fits = if head.is_compressed {
             may_unpack(rest.len() as u64, plain as u64)
         } else {
             rest.len() == head.all()
         };
-        let is_good = start[6] < 2 && plain <= MAX_PLAIN && (1..=MAX_RECORDS).contains(&records) && fits;
+        let is_good =
+            start[6] < 2 && plain <= MAX_PLAIN && (1..=MAX_PACKED_RECORDS).contains(&records) && fits;
         is_good.then_some(head)
     }
 
@@ -166,24 +173,24 @@ impl PackedHead {
 
 /// Decoded records.
 #[derive(Default)]
-struct Records {
+struct DecodedRecords {
     /// Offset of each record in `bytes`.
     starts: Vec<u32>,
     bytes: Vec<u8>,
 }
 
-impl Records {
+impl DecodedRecords {
     fn push(
         &mut self,
         layout: &PointeredLayout,
-        place: (u64, u8),
+        position: (u64, u8),
         representative: Value,
         pointers: &Pointers,
         run: &[u8],
         zone: &[u8],
     ) {
         self.starts.push(self.bytes.len() as u32);
-        layout.encode(place, representative, pointers, run, &mut self.bytes);
+        layout.encode(position, representative, pointers, run, &mut self.bytes);
         self.bytes.extend_from_slice(zone);
     }
 
@@ -196,8 +203,8 @@ impl Records {
     /// records.
     fn to_bytes(&self) -> Vec<u8> {
         let before = self.starts.len() * PLACE;
-        let places = self.starts.iter().flat_map(|start| (before as u32 + start).to_le_bytes());
-        places.chain(self.bytes.iter().copied()).collect()
+        let offsets = self.starts.iter().flat_map(|start| (before as u32 + start).to_le_bytes());
+        offsets.chain(self.bytes.iter().copied()).collect()
     }
 }
 
@@ -209,7 +216,7 @@ pub(super) struct PackedWriter {
     /// Offset of the extent in the file.
     start: u64,
     heights: Vec<u8>,
-    records: Records,
+    records: DecodedRecords,
     /// Encoded pointers and zones: the bytes that are not in runs.
     side_bytes: Vec<u8>,
 }
@@ -218,7 +225,7 @@ impl PackedWriter {
     /// Creates a writer for records of a tree.
     pub(super) fn new(header: &Header, run_levels: u8) -> PackedWriter {
         let layout = PointeredLayout::new(header.form, run_levels, header.depth());
-        let (heights, records, side_bytes) = (Vec::new(), Records::default(), Vec::new());
+        let (heights, records, side_bytes) = (Vec::new(), DecodedRecords::default(), Vec::new());
         PackedWriter { header: header.clone(), run_levels, layout, start: 0, heights, records, side_bytes }
     }
 
@@ -236,7 +243,7 @@ impl PackedWriter {
 
     /// Returns whether the next record must go to another extent.
     pub(super) fn is_full(&self) -> bool {
-        self.records.bytes.len() > FULL_EXTENT || self.heights.len() == MAX_RECORDS
+        self.records.bytes.len() > FULL_EXTENT || self.heights.len() == MAX_PACKED_RECORDS
     }
 
     /// Adds a record to the extent, which starts at `start`, and returns the record's address.
@@ -265,20 +272,20 @@ impl PackedWriter {
         let records = std::mem::take(&mut self.records);
         let run = |(number, height): (usize, &u8)| {
             let record = records.of(number);
-            let parts = self.layout.parts(record, *height).ok()?;
-            Some(Run {
+            let fields = self.layout.fields(record, *height).ok()?;
+            Some(RunRecords {
                 height: *height,
                 representative: &record[..self.layout.width()],
-                records: parts.run(record),
+                records: fields.run(record),
             })
         };
-        let runs: Option<Vec<Run<&[u8]>>> = self.heights.iter().enumerate().map(run).collect();
+        let runs: Option<Vec<RunRecords<&[u8]>>> = self.heights.iter().enumerate().map(run).collect();
         let form = run_form(&self.header, self.run_levels);
         let packed = runs.and_then(|runs| pack_runs(&form, &runs, &self.side_bytes));
-        let head = |is_packed: bool| {
+        let head = |is_compressed: bool| {
             let mut bytes = (records.bytes.len() as u32).to_le_bytes().to_vec();
             bytes.extend_from_slice(&(self.heights.len() as u16).to_le_bytes());
-            bytes.extend_from_slice(&[u8::from(is_packed), 0]);
+            bytes.extend_from_slice(&[u8::from(is_compressed), 0]);
             bytes.extend_from_slice(&self.header.to_bytes());
             bytes
         };

@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 use super::archive::{Archive, OpenFile};
 use super::commit::{Commit, CommitLayer, Root};
 use super::extents::{ByteAccess, ExtentKind, Extents};
-use super::layout::{BadRecord, Heights, PointeredLayout, RecordParts};
+use super::layout::{BadRecord, Heights, PointeredLayout, RecordFields};
 use super::meta::{Slot, slots};
 use super::newest::whole;
 use super::node::AutumnalNode;
 use super::pages::FIRST_EXTENT;
-use super::zone::{BadZone, Zone, records};
+use super::zone::{BadZone, Zone, inner_nodes};
 use crate::store::records::{Descent, Runs};
 use crate::tree::{Child, Source};
 use spinney_base::io::{FileAccess, FileBytes, FileId, FileStat};
@@ -24,8 +24,9 @@ use spinney_container::{FileReference, Header, INNER, LEAF, Metadata, OpenOption
 /// A layer in a commit of an Autumnal file, open for reading. Any number of threads may share it.
 ///
 /// It does not change when a writer appends to the file; [`Autumnal::refresh`] moves to the newest
-/// commit. Every extent is checked before any of its bytes are used, so a corrupt file gives an
-/// error and never a crash.
+/// commit. The extent of each record is checked before the record is used, so a corrupt file gives
+/// an error and never a crash. (A file that was crafted with the right checksums may give wrong
+/// values; [`Autumnal::verify`] finds them.)
 pub struct Autumnal {
     pub(super) archive: Archive,
     pub(super) commit: Commit,
@@ -40,12 +41,13 @@ pub struct Autumnal {
     opened: Option<(PathBuf, OpenOptions)>,
 }
 
-/// Maximum number of records for traversing a whole tree. Records of shared subtrees count once per
-/// occurrence: a small file can declare any number of nodes equal, and a traversal would never end.
-pub(super) const MAX_RECORDS: u64 = 1 << 36;
+/// Maximum number of INNER nodes for traversing a whole tree. Nodes of shared subtrees count once
+/// per occurrence: a small file can declare any number of nodes equal, and a traversal would never
+/// end.
+pub(super) const MAX_TRAVERSED: u64 = 1 << 36;
 
-/// Bytes to read for the record count at a zone's start (its maximum size is a few bytes less).
-const ZONE_RECORDS: usize = 16;
+/// Bytes to read for the number of INNER nodes at a zone's start (it takes a few bytes less).
+const CLAIM_READ: usize = 16;
 
 /// First read of a record in bytes; its length is unknown.
 const FIRST_RECORD_READ: usize = 1024;
@@ -60,14 +62,14 @@ pub(super) struct PointeredRecord<B> {
     pub(super) height: u8,
     /// Bytes from the start of the record, at least up to its zone.
     pub(super) bytes: B,
-    pub(super) parts: RecordParts,
+    pub(super) fields: RecordFields,
 }
 
 impl<B: Deref<Target = [u8]>> PointeredRecord<B> {
     /// Returns the levels below the record's node.
     #[inline]
     pub(super) fn run(&self) -> &[u8] {
-        self.parts.run(&self.bytes)
+        self.fields.run(&self.bytes)
     }
 }
 
@@ -178,7 +180,7 @@ impl Autumnal {
         let Root { state, value, address } = &commit.layers[number].root;
         let value = || match value.len() == header.form.width() {
             true => Ok(Value::from_bytes(value)),
-            false => Err(corrupt("a root value of another size".into(), "one value")),
+            false => Err(corrupt("a root value of a different size".into(), "one value")),
         };
         let root = match *state {
             VOID => Child::Void,
@@ -203,13 +205,13 @@ impl Autumnal {
     /// If the file cannot be read. The tree is unchanged then.
     pub fn refresh(&mut self) -> Result<bool> {
         let Some((path, options)) = &self.opened else { return Ok(false) };
-        // (If the system cannot distinguish files, the slot alone decides.)
+        // (The identity is unique if the system has none for files. Then the slot alone decides.)
         let Archive { meta, file, .. } = self.archive;
         let is_same = |other_meta, other: FileId| other_meta == meta && (other == file || other.is_unique());
         let (bytes, current) = options.open_with_id(path)?;
         let slots = slots(&*bytes)?;
         // (The newest commit may be one whose slot is corrupt.)
-        let is_whole = !slots.contains(&Slot::Damaged);
+        let is_whole = !slots.contains(&Slot::Corrupt);
         if is_whole && whole(&slots).first().is_some_and(|newest| is_same(*newest, current)) {
             return Ok(false);
         }
@@ -219,8 +221,12 @@ impl Autumnal {
         // (By its name alone: a name may look like the number of another layer.)
         if !name.is_empty() {
             let number = new.commit.layer_named(name).ok_or_else(|| {
-                let found = format!("no layer `{name}` any more");
-                Error::invalid(format!("{}: newest commit", path.display()), found, "one")
+                let found = format!("no layer `{name}`");
+                Error::invalid(
+                    format!("{}: newest commit", path.display()),
+                    found,
+                    "that layer, which the previous commit has",
+                )
             })?;
             new = new.open_layer(number)?;
         }
@@ -252,10 +258,10 @@ impl Autumnal {
         &self.commit
     }
 
-    /// Returns the number of INNER nodes of the layer's tree. Shared nodes count once per
-    /// occurrence.
-    pub fn stored_records(&self) -> u64 {
-        self.layer().records
+    /// Returns the number of INNER nodes of the layer's tree. Nodes of shared subtrees count once
+    /// per occurrence, so it can exceed the number of records.
+    pub fn inner_nodes(&self) -> u64 {
+        self.layer().inner_nodes
     }
 
     /// Returns a remark on the file for its users, if its newest commit was not found through its
@@ -300,7 +306,7 @@ impl Autumnal {
     /// Returns name and size in bytes of each section of the file, in order.
     pub fn sections(&self) -> Vec<(&'static str, u64)> {
         let end = self.archive.extents.end;
-        let commits = if self.archive.form.is_packed { "commits, packed history" } else { "commits" };
+        let commits = if self.archive.form.may_pack { "commits, packed history" } else { "commits" };
         vec![("header", FIRST_EXTENT), (commits, end - FIRST_EXTENT), ("unused", self.file_size() - end)]
     }
 
@@ -326,25 +332,25 @@ impl Autumnal {
 
     #[cold]
     fn cut_short(&self, address: u64) -> Error {
-        self.bad_record(address, "the end of the file", "a whole record")
+        self.bad_record(address, "the end of the file", "a complete record")
     }
 
     #[cold]
     fn bad_zone(&self, address: u64) -> Error {
-        self.bad_record(address, "an impossible zone", "one of its cells")
+        self.bad_record(address, "an invalid zone", "statistics of the cells below")
     }
 
     #[cold]
     pub(super) fn bad_run(&self, address: u64) -> Error {
-        self.bad_record(address, "a run that contradicts itself", "records that fit together")
+        self.bad_record(address, "an inconsistent run", "consistent records")
     }
 
     /// Reads the record that contains a node.
     pub(super) fn record(&self, node: AutumnalNode) -> Result<OneRecord<'_>> {
         Ok(match self.extents().mapped() {
             Some(mapped) => {
-                let PointeredRecord { address, height, bytes, parts } = self.record_in(mapped, node)?;
-                PointeredRecord { address, height, bytes: FileBytes::Mapped(bytes), parts }
+                let PointeredRecord { address, height, bytes, fields } = self.record_in(mapped, node)?;
+                PointeredRecord { address, height, bytes: FileBytes::Mapped(bytes), fields }
             }
             None => self.record_in(self.extents(), node)?,
         })
@@ -361,13 +367,13 @@ impl Autumnal {
         let mut most = FIRST_RECORD_READ;
         loop {
             let bytes = access.bytes(address, most)?;
-            match self.layout().parts(&bytes, height) {
-                Ok(parts) => return Ok(PointeredRecord { address, height, bytes, parts }),
+            match self.layout().fields(&bytes, height) {
+                Ok(fields) => return Ok(PointeredRecord { address, height, bytes, fields }),
                 // (Repeated reads do not get shorter, and no record is longer than its fields say.)
                 Err(BadRecord::Short(needed)) if needed > most && bytes.len() >= most => most = needed,
                 Err(BadRecord::Short(_)) => return Err(self.cut_short(address)),
                 Err(BadRecord::Wrong) => {
-                    return Err(self.bad_record(address, "impossible numbers", "those of a record"));
+                    return Err(self.bad_record(address, "invalid fields", "the fields of a record"));
                 }
             }
         }
@@ -385,20 +391,20 @@ impl Autumnal {
     where
         B: Deref<Target = [u8]>,
     {
-        let Some(height) = self.heights().below(record.height) else { return Ok(None) };
-        let target = record.parts.pointer(&record.bytes, record.address, number);
+        let Some(height) = self.heights().target_height(record.height) else { return Ok(None) };
+        let target = record.fields.pointer(&record.bytes, record.address, number);
         let target = target.ok_or_else(|| self.bad_pointer(record.address))?;
         Ok(target.map(|address| AutumnalNode::new(address, height)))
     }
 
     #[cold]
     fn bad_pointer(&self, address: u64) -> Error {
-        self.bad_record(address, "a pointer that does not lead back", "one to an earlier record")
+        self.bad_record(address, "a pointer that does not point backwards", "a pointer to an earlier record")
     }
 
     #[cold]
     pub(super) fn no_pointer(&self, address: u64) -> Error {
-        self.bad_record(address, "an INNER node without a pointer", "one to its record")
+        self.bad_record(address, "an INNER node without a pointer", "a pointer to its record")
     }
 
     /// Returns the root: its state, value or representative, and node.
@@ -430,16 +436,19 @@ impl Autumnal {
             let record = self.record_in(access, node)?;
             let level = depth - record.height;
             if code.level() - level > self.heights().run_of(record.height)
-                && let Some(below) = self.heights().below(record.height)
+                && let Some(target_height) = self.heights().target_height(record.height)
             {
-                let to = depth - below;
+                let to = depth - target_height;
                 let number = (level..to)
                     .fold(0, |number, level| number * self.layout().form.children() + code.step(level));
                 if let Some(next) = self.follow(&record, number)? {
                     node = next;
                     continue;
                 }
-                // The node is uniform or within a uniform one, and the run has its value.
+                // The node is uniform or within a uniform one, and the run has its value. The upper
+                // levels of the run may be a dense block, down to CUT nodes. It has no states above
+                // its bottom, but a value for each position, also inside uniform nodes: that of the
+                // node itself is the result.
                 return match self.descend(&record, code.ancestor(to)) {
                     Descent::Void => Ok(None),
                     Descent::Leaf(value) => Ok(Some(value)),
@@ -476,8 +485,8 @@ impl Autumnal {
         while depth - node.height < code.level() {
             let record = self.record(node)?;
             let level = depth - record.height;
-            let Some(below) = self.heights().below(record.height) else { return Ok(None) };
-            let to = depth - below;
+            let Some(target_height) = self.heights().target_height(record.height) else { return Ok(None) };
+            let to = depth - target_height;
             if to > code.level() {
                 return Ok(None);
             }
@@ -492,8 +501,8 @@ impl Autumnal {
     }
 
     /// Returns the bytes after a node's record, at most `most`: its zone, and what follows.
-    fn behind(&self, node: AutumnalNode, most: usize) -> Result<FileBytes<'_>> {
-        let length = self.record(node)?.parts.end;
+    fn bytes_after(&self, node: AutumnalNode, most: usize) -> Result<FileBytes<'_>> {
+        let length = self.record(node)?.fields.end;
         let bytes = self.extents().bytes(node.address, length + most)?;
         let end = bytes.len();
         Ok(bytes.part(length.min(end)..end))
@@ -501,13 +510,13 @@ impl Autumnal {
 
     /// Returns whether a node has a zone.
     #[inline]
-    pub(super) fn is_zone(&self, node: AutumnalNode) -> bool {
+    pub(super) fn has_zone(&self, node: AutumnalNode) -> bool {
         node.has_record() && self.heights().has_zone(node.height)
     }
 
     /// Reads the zone of a node, if it has one.
     pub(super) fn zone(&self, node: AutumnalNode) -> Result<Option<Zone>> {
-        if !self.is_zone(node) {
+        if !self.has_zone(node) {
             return Ok(None);
         }
         let header = self.header();
@@ -515,7 +524,7 @@ impl Autumnal {
         // read is longer than the last.
         let mut most = FIRST_ZONE_READ;
         loop {
-            let bytes = self.behind(node, most)?;
+            let bytes = self.bytes_after(node, most)?;
             match Zone::from_bytes(&bytes, header.form, node.height, header.counts_classes()) {
                 Ok(zone) => return Ok(Some(zone)),
                 Err(BadZone::Short) if bytes.len() >= most => most *= 4,
@@ -525,19 +534,19 @@ impl Autumnal {
     }
 
     /// Returns whether a node's zone equals these bytes.
-    pub(super) fn has_zone(&self, node: AutumnalNode, zone: &[u8]) -> Result<bool> {
-        Ok(self.behind(node, zone.len())?[..] == *zone)
+    pub(super) fn zone_equals(&self, node: AutumnalNode, zone: &[u8]) -> Result<bool> {
+        Ok(self.bytes_after(node, zone.len())?[..] == *zone)
     }
 
     /// Returns the number of INNER nodes of a subtree according to its zone. A subtree without a
     /// zone counts as one node: it is too small to matter.
-    pub(super) fn records_below<'a, A: ByteAccess<'a>>(&self, access: A, node: AutumnalNode) -> Result<u64> {
-        if !self.is_zone(node) {
+    pub(super) fn claimed_below<'a, A: ByteAccess<'a>>(&self, access: A, node: AutumnalNode) -> Result<u64> {
+        if !self.has_zone(node) {
             return Ok(1);
         }
-        let end = self.record_in(access, node)?.parts.end;
-        let bytes = access.bytes(node.address, end + ZONE_RECORDS)?;
-        let claimed = bytes.get(end..).and_then(|mut zone| records(&mut zone).ok());
+        let end = self.record_in(access, node)?.fields.end;
+        let bytes = access.bytes(node.address, end + CLAIM_READ)?;
+        let claimed = bytes.get(end..).and_then(|mut zone| inner_nodes(&mut zone).ok());
         claimed.ok_or_else(|| self.bad_zone(node.address))
     }
 
@@ -546,15 +555,15 @@ impl Autumnal {
     ///
     /// # Errors
     /// If the file is corrupt.
-    pub(crate) fn claimed_records(&self) -> Result<u64> {
+    pub(crate) fn claimed_inner_nodes(&self) -> Result<u64> {
         match self.root {
-            Child::Inner { node, .. } => self.records_below(self.extents(), node),
+            Child::Inner { node, .. } => self.claimed_below(self.extents(), node),
             Child::Void | Child::Leaf(_) => Ok(0),
         }
     }
 
     /// Checks that the zone of a node, whose record is given, is consistent with the zones of the
-    /// nodes that it points to. Otherwise a small file could claim few records and have any number.
+    /// nodes that it points to. Otherwise a small file could claim few nodes and have any number.
     #[inline(never)]
     pub(super) fn check_zone<'a, A: ByteAccess<'a>>(
         &self,
@@ -562,29 +571,29 @@ impl Autumnal {
         node: AutumnalNode,
         record: &PointeredRecord<A::Bytes>,
     ) -> Result<()> {
-        let claimed = self.records_below(access, node)?;
+        let claimed = self.claimed_below(access, node)?;
         let dimension = self.layout().form.dimension;
         let children = dimension.children() as u64;
-        let Some(below) = self.heights().below(node.height) else { return Ok(()) };
-        let targets = record.parts.pointers(&record.bytes, record.address);
+        let Some(target_height) = self.heights().target_height(node.height) else { return Ok(()) };
+        let targets = record.fields.pointers(&record.bytes, record.address);
         let mut sum = 0u64;
         for target in targets.ok_or_else(|| self.bad_pointer(record.address))?.targets {
-            sum = sum.saturating_add(self.records_below(access, AutumnalNode::new(target, below))?);
+            sum = sum.saturating_add(self.claimed_below(access, AutumnalNode::new(target, target_height))?);
         }
         // A full tree has 1 + c + c^2 + ... nodes for c children.
         let full = |levels| (dimension.cells(levels) - 1) / (children - 1);
-        let most = if !self.heights().has_zone(below) {
+        let most = if !self.heights().has_zone(target_height) {
             // Nodes below have no zones: the maximum is a full tree down to the level above the
             // cells.
             full(node.height)
         } else {
-            sum.saturating_add(full(node.height - below))
+            sum.saturating_add(full(node.height - target_height))
         };
         let range = sum.saturating_add(1)..=most;
         if range.contains(&claimed) {
             return Ok(());
         }
-        let expected = format!("{} to {}, those below and its own", range.start(), range.end());
+        let expected = format!("{} to {}: the records below it and its own", range.start(), range.end());
         Err(self.bad_record(node.address, &format!("a zone of {claimed} records"), &expected))
     }
 
@@ -593,8 +602,8 @@ impl Autumnal {
     ///
     /// # Errors
     /// If there are too many to traverse the tree as a whole, or the file is corrupt.
-    pub(crate) fn walkable_records(&self) -> Result<u64> {
+    pub(crate) fn traversable_inner_nodes(&self) -> Result<u64> {
         self.root()?;
-        Ok(self.layer().records)
+        Ok(self.inner_nodes())
     }
 }

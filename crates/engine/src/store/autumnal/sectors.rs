@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sectors_are_told_apart_and_take_room_where_they_are() {
+    fn sectors_are_distinct_and_allocated_on_demand() {
         let sectors = Sectors::new(MAX_BYTES);
         let some = [0, 1, 63, 64, REGION - 1, REGION, REGION * ROW - 1, REGION * ROW, MAX_BYTES / SECTOR - 1];
         for (index, sector) in some.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Deduplication: finds records that the file already has.
+//! Deduplication: finds equal records among those that a writer has written so far.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -8,11 +8,13 @@ use spinney_base::io::platform::{read_exact_at, write_all_at};
 use spinney_base::{Error, Result};
 use zerocopy::IntoBytes;
 
-/// All written records by 128-bit hash: an open-addressing hash table that moves to a temporary
-/// file when it outgrows its memory. Matches are only likely: the caller compares the records.
+/// The records that one writer has written, by hash: an open-addressing hash table that moves to a
+/// temporary file when it outgrows its memory. Matches are only likely: the caller compares the
+/// records.
 ///
-/// Invariant: no entry is evicted. The set of shared records, and hence the file's bytes, must not
-/// depend on the memory limit.
+/// Invariant: no entry is evicted, and whether one is inserted depends on the records alone (at
+/// most [`ALIKE`] per hash). The set of shared records, and hence the file's bytes, must not depend
+/// on the memory limit.
 pub(super) struct DedupTable {
     slots: Slots,
     /// Base-2 logarithm of the slot count.
@@ -21,7 +23,7 @@ pub(super) struct DedupTable {
     /// Memory limit in bytes.
     memory: u64,
     /// Directory of the temporary file.
-    folder: PathBuf,
+    directory: PathBuf,
 }
 
 /// 64 bits of a hash and its value; a value of 0 marks a free slot.
@@ -36,7 +38,8 @@ enum Slots {
 /// Slots per read.
 const TOGETHER: usize = 8;
 
-/// Maximum number of records per hash. Only deliberate collisions produce even two.
+/// Maximum number of records per hash; further ones are never found, so they are written each time.
+/// Only deliberate collisions produce even two. The limit bounds the records to compare.
 const ALIKE: usize = 4;
 
 /// Initial base-2 logarithm of the slot count.
@@ -44,15 +47,15 @@ const FIRST_BITS: u32 = 10;
 
 impl DedupTable {
     /// Creates a table that holds at most `memory` bytes; a larger one moves to a temporary file in
-    /// `folder`.
-    pub(super) fn new(memory: u64, folder: &Path) -> DedupTable {
+    /// `directory`.
+    pub(super) fn new(memory: u64, directory: &Path) -> DedupTable {
         let slots = Slots::Memory(vec![[0; 2]; 1 << FIRST_BITS]);
-        DedupTable { slots, bits: FIRST_BITS, count: 0, memory, folder: folder.to_path_buf() }
+        DedupTable { slots, bits: FIRST_BITS, count: 0, memory, directory: directory.to_path_buf() }
     }
 
     /// Returns the candidates for a hash.
     pub(super) fn find(&self, hash: u128) -> Result<SmallVec<[u64; 1]>> {
-        self.look_up(tag(hash)).map(|(found, _)| found)
+        self.probe(tag(hash)).map(|(found, _)| found)
     }
 
     /// Adds a nonzero value for a hash.
@@ -61,7 +64,7 @@ impl DedupTable {
         if 2 * (self.count + 1) > 1 << self.bits {
             self.grow()?;
         }
-        let (found, free) = self.look_up(tag(hash))?;
+        let (found, free) = self.probe(tag(hash))?;
         if found.len() < ALIKE {
             self.put(free, [tag(hash), known])?;
             self.count += 1;
@@ -70,7 +73,7 @@ impl DedupTable {
     }
 
     /// Returns the values of a tag and the first free slot after them.
-    fn look_up(&self, tag: u64) -> Result<(SmallVec<[u64; 1]>, u64)> {
+    fn probe(&self, tag: u64) -> Result<(SmallVec<[u64; 1]>, u64)> {
         let slots = 1u64 << self.bits;
         let mut found = SmallVec::new();
         let mut at = tag >> (64 - self.bits);
@@ -95,7 +98,7 @@ impl DedupTable {
             Slots::Memory(slots) => into.copy_from_slice(&slots[first as usize..][..into.len()]),
             Slots::Spooled(file) => {
                 read_exact_at(file, into.as_mut_bytes(), first * size_of::<Slot>() as u64)
-                    .map_err(Error::io(&*self.folder, "read a temporary file"))?
+                    .map_err(Error::io(&*self.directory, "read a temporary file"))?
             }
         }
         Ok(())
@@ -105,7 +108,7 @@ impl DedupTable {
         match &mut self.slots {
             Slots::Memory(slots) => slots[place as usize] = slot,
             Slots::Spooled(file) => write_all_at(file, slot.as_bytes(), place * size_of::<Slot>() as u64)
-                .map_err(Error::io(&*self.folder, "write a temporary file"))?,
+                .map_err(Error::io(&*self.directory, "write a temporary file"))?,
         }
         Ok(())
     }
@@ -118,18 +121,18 @@ impl DedupTable {
         let slots = if bytes + bytes / 2 <= self.memory {
             Slots::Memory(vec![[0; 2]; 1 << bits])
         } else {
-            let failed = || Error::io(&*self.folder, "make a temporary file");
-            let file = tempfile::tempfile_in(&self.folder).map_err(failed())?;
+            let failed = || Error::io(&*self.directory, "make a temporary file");
+            let file = tempfile::tempfile_in(&self.directory).map_err(failed())?;
             file.set_len(bytes).map_err(failed())?;
             Slots::Spooled(file)
         };
-        let folder = self.folder.clone();
-        let mut larger = DedupTable { slots, bits, count: self.count, memory: self.memory, folder };
+        let directory = self.directory.clone();
+        let mut larger = DedupTable { slots, bits, count: self.count, memory: self.memory, directory };
         let mut group = vec![[0; 2]; 1 << FIRST_BITS];
         for first in (0..1u64 << self.bits).step_by(group.len()) {
             self.read(first, &mut group)?;
             for slot in group.iter().filter(|slot| slot[1] != 0) {
-                let (_, free) = larger.look_up(slot[0])?;
+                let (_, free) = larger.probe(slot[0])?;
                 larger.put(free, *slot)?;
             }
         }
@@ -155,9 +158,9 @@ mod tests {
     /// All entries are found with little memory and with much, and nothing else is.
     #[test]
     fn nothing_is_forgotten() {
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         for memory in [0, 1 << 16, 1 << 30] {
-            let mut table = DedupTable::new(memory, folder.path());
+            let mut table = DedupTable::new(memory, directory.path());
             for known in 1..=3000u64 {
                 assert!(table.find(hash(&known.to_le_bytes())).unwrap().is_empty());
                 table.insert(hash(&known.to_le_bytes()), known).unwrap();
@@ -172,7 +175,7 @@ mod tests {
 
     /// Equal hashes, and probe sequences that wrap around the end of the table.
     #[test]
-    fn equal_hashes_are_kept_beside_each_other() {
+    fn equal_hashes_are_kept_in_consecutive_slots() {
         let mut table = DedupTable::new(0, Path::new("."));
         (1..=10).for_each(|known| table.insert(u128::MAX, known).unwrap());
         table.insert(u128::MAX - (1 << 64), 11).unwrap();

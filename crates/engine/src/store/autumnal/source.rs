@@ -2,7 +2,7 @@
 
 use super::extents::ByteAccess;
 use super::node::AutumnalNode;
-use super::reader::{Autumnal, MAX_RECORDS, PointeredRecord};
+use super::reader::{Autumnal, MAX_TRAVERSED, PointeredRecord};
 use crate::store::builder::{RecordFile, RecordRef, ReusableSource, StoredNode, Subtree};
 use crate::store::records::dense::DenseRows;
 use crate::store::records::{RunChildren, Runs};
@@ -42,17 +42,21 @@ impl Autumnal {
         let mut here = RunChildren::default();
         let read = layout.run_children(record.run(), node.place, &mut here);
         read.ok_or_else(|| self.bad_run(node.address))?;
-        let below = self.heights().below(record.height);
+        let target_height = self.heights().target_height(record.height);
         for (step, (child, here)) in children.iter_mut().zip(&here[..layout.children()]).enumerate() {
             *child = match here.state {
                 VOID => Child::Void,
                 LEAF => Child::Leaf(here.value),
                 _ if node.height <= 1 => {
-                    return Err(self.bad_record(node.address, "INNER", "no deeper node than a cell"));
+                    return Err(self.bad_record(
+                        node.address,
+                        "an INNER node at the deepest level",
+                        "VOID or LEAF",
+                    ));
                 }
                 state => {
                     let path = node.path as usize * layout.children() + step;
-                    let node = if below == Some(node.height - 1) {
+                    let node = if target_height == Some(node.height - 1) {
                         self.follow(&record, path)?.ok_or_else(|| self.no_pointer(node.address))?
                     } else if state == INNER {
                         AutumnalNode { height: node.height - 1, path: path as u8, place: here.node, ..node }
@@ -63,7 +67,7 @@ impl Autumnal {
                 }
             };
         }
-        if self.is_zone(node) { self.check_zone(access, node, &record) } else { Ok(()) }
+        if self.has_zone(node) { self.check_zone(access, node, &record) } else { Ok(()) }
     }
 }
 
@@ -80,14 +84,14 @@ impl Source for Autumnal {
     }
 
     /// # Errors
-    /// If the tree has too many records to be traversed as a whole, which is only possible if
+    /// If the tree has too many INNER nodes to be traversed as a whole, which is only possible if
     /// subtrees are shared.
     fn root(&self) -> Result<Child<AutumnalNode>> {
         if let Child::Inner { node, .. } = self.root_child() {
-            let records = self.records_below(self.extents(), node)?;
-            if records > MAX_RECORDS {
-                let found = format!("walking {records} nodes, most of which are stored once for many");
-                let advice = "look at a window, or at a coarser level";
+            let nodes = self.claimed_below(self.extents(), node)?;
+            if nodes > MAX_TRAVERSED {
+                let found = format!("a traversal of {nodes} nodes, most of which share records");
+                let advice = "read a window, or a coarser level";
                 return Err(Error::unsupported(self.path(), found, advice));
             }
         }
@@ -129,24 +133,29 @@ impl ReusableSource for Autumnal {
 
     fn kept(&self, node: &AutumnalNode) -> Option<RecordRef> {
         let AutumnalNode { address, height, .. } = *node;
-        self.is_zone(*node).then_some(RecordRef { file: self.archive.file, address, height })
+        let (file, header) = (self.archive.file, self.header());
+        let (rule, counts_classes) = (header.rule, header.counts_classes());
+        self.has_zone(*node).then_some(RecordRef { file, address, height, rule, counts_classes })
     }
 }
 
-/// Serves only records that are one run down to the cells: see [`ReusableSource::stored`].
+/// Serves only records that are one run down to the cells: see [`ReusableSource::stored`]. The
+/// number of a run is the address of its record.
 impl RecordFile for Autumnal {
     fn file_header(&self) -> &Header {
         self.header()
     }
 
     fn subtree(&self, run: u64, record: u32) -> Result<Subtree<'_>> {
+        // (Not the height of the node, which need not be known: all nodes of at most this height
+        // are in records of one height, and that alone determines how the record is read.)
         let height = self.heights().run_of(self.header().depth());
-        let PointeredRecord { bytes, parts, .. } = self.record(AutumnalNode::new(run, height))?;
+        let PointeredRecord { bytes, fields, .. } = self.record(AutumnalNode::new(run, height))?;
         let (layout, at) = (&self.layout().run, record as usize);
-        let records = parts.run(&bytes);
+        let records = fields.run(&bytes);
         let skip = layout.head(records, at).map_or(0, |head| head.skip);
         let length = layout.subtree(records, at, skip).map_or(0, <[u8]>::len);
-        let start = parts.run_start() + at * layout.size;
+        let start = fields.run_start() + at * layout.size;
         Ok(Subtree::new(bytes, start..start + length))
     }
 }

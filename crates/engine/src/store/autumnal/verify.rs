@@ -12,7 +12,7 @@ use super::pages::{FIRST_EXTENT, PAGE};
 use super::reader::Autumnal;
 use super::verified::{Unverified, Verified};
 use crate::store::builder::{BuildOptions, walk};
-use spinney_base::space::CodeRun;
+use spinney_base::space::CodeRange;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Finding, MAX_FINDINGS};
 
@@ -78,8 +78,8 @@ impl Autumnal {
                 break;
             }
             let tree = Autumnal::new(self.archive.clone(), commit.clone(), number)?;
-            // The layer's header gives records their meaning: a record that is valid in one layer
-            // may be invalid in another.
+            // Layers may share records, but rule, kind and depth in a layer's header determine what
+            // they must contain: a record that is valid in one layer may be invalid in another.
             let share = verified.memory / commit.layers.len() as u64;
             let known = verified.layers.entry(layer.header.clone()).or_insert_with(|| Verified::new(share));
             tree.verify_tree(findings, known, memory, progress)?;
@@ -91,8 +91,8 @@ impl Autumnal {
     fn verify_slots(&self, findings: &mut Vec<Finding>) -> Result<()> {
         for (slot, name) in self.extents().slots()?.into_iter().zip(["first", "second"]) {
             // (After the first commit of a file, the other slot is empty.)
-            if slot == Slot::Damaged || slot == Slot::Empty && self.archive.meta.sequence > 1 {
-                let problem = "is damaged; the next edit writes it anew".into();
+            if slot == Slot::Corrupt || slot == Slot::Empty && self.archive.meta.sequence > 1 {
+                let problem = "is corrupt; the next edit rewrites it".into();
                 findings.push(Finding { place: format!("{name} meta slot"), problem });
             }
         }
@@ -106,11 +106,14 @@ impl Autumnal {
         while next < extents.end && findings.len() < MAX_FINDINGS {
             progress.check()?;
             if extents.reaches_beyond(next)? {
-                let problem = "reaches beyond the newest commit's end".into();
+                let problem = "extends beyond the end of the newest commit".into();
                 findings.push(Finding { place: format!("extent at {next}"), problem });
                 return Ok(());
             }
-            // (After the bytes of a cancelled edit, the next commit starts at a page.)
+            // (The next extent usually starts at `next`. Only after an extent that is no commit may
+            // it start at the next page instead: another program may have left the extents of a
+            // cancelled edit there. Spinney overwrites those, and a commit's extent skips to the
+            // page anyway.)
             let (start, extent) = match extents.extent_at(next)? {
                 Some(extent) => (next, Some(extent)),
                 None => (next.next_multiple_of(PAGE), extents.extent_at(next.next_multiple_of(PAGE))?),
@@ -142,8 +145,10 @@ impl Autumnal {
                 commit.number < after.number && commit.sequence.checked_add(1) == Some(after.sequence)
             });
             if !fits || (commit.previous == 0) != (commit.sequence == 1) {
-                let problem =
-                    format!("number {}, sequence {}, which do not count", commit.number, commit.sequence);
+                let problem = format!(
+                    "number {}, sequence {}: not consecutive with the next commit",
+                    commit.number, commit.sequence
+                );
                 findings.push(Finding { place: format!("commit at {next}"), problem });
                 return Ok(());
             }
@@ -186,7 +191,7 @@ impl Autumnal {
         let mut builder = RecordBuilder::new(self, &options, [u64::MAX; 3], mode, None);
         let source = Unverified { tree: self };
         let shape = self.heights().shape();
-        let walked = walk(&source, &options, (shape, CodeRun::ALL), true, &mut builder, progress);
+        let walked = walk(&source, &options, (shape, CodeRange::ALL), true, &mut builder, progress);
         let layer = self.layer();
         let place = match &*layer.name {
             "" => format!("commit {}", self.commit.number),
@@ -196,8 +201,8 @@ impl Autumnal {
         add(findings, format!("{place}, tree"), walked)?;
         if is_good {
             let (root, zone) = builder.finish();
-            if (&root, zone.records, zone.tally.cells) != (&layer.root, layer.records, layer.cells) {
-                let problem = format!("a root or totals that differ from the tree's: {root:?}");
+            if (&root, zone.inner_nodes, zone.tally.cells) != (&layer.root, layer.inner_nodes, layer.cells) {
+                let problem = format!("the root or totals differ from those of the tree: {root:?}");
                 findings.push(Finding { place: place.clone(), problem });
             }
         }

@@ -85,8 +85,9 @@ pub(super) fn check_plain(header: &Header, path: &Path) -> Result<()> {
 pub(super) fn backend(output: &mut Output) -> Result<Box<FileBackend>> {
     let path = output.path().to_path_buf();
     if path.exists() {
-        let advice = "edit it (see `spinney edit --help`), or remove it first: its history would be lost";
-        return Err(Error::unsupported(&path, "replacing an Autumnal file that is there", advice));
+        let advice =
+            "edit it (see `spinney edit --help`), or remove it first, since its history would be lost";
+        return Err(Error::unsupported(&path, "replacing an existing Autumnal file", advice));
     }
     // Check again when the file is moved to its path, so that a file created meanwhile is not lost.
     output.keep_existing();

@@ -11,12 +11,12 @@ use spinney_base::value::{Sums, Value, ZoneStats};
 /// Class count of a zone with too many classes to list.
 const NOT_COUNTED: u64 = u32::MAX as u64;
 
-/// Statistics of a node's cells and records.
+/// Statistics of a node's cells, and the number of its INNER nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Zone {
     /// INNER nodes of the subtree, including its root. Nodes of shared subtrees count once per
     /// occurrence.
-    pub(super) records: u64,
+    pub(super) inner_nodes: u64,
     pub(super) tally: ZoneStats,
 }
 
@@ -31,10 +31,10 @@ pub(super) enum BadZone {
 
 impl Zone {
     pub(super) fn to_bytes(&self, with_classes: bool) -> Vec<u8> {
-        let Zone { records, tally } = self;
+        let Zone { inner_nodes, tally } = self;
         let width = tally.value_type.size();
         let mut bytes = Vec::with_capacity(64);
-        put(&mut bytes, u128::from(*records));
+        put(&mut bytes, u128::from(*inner_nodes));
         put(&mut bytes, u128::from(tally.cells));
         if tally.value_type.is_masked() {
             let present = tally.present.iter().take(usize::from(tally.value_type.channels));
@@ -67,7 +67,7 @@ impl Zone {
     ) -> Result<Zone, BadZone> {
         let width = form.width();
         let rest = &mut { bytes };
-        let records = records(rest)?;
+        let inner_nodes = inner_nodes(rest)?;
         let cells = get_u64(rest)?;
         if cells > form.dimension.cells(height) {
             return Err(BadZone::Wrong);
@@ -95,7 +95,7 @@ impl Zone {
         if with_classes {
             let count = get_u64(rest)?;
             if count == NOT_COUNTED && cells > 0 {
-                return Ok(Zone { records, tally });
+                return Ok(Zone { inner_nodes, tally });
             }
             if count > cells {
                 return Err(BadZone::Wrong);
@@ -113,12 +113,12 @@ impl Zone {
                 return Err(BadZone::Wrong);
             }
         }
-        Ok(Zone { records, tally })
+        Ok(Zone { inner_nodes, tally })
     }
 }
 
-/// Decodes a zone's first field, its record count.
-pub(super) fn records(bytes: &mut &[u8]) -> Result<u64, BadZone> {
+/// Decodes a zone's first field, the number of INNER nodes.
+pub(super) fn inner_nodes(bytes: &mut &[u8]) -> Result<u64, BadZone> {
     get_u64(bytes)
 }
 
@@ -170,8 +170,8 @@ fn put_sum(bytes: &mut Vec<u8>, sums: &Sums, channel: usize) {
     match <[u8; 16]>::try_from(&sum[..]) {
         Ok(sum) => put_signed(bytes, i128::from_le_bytes(sum)),
         Err(_) => {
-            let (parts, _) = sum.as_chunks();
-            parts.iter().for_each(|part| put(bytes, u64::from_le_bytes(*part).into()));
+            let (words, _) = sum.as_chunks();
+            words.iter().for_each(|word| put(bytes, u64::from_le_bytes(*word).into()));
         }
     }
 }
@@ -219,16 +219,16 @@ mod tests {
             &ZoneStats::leaf(short, low, 5, true),
             &ZoneStats::leaf(short, high, 90, true),
         ]);
-        let zone = Zone { records: 17, tally };
+        let zone = Zone { inner_nodes: 17, tally };
         let bytes = zone.to_bytes(true);
         let form = TreeType::new(Dimension::Quad, short);
         assert_eq!(Zone::from_bytes(&bytes, form, 6, true).as_ref(), Ok(&zone));
         assert_eq!(Zone::from_bytes(&bytes[..bytes.len() - 1], form, 6, true), Err(BadZone::Short));
         assert_eq!(Zone::from_bytes(&bytes, form, 3, true), Err(BadZone::Wrong));
         let rgb = ValueType::new(SampleType::U8, 3).with_missing(9.0);
-        let parts =
+        let tallies =
             [[9u8, 5, 9], [200, 9, 9]].map(|value| ZoneStats::leaf(rgb, Value::from(value), 16, false));
-        let zone = Zone { records: 2, tally: ZoneStats::merge(&[&parts[0], &parts[1]]) };
+        let zone = Zone { inner_nodes: 2, tally: ZoneStats::merge(&[&tallies[0], &tallies[1]]) };
         assert_eq!(zone.tally.present, [16, 16, 0, 32]);
         let (mut bytes, form) = (zone.to_bytes(false), TreeType::new(Dimension::Quad, rgb));
         let found = Zone::from_bytes(&bytes, form, 6, false).unwrap();
@@ -237,7 +237,8 @@ mod tests {
         bytes[4] = 33;
         assert_eq!(Zone::from_bytes(&bytes, form, 6, false), Err(BadZone::Wrong));
         let form = TreeType::new(Dimension::Quad, float);
-        let floats = Zone { records: 1, tally: ZoneStats::leaf(float, Value::from([-0.25f32]), 64, false) };
+        let floats =
+            Zone { inner_nodes: 1, tally: ZoneStats::leaf(float, Value::from([-0.25f32]), 64, false) };
         assert_eq!(Zone::from_bytes(&floats.to_bytes(false), form, 6, false), Ok(floats));
     }
 }

@@ -1,7 +1,7 @@
 //! Boxes of cells, in the order in which trees are built from them.
 
 use spinney_base::array;
-use spinney_base::space::{Code, CodeRun, Dimension};
+use spinney_base::space::{Code, CodeRange, Dimension};
 
 /// The requested cells of a tree: those of the nodes in a run. See
 /// [`TreeWriter::run`](crate::store::TreeWriter::run).
@@ -12,7 +12,7 @@ pub struct WantedCells {
     /// Levels of the tree.
     pub depth: u8,
     /// The run of nodes.
-    pub run: CodeRun,
+    pub run: CodeRange,
 }
 
 impl WantedCells {
@@ -44,10 +44,10 @@ impl WantedCells {
 ///
 /// ```
 /// use spinney::Dimension;
-/// use spinney::raw::space::CodeRun;
+/// use spinney::raw::space::CodeRange;
 /// use spinney::raw::store::{SlabBoxes, WantedCells};
 ///
-/// let all = WantedCells { dimension: Dimension::Quad, depth: 10, run: CodeRun::ALL };
+/// let all = WantedCells { dimension: Dimension::Quad, depth: 10, run: CodeRange::ALL };
 /// let boxes = SlabBoxes::new([700, 300, 1], all, 512);
 /// assert_eq!(boxes.collect::<Vec<_>>(), [([0, 0, 0], [512, 300, 1]), ([512, 0, 0], [188, 300, 1])]);
 /// ```
@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn boxes_cover_the_picture_once_and_in_order() {
+    fn boxes_cover_the_extent_once_and_in_order() {
         for (dimension, extent, depth, side) in [
             (Dimension::Quad, [1000, 600, 1], 10, 256),
             (Dimension::Quad, [1, 1, 1], 0, 1024),
@@ -125,7 +125,7 @@ mod tests {
             (Dimension::Oct, [200, 100, 150], 9, 64),
         ] {
             let boxes: Vec<_> =
-                SlabBoxes::new(extent, WantedCells { dimension, depth, run: CodeRun::ALL }, side).collect();
+                SlabBoxes::new(extent, WantedCells { dimension, depth, run: CodeRange::ALL }, side).collect();
             let cells: u64 = boxes.iter().map(|(_, size)| size.iter().product::<u64>()).sum();
             assert_eq!(cells, extent.iter().product::<u64>());
             let code = |first: &[u64; 3]| Code::from_cell(dimension, depth, first.map(|cell| cell as u32));
@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn boxes_of_a_run_are_those_that_it_touches() {
         let node = |digits: &[usize]| Code::from_digits(Dimension::Quad, digits.iter().copied()).unwrap();
-        let run = CodeRun::of(node(&[0, 3]), node(&[1])).unwrap();
+        let run = CodeRange::of(node(&[0, 3]), node(&[1])).unwrap();
         let wanted = WantedCells { dimension: Dimension::Quad, depth: 10, run };
         let boxes = SlabBoxes::new([1000, 900, 1], wanted, 1 << 20);
         assert_eq!(boxes.collect::<Vec<_>>(), [([256, 256, 0], [256, 256, 1]), ([512, 0, 0], [488, 512, 1])]);

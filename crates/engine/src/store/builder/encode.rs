@@ -21,9 +21,9 @@ use spinney_container::{CUT, DenseKind, INNER, LEAF, MAX_DENSE_LEVELS, VOID, den
 /// Number of record slots of a node's subtree (0 unless it is INNER), whether it is a dense block,
 /// and the states of its bottom nodes.
 #[derive(Clone, Copy)]
-pub(super) struct Places(u32);
+pub(super) struct SubtreeSlots(u32);
 
-impl Places {
+impl SubtreeSlots {
     const COUNT: u32 = (1 << 24) - 1;
     const DENSE: u32 = 1 << 24;
     /// Position of the lowest state bit: state `s` has bit `s` after it.
@@ -32,36 +32,38 @@ impl Places {
     /// Returns the value of a bottom node, or of a uniform node above the bottom. A bottom node
     /// that is INNER becomes CUT.
     #[inline]
-    pub(super) fn of_state(state: u8) -> Places {
+    pub(super) fn of_state(state: u8) -> SubtreeSlots {
         let state = if state == INNER { CUT } else { state };
-        Places(1 << (Self::STATES_AT + u32::from(state)))
+        SubtreeSlots(1 << (Self::STATES_AT + u32::from(state)))
     }
 
     /// Returns the values of bottom nodes, or of uniform nodes above the bottom.
-    fn of_states(states: &[u8]) -> Vec<Places> {
-        states.iter().map(|state| Places::of_state(*state)).collect()
+    fn of_states(states: &[u8]) -> Vec<SubtreeSlots> {
+        states.iter().map(|state| SubtreeSlots::of_state(*state)).collect()
     }
 
     /// Returns the value of a node with copied records.
-    fn of_reused(node: &ReusedNode) -> Places {
+    fn of_reused(node: &ReusedNode) -> SubtreeSlots {
         let void = if node.has_void { 1 << (Self::STATES_AT + u32::from(VOID)) } else { 0 };
-        Places(node.len | 1 << (Self::STATES_AT + u32::from(LEAF)) | void)
+        SubtreeSlots(node.len | 1 << (Self::STATES_AT + u32::from(LEAF)) | void)
     }
 
     /// Adds the slots of two nodes, and joins their states.
     #[inline]
-    pub(super) fn join(self, other: Places) -> Places {
+    pub(super) fn join(self, other: SubtreeSlots) -> SubtreeSlots {
         // Invariant: counts stay below 2^24, since a block has some ten thousand INNER nodes, and a
         // dense block takes less than one record per node. A larger count would overflow into the
         // mark of dense blocks.
         debug_assert!(self.count() + other.count() <= Self::COUNT);
-        Places((self.count() + other.count()) | (self.0 | other.0) >> Self::STATES_AT << Self::STATES_AT)
+        SubtreeSlots(
+            (self.count() + other.count()) | (self.0 | other.0) >> Self::STATES_AT << Self::STATES_AT,
+        )
     }
 
     /// Returns the value of an INNER node from its children's sum and the sizes of dense blocks of
     /// its number of levels.
     #[inline]
-    pub(super) fn parent(self, sizes: &DenseSizes) -> Places {
+    pub(super) fn parent(self, sizes: &DenseSizes) -> SubtreeSlots {
         let count = 1 + self.count();
         let dense = sizes[self.states()];
         // Invariant: the choice between records and a dense block depends only on what is below the
@@ -69,7 +71,7 @@ impl Places {
         // blocks in Z order and copied subtrees have the same encoding. Equal trees have equal
         // bytes, and an unchanged node is recognized in a file.
         let (taken, mark) = if dense < count + count / SHARE { (dense, Self::DENSE) } else { (count, 0) };
-        Places(taken | mark | (self.states() as u32) << Self::STATES_AT)
+        SubtreeSlots(taken | mark | (self.states() as u32) << Self::STATES_AT)
     }
 
     #[inline]
@@ -118,7 +120,7 @@ struct Encoder<'a, R: Record> {
     /// Maximum number of levels of dense blocks.
     most_dense: u8,
     /// For each level above the bottom, by node.
-    places: Vec<Vec<Places>>,
+    slots: Vec<Vec<SubtreeSlots>>,
     /// For each level, by node: index of the node's group of children in the next level. Empty if
     /// all nodes have a group.
     groups: Vec<Vec<u32>>,
@@ -145,12 +147,12 @@ pub(super) fn encode<R: Record>(
         reused,
         height: usize::from(height),
         most_dense,
-        places: Vec::new(),
+        slots: Vec::new(),
         groups: levels.iter().map(Level::groups).collect(),
         layout: std::marker::PhantomData,
     };
     encoder.count();
-    let mut bytes = vec![0; encoder.places[0][0].count() as usize * size_of::<R>()];
+    let mut bytes = vec![0; encoder.slots[0][0].count() as usize * size_of::<R>()];
     encoder.node(0, 0, <[R]>::mut_from_bytes(&mut bytes).expect("whole records"));
     bytes
 }
@@ -158,7 +160,7 @@ pub(super) fn encode<R: Record>(
 impl<R: Record> Encoder<'_, R> {
     /// Counts the record slots of all nodes above the bottom.
     fn count(&mut self) {
-        let mut places: Vec<Vec<Places>> = Vec::with_capacity(self.levels.len());
+        let mut slots: Vec<Vec<SubtreeSlots>> = Vec::with_capacity(self.levels.len());
         for (index, level) in self.levels.iter().enumerate().rev() {
             if index == self.height {
                 continue;
@@ -166,32 +168,32 @@ impl<R: Record> Encoder<'_, R> {
             debug_assert!(level.reused.is_sorted_by_key(|node| node.index));
             debug_assert!(level.expanded.as_ref().is_none_or(|expanded| expanded.is_sorted()));
             let sizes = dense_sizes::<R>((self.height - index) as u8, self.most_dense);
-            let mut here = Places::of_states(&level.states);
+            let mut here = SubtreeSlots::of_states(&level.states);
             for node in &level.reused {
-                here[node.index as usize] = Places::of_reused(node);
+                here[node.index as usize] = SubtreeSlots::of_reused(node);
             }
             if let Some(children) = self.levels.get(index + 1) {
-                let known = places.last().filter(|_| index + 1 < self.height);
+                let known = slots.last().filter(|_| index + 1 < self.height);
                 for (group, states) in children.states.chunks_exact(R::CHILDREN).enumerate() {
                     let parent = level.parent(group);
                     if level.states[parent] != INNER {
                         continue;
                     }
                     let first = group * R::CHILDREN;
-                    let mut together = Places(0);
+                    let mut together = SubtreeSlots(0);
                     for child in 0..R::CHILDREN {
                         together = together.join(match known {
                             Some(known) => known[first + child],
-                            None => Places::of_state(states[child]),
+                            None => SubtreeSlots::of_state(states[child]),
                         });
                     }
                     here[parent] = together.parent(&sizes);
                 }
             }
-            places.push(here);
+            slots.push(here);
         }
-        places.reverse();
-        self.places = places;
+        slots.reverse();
+        self.slots = slots;
     }
 
     /// Returns the index of an expanded node's first child in the next level.
@@ -207,11 +209,11 @@ impl<R: Record> Encoder<'_, R> {
     /// Writes an INNER node of a level to the first slots of `records`; returns the number of
     /// slots.
     fn node(&self, index: usize, node: usize, records: &mut [R]) -> usize {
-        let places = self.places[index][node];
-        let count = places.count() as usize;
+        let slots = self.slots[index][node];
+        let count = slots.count() as usize;
         let records = &mut records[..count];
         let Some(first) = self.first_child(index, node) else {
-            let reused = self.reused_at(index, node).expect("INNER nodes are expanded or taken over");
+            let reused = self.reused_at(index, node).expect("INNER nodes are expanded or reused");
             records.copy_from_slice(R::of(self.reused.records(reused)));
             return count;
         };
@@ -219,7 +221,7 @@ impl<R: Record> Encoder<'_, R> {
         let is_cut = index + 1 == self.height;
         let mut next = 1;
         let mut states = 0;
-        let dense = places.dense();
+        let dense = slots.dense();
         for (i, state) in children.states[first..first + R::CHILDREN].iter().enumerate() {
             let state = if *state == INNER && is_cut { CUT } else { *state };
             states |= u32::from(state) << (2 * i);

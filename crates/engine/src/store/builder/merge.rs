@@ -11,7 +11,7 @@ pub enum MergeAction {
     /// VOID.
     Void,
     /// The node of this tree, with its subtree.
-    Take(usize),
+    Keep(usize),
     /// A fill value that neither tree has.
     Fill,
     /// A LEAF with the joined values of two uniform nodes, or VOID: see [`Join`].

@@ -13,7 +13,7 @@
 //!    if samples may be missing), and condenses uniform nodes. `tally` computes the block's
 //!    statistics.
 //! 4. `encode` writes the block in preorder, as records or as dense blocks where these are not much
-//!    larger. The result is a `Part`, an encoded subtree.
+//!    larger. The result is a `EncodedSubtree`, an encoded subtree.
 //! 5. A `TreeSink` takes parts, merges complete siblings, and writes finished data:
 //!    `goblin::segment_builder` writes segments, `autumnal::builder` the records that the file does
 //!    not have yet. Sources deliver parts in FD order, slabs in any order. When a part's own
@@ -29,6 +29,7 @@ mod block;
 mod boxes;
 mod counts;
 mod encode;
+mod encoded_subtree;
 mod fold;
 mod gather;
 mod level;
@@ -37,7 +38,6 @@ mod merge;
 mod options;
 mod overlay;
 mod packing;
-mod part;
 mod reduce;
 mod reuse;
 mod reused;
@@ -52,13 +52,13 @@ mod upper;
 mod walk;
 
 pub use boxes::{SlabBoxes, WantedCells};
+pub(in crate::store) use encoded_subtree::{ALWAYS_HEAVY, EncodedSubtree, SealedSegment};
 pub use merge::{
     FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, joined_coverage,
 };
 pub use options::{BuildOptions, WriteOptions, depth_for};
 pub use packing::Packing;
 pub(super) use packing::no_segments;
-pub(in crate::store) use part::{ALWAYS_HEAVY, Part, SealedSegment};
 pub use reuse::ReusableSource;
 pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};
 pub use slab::{Slab, Slabs};

@@ -182,7 +182,7 @@ impl<'a, R: Record> Merger<'a, R> {
                     let pair = [children[0][i], children[1][i]];
                     match self.action(pair) {
                         MergeAction::Void => {}
-                        MergeAction::Take(tree) => {
+                        MergeAction::Keep(tree) => {
                             let MergeNode { state, value, record } = pair[tree];
                             match state {
                                 NodeState::Void => {}
@@ -256,7 +256,7 @@ impl<'a, R: Record> Merger<'a, R> {
         from_z_order::<R, _>(usize::from(levels), |z, row| {
             let pair = [sides[0].cell(row), sides[1].cell(row)];
             let value = match self.action(pair) {
-                MergeAction::Take(tree) => {
+                MergeAction::Keep(tree) => {
                     Some(pair[tree].value).filter(|_| pair[tree].state == NodeState::Leaf)
                 }
                 MergeAction::Join => {

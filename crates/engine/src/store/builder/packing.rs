@@ -36,7 +36,7 @@ impl Packing {
     }
 
     /// Records the maximum error of cells in a tree's metadata.
-    pub(crate) fn tell(&self, metadata: &mut Metadata) {
+    pub(crate) fn record_in(&self, metadata: &mut Metadata) {
         if let Some(most) = self.max_error {
             metadata.add_error(most);
         }
@@ -62,8 +62,8 @@ impl Packing {
         match self.max_error {
             None => Ok(None),
             Some(most) if kind == DataKind::Categorical => {
-                let found = format!("{most} for classes");
-                Err(Error::invalid("greatest error", found, "values that are amounts, or no greatest error"))
+                let found = format!("{most} for a categorical tree");
+                Err(Error::invalid("maximum error", found, "continuous values, or no maximum error"))
             }
             Some(most) => Rounding::new(value, most),
         }
@@ -72,7 +72,6 @@ impl Packing {
 
 /// Returns the error for packing in an Autumnal file.
 pub(in crate::store) fn no_segments(path: &Path) -> Error {
-    let advice =
-        "history is made smaller by `spinney compact --pack`; give the output a name that ends with .goblin";
+    let advice = "give the output a name that ends with .goblin; `spinney compact --pack` packs the history of an Autumnal file";
     Error::unsupported(path, "packing in an Autumnal file", advice)
 }

@@ -14,9 +14,9 @@ use super::averaging::{Averaging, Local, Majorities, Means};
 use super::block::{Block, for_nodes};
 use super::counts::ValueCounts;
 use super::encode::encode;
+use super::encoded_subtree::EncodedSubtree;
 use super::level::Level;
 use super::masked::MaskedMeans;
-use super::part::Part;
 use super::tally;
 use crate::store::records::{Record, RecordLayout, with_form_type, with_record_type};
 use spinney_base::value::{Native, Rule, Value};
@@ -31,7 +31,7 @@ impl Block {
         count_classes: bool,
         most_dense: u8,
         counts: &mut LevelCounts,
-    ) -> Part {
+    ) -> EncodedSubtree {
         let (form, code) = (self.form, self.code);
         let is_masked = form.value.channels > 1 && form.value.is_masked();
         let layout = RecordLayout::new(form);
@@ -70,7 +70,7 @@ impl Block {
         // the nodes below it.)
         let total = self.counts.records() + u64::from(child.is_inner());
         counts.merge_below(code.level(), &self.counts);
-        Part { code, child, total, records, tally }
+        EncodedSubtree { code, child, total, records, tally }
     }
 
     /// Returns the number of cells per value.

@@ -14,7 +14,9 @@ pub trait ReusableSource: Source {
     }
 
     /// Returns the record of an Autumnal file that an INNER node and its subtree are identical to,
-    /// if there is one. It need not be written to that file again.
+    /// if there is one. It need not be written to that file again, if the layer that is written
+    /// computes representatives and zones as the record's layer does. The record's layer has the
+    /// source's tree type.
     fn kept(&self, _: &Self::Node) -> Option<RecordRef> {
         None
     }

@@ -19,7 +19,7 @@ impl Rounding {
     /// If `most` is not such a number.
     pub(in crate::store) fn new(value_type: ValueType, most: f64) -> Result<Option<Rounding>> {
         if !(most > 0.0 && most.is_finite()) {
-            return Err(Error::invalid("greatest error", most.to_string(), "a number above 0"));
+            return Err(Error::invalid("maximum error", most.to_string(), "a number above 0"));
         }
         // The maximum error is half of the rounding unit. (The exponent is read from the number's
         // bits.)

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::part::{Part, SealedSegment};
+use super::encoded_subtree::{EncodedSubtree, SealedSegment};
 use super::stored_node::{RecordRef, StoredNode};
 use spinney_base::Result;
 use spinney_base::space::{Code, Dimension};
@@ -11,7 +11,7 @@ use spinney_container::LevelCounts;
 use spinney_container::MAX_DENSE_LEVELS;
 
 /// The part of a block, its own segment, and its numbers of nodes per level.
-pub(in crate::store) type BuiltBlock = (Part, Option<SealedSegment>, LevelCounts);
+pub(in crate::store) type BuiltBlock = (EncodedSubtree, Option<SealedSegment>, LevelCounts);
 
 /// Receives the parts of a tree, each once, and writes them to a file.
 pub(in crate::store) trait TreeSink: Send {
@@ -42,7 +42,7 @@ pub(in crate::store) trait TreeSink: Send {
     /// Copies all stored data of an INNER node from another file, segment by segment. Only called
     /// if [`TreeSink::can_copy`] returned `true`.
     fn copy(&mut self, _: Code, _: Value, _: &StoredNode<'_>) -> Result<()> {
-        unreachable!("a sink that says that it can copy does")
+        unreachable!("a sink that can copy implements `copy`")
     }
 }
 
@@ -97,7 +97,7 @@ impl<P> Siblings<P> {
         // complete, and is removed, when the missing number of children have arrived, in any order.
         // A group that is never completed would leave the tree without a root; a child pushed twice
         // would complete a group too early.
-        debug_assert!(group.parts[step].is_none(), "a node must not come twice");
+        debug_assert!(group.parts[step].is_none(), "a node is pushed once");
         group.parts[step] = Some(part);
         group.missing -= 1;
         if group.missing > 0 {

@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use spinney_base::Result;
 use spinney_base::io::{FileBytes, FileId};
+use spinney_base::value::Rule;
 use spinney_container::Header;
 
 /// A file whose tree, or whose small nodes, are stored as runs of records.
@@ -68,4 +69,8 @@ pub struct RecordRef {
     pub(in crate::store) address: u64,
     /// Levels below the node.
     pub height: u8,
+    /// Rule of its layer, which the representatives depend on.
+    pub(in crate::store) rule: Rule,
+    /// Whether the zones of its layer have class counts.
+    pub(in crate::store) counts_classes: bool,
 }

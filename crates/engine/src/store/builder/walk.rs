@@ -3,8 +3,8 @@
 use std::mem;
 
 use super::block::Block;
+use super::encoded_subtree::EncodedSubtree;
 use super::options::BuildOptions;
-use super::part::Part;
 use super::reuse::ReusableSource;
 use super::rounding::Rounding;
 use super::rows::RowBlock;
@@ -18,7 +18,7 @@ use spinney_base::TreeType;
 use spinney_base::io::batch;
 use spinney_base::parallel;
 use spinney_base::sort;
-use spinney_base::space::{Bounds, Code, CodeRun};
+use spinney_base::space::{Bounds, Code, CodeRange};
 use spinney_base::value::{Rule, Value};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::MAX_DENSE_LEVELS;
@@ -29,13 +29,13 @@ use spinney_container::{LevelCounts, Shape};
 pub(in crate::store) fn walk<S: ReusableSource>(
     source: &S,
     options: &BuildOptions,
-    (shape, run): (Shape, CodeRun),
+    (shape, run): (Shape, CodeRange),
     reuse: bool,
     sink: &mut dyn TreeSink,
     progress: &dyn Progress,
 ) -> Result<()> {
     if source.depth() != shape.depth {
-        let expected = format!("{}, the source's", source.depth());
+        let expected = format!("{}, the depth of the source", source.depth());
         return Err(Error::invalid("depth", shape.depth.to_string(), expected));
     }
     let form = source.form();
@@ -54,7 +54,7 @@ pub(in crate::store) fn walk<S: ReusableSource>(
         let is_whole = run.contains(code);
         match if reuse && is_whole { builder.reuse(source, code, &node)? } else { Reuse::Nothing } {
             Reuse::Nothing => {}
-            Reuse::Kept => {
+            Reuse::AlreadyStored => {
                 progress.advance(builder.cells(code), total);
                 continue;
             }
@@ -189,7 +189,8 @@ impl Plan {
     }
 
     fn uniform(&self, code: Code, value: Option<Value>) -> BuiltBlock {
-        let part = Part::uniform(code, self.shape.depth, self.form.value, value, self.count_classes);
+        let part =
+            EncodedSubtree::uniform(code, self.shape.depth, self.form.value, value, self.count_classes);
         (part, None, LevelCounts::default())
     }
 }
@@ -198,7 +199,7 @@ impl Plan {
 enum Reuse<'s> {
     Nothing,
     /// The output already has the node.
-    Kept,
+    AlreadyStored,
     /// Segments of another file are copied; the node has this representative.
     Copy(Value, StoredNode<'s>),
 }
@@ -207,7 +208,7 @@ enum Reuse<'s> {
 pub(in crate::store) struct Builder<'a> {
     plan: Plan,
     /// The run of nodes that is built.
-    run: CodeRun,
+    run: CodeRange,
     sink: &'a mut dyn TreeSink,
     /// Blocks that are built at a time.
     batch: usize,
@@ -217,7 +218,7 @@ impl<'a> Builder<'a> {
     pub(in crate::store) fn new(
         form: TreeType,
         options: &BuildOptions,
-        (shape, run): (Shape, CodeRun),
+        (shape, run): (Shape, CodeRange),
         sink: &'a mut dyn TreeSink,
     ) -> Result<Self> {
         // A block without uniform nodes has (cells - 1) / (children - 1) INNER ones, with a record
@@ -300,7 +301,7 @@ impl<'a> Builder<'a> {
             && code.level() <= self.plan.shape.block_level()
             && self.sink.keep(code, kept)?
         {
-            return Ok(Reuse::Kept);
+            return Ok(Reuse::AlreadyStored);
         }
         let stored = source.stored(node).filter(|stored| self.plan.fits(stored, levels));
         let Some(stored) = stored else { return Ok(Reuse::Nothing) };

@@ -144,7 +144,7 @@ impl Entry {
             Error::corrupt(path, format!("directory entry {index}"), found, expected)
         };
         let (raw, rest) = RawEntry::ref_from_prefix(bytes)
-            .map_err(|_| corrupt(format!("{} bytes", bytes.len()), "a whole entry".into()))?;
+            .map_err(|_| corrupt(format!("{} bytes", bytes.len()), "a complete entry".into()))?;
         let codec = Codec::of_number(path, raw.codec, " of a segment")?;
         let code = Code::from_bits(form.dimension, raw.code.get())
             .ok_or_else(|| corrupt(format!("code {:016x}", raw.code), "an FD code".into()))?;

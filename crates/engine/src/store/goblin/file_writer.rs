@@ -22,7 +22,7 @@ const LARGE_METADATA: usize = 4096;
 /// Number of packed segments that are checked at a time, by all threads.
 const UNPACKED_AT_ONCE: usize = 64;
 /// Bytes that are copied at a time.
-const PIECE: u64 = 1 << 20;
+const COPY_BYTES: u64 = 1 << 20;
 
 /// A Goblin file that is being written, append-only.
 pub(in crate::store) struct FileWriter {
@@ -115,7 +115,7 @@ impl FileWriter {
         let (root, mut counts) = builder.finish();
         counts.merge(&below);
         let Some(root) = root else {
-            let (found, expected) = ("parts with gaps between them", "all nodes of the crown's level");
+            let (found, expected) = ("missing nodes", "all nodes of the shard level");
             return Err(Error::corrupt(&self.path, "shards", found, expected));
         };
         writer.finish(root.child, &Metadata { counts, ..metadata.clone() })
@@ -142,9 +142,9 @@ impl FileWriter {
         let layer = from.layer().clone();
         let (start, end) = (layer.run.offset, layer.run.offset + layer.run.length);
         let run = Section { offset: self.position, ..layer.run };
-        for offset in (start..end).step_by(PIECE as usize) {
+        for offset in (start..end).step_by(COPY_BYTES as usize) {
             progress.check()?;
-            let bytes = from.file.backend.read(offset, PIECE.min(end - offset) as usize)?;
+            let bytes = from.file.backend.read(offset, COPY_BYTES.min(end - offset) as usize)?;
             self.write(&bytes, "copy a layer")?;
         }
         let top = layer.top.read(&from.file.path, &*from.file.backend, "top of the index")?.into_owned();

@@ -44,8 +44,8 @@ impl Directory {
     /// small for the number of entries that it claims.
     pub(super) fn new(layer: &Layer, entry_size: usize, top: &[u8]) -> Option<Directory> {
         // Invariant: no memory is allocated by the number of segments before this check.
-        let room = layer.run.length - layer.directory;
-        if layer.segments.checked_mul(entry_size as u64)? > room {
+        let available = layer.run.length - layer.directory;
+        if layer.segments.checked_mul(entry_size as u64)? > available {
             return None;
         }
         let counts = index_levels(layer.segments);
@@ -138,7 +138,12 @@ impl Goblin {
                 .and_then(|rest| rest.get(..checked.length))
                 .map(FileBytes::Mapped)
                 .ok_or_else(|| {
-                    self.bad_page(level, page, "fewer bytes than before", "a file that nobody writes to")
+                    self.bad_page(
+                        level,
+                        page,
+                        "fewer bytes than before",
+                        "an unchanged file (was it truncated?)",
+                    )
                 })?,
             None => self.file.backend.share(checked.start as u64, checked.length)?,
         };
@@ -155,7 +160,7 @@ impl Goblin {
         let corrupt = |found: String, expected: &str| self.bad_page(level, page, found, expected);
         let end = offset.checked_add(length);
         if offset < layer.directory || end.is_none_or(|end| end > layer.run.length) {
-            return Err(corrupt(format!("{length} bytes at {offset}"), "bytes of the directory"));
+            return Err(corrupt(format!("{length} bytes at {offset}"), "bytes inside the directory"));
         }
         let start = layer.run.offset + offset;
         let bytes = self.file.backend.share(start, length as usize)?;
@@ -166,7 +171,7 @@ impl Goblin {
         let (copies, first) = match level {
             0 => {
                 let Ok((head, rest)) = PageHead::ref_from_prefix(&bytes) else {
-                    return Err(corrupt(format!("{length} bytes"), "a page"));
+                    return Err(corrupt(format!("{length} bytes"), "a complete page"));
                 };
                 let (copies, own) = (usize::from(head.copies.get()), u64::from(head.entries.get()));
                 let size = self.directory.entry_size;
@@ -190,7 +195,7 @@ impl Goblin {
         };
         // This makes sure that the right page is found if the pages' own codes ascend.
         if first != entry.first.get() {
-            let expected = format!("{:016x}, as the index has it", entry.first);
+            let expected = format!("{:016x}, the code in the index", entry.first);
             return Err(corrupt(format!("first code {first:016x}"), &expected));
         }
         Ok(CheckedPage { start: start as usize, length: length as usize, copies })
@@ -344,8 +349,8 @@ impl Goblin {
             if copied {
                 let index = first_code(&page.numbers()[index * 8..]) as usize;
                 if index >= number as usize * PAGE_ENTRIES as usize || self.code_bits(index)? != bits {
-                    let found = format!("a copy of entry {index}");
-                    return Err(self.bad_page(0, number, found, "one that has its code"));
+                    let found = format!("a copy of entry {index} with a different code");
+                    return Err(self.bad_page(0, number, found, "a copy with the entry's code"));
                 }
                 return Ok(Some(index));
             }

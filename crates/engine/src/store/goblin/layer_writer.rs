@@ -3,17 +3,17 @@
 
 use std::path::Path;
 
+use super::deferred::{DeferredSegments, file_order};
 use super::directory::{Entry, SegmentLocation, entry_size, set_offset};
 use super::directory_writer::DirectoryWriter;
 use super::file_writer::FileWriter;
-use super::held::{HeldSegments, file_order};
 use super::packed::class_counts;
 use super::segment_sink::SegmentSink;
 use crate::store::builder::SealedSegment;
 use crate::store::records::RecordLayout;
 use crate::tree::Child;
 use spinney_base::Result;
-use spinney_base::io::{Sorter, folder};
+use spinney_base::io::{Sorter, directory_of};
 use spinney_container::{Codec, Header, Layer, Metadata, Section};
 
 /// A layer that is being written, append-only.
@@ -24,13 +24,13 @@ pub(super) struct LayerWriter<'f> {
     start: u64,
     /// Whether segments arrive in file order, except for those of the top levels.
     in_order: bool,
-    crown_level: u8,
+    shard_level: u8,
     /// File order of the last segment that was written immediately.
     last: u64,
     /// Entries of the segments written so far.
     entries: Sorter,
     /// Segments that are written later.
-    held: HeldSegments,
+    deferred: DeferredSegments,
     stored_records: u64,
 }
 
@@ -44,18 +44,18 @@ impl<'f> LayerWriter<'f> {
         memory: u64,
     ) -> LayerWriter<'f> {
         let size = entry_size(header.form.value);
-        let entries = Sorter::new(folder(file.path()), size, memory / 2);
-        let held = HeldSegments::new(file.path(), size, memory / 2);
-        let (start, crown_level) = (file.position(), header.shape.crown_level());
+        let entries = Sorter::new(directory_of(file.path()), size, memory / 2);
+        let deferred = DeferredSegments::new(file.path(), size, memory / 2);
+        let (start, shard_level) = (file.position(), header.shape.shard_level());
         LayerWriter {
             file,
             header: header.clone(),
             start,
             in_order,
-            crown_level,
+            shard_level,
             last: 0,
             entries,
-            held,
+            deferred,
             stored_records: 0,
         }
     }
@@ -63,10 +63,10 @@ impl<'f> LayerWriter<'f> {
     /// Adds a segment, whose bytes are given in two slices, and sets the offset in its entry.
     fn put(&mut self, parts: [&[u8]; 2], mut entry: Entry) -> Result<()> {
         self.stored_records += u64::from(entry.records);
-        let order = file_order(entry.code, self.crown_level);
-        if !self.in_order || entry.code.level() < self.crown_level {
-            entry.offset = self.held.len();
-            return self.held.push(order, parts, &entry.to_bytes());
+        let order = file_order(entry.code, self.shard_level);
+        if !self.in_order || entry.code.level() < self.shard_level {
+            entry.offset = self.deferred.len();
+            return self.deferred.push(order, parts, &entry.to_bytes());
         }
         debug_assert!(self.last <= order, "segments come in the order of the file");
         self.last = order;
@@ -79,16 +79,16 @@ impl<'f> LayerWriter<'f> {
 
     /// Writes the delayed segments and the segment index.
     pub(super) fn finish(self, root: Child<()>, metadata: &Metadata) -> Result<()> {
-        let LayerWriter { file, header, start, mut entries, held, stored_records, .. } = self;
-        let mut crown = None;
+        let LayerWriter { file, header, start, mut entries, deferred, stored_records, .. } = self;
+        let mut top_levels = None;
         let place = |entry: &[u8]| {
             let location = SegmentLocation::read(entry).expect("a whole entry");
             (location.offset, location.length)
         };
-        held.finish(place, &mut |order, entry, bytes| {
+        deferred.finish(place, &mut |order, entry, bytes| {
             let offset = file.position() - start;
             if order >> 63 != 0 {
-                crown.get_or_insert(offset);
+                top_levels.get_or_insert(offset);
             }
             file.write(bytes, "write a segment")?;
             let mut entry = entry.to_vec();
@@ -113,7 +113,7 @@ impl<'f> LayerWriter<'f> {
             segments,
             stored_records,
             run: Section { offset: start, length: file.position() - start, checksum: 0 },
-            crown: crown.unwrap_or(directory),
+            top_levels: top_levels.unwrap_or(directory),
             directory,
             top: Section::default(),
             metadata: Section::default(),

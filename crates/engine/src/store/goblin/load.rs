@@ -41,25 +41,25 @@ impl Goblin {
         let plain = self.plain_length(entry.records, listed(entry.classes));
         if entry.records == 0 || entry.codec == Codec::Plain && entry.length != plain {
             let found = format!("{} bytes, {} records", entry.length, entry.records);
-            return Err(self.corrupt(part(), found, "as many bytes as the records and class counts need"));
+            return Err(self.corrupt(part(), found, "the bytes of all records and class counts"));
         }
         if entry.codec != Codec::Plain && self.header.codec == Codec::Plain {
-            return Err(self.corrupt(part(), "a packed segment", "a plain one, as all of the tree are"));
+            return Err(self.corrupt(part(), "a packed segment", "a plain segment, the codec of the tree"));
         }
-        let room = self.layer().directory;
-        if entry.offset.checked_add(entry.length).is_none_or(|end| end > room) {
-            let found = format!("bytes {} + {}", entry.offset, entry.length);
+        let available = self.layer().directory;
+        if entry.offset.checked_add(entry.length).is_none_or(|end| end > available) {
+            let found = format!("{} bytes at {}", entry.length, entry.offset);
             return Err(self.corrupt(part(), found, "bytes before the directory"));
         }
         let level = entry.code.level();
         if self.header.shape.segment_level(level) != level {
-            return Err(self.corrupt(part(), format!("level {level}"), "a segment's level"));
+            return Err(self.corrupt(part(), format!("level {level}"), "a level that has segments"));
         }
         // Segments must not overlap. Otherwise a small file could claim many large ones and take
         // hours to traverse. (Another thread may have checked this segment meanwhile. It sets the
         // segment's bit before it adds the bytes, so a thread that sees the bytes also sees the
         // bit.)
-        if self.checked_bytes.load(Ordering::Acquire) + entry.length > room && !self.is_checked(index) {
+        if self.checked_bytes.load(Ordering::Acquire) + entry.length > available && !self.is_checked(index) {
             return Err(self.corrupt(part(), "bytes of another segment", "segments that do not overlap"));
         }
         let segment = match entry.codec {
@@ -86,10 +86,10 @@ impl Goblin {
         }
         let counted = segment.classes().iter().try_fold(0u64, |sum, (_, cells)| sum.checked_add(*cells));
         if entry.classes == 0 && self.header.counts_classes() {
-            return Err(self.corrupt(part(), "no class counts", "some, or the number that means very many"));
+            return Err(self.corrupt(part(), "no class counts", "class counts, or the mark for too many"));
         }
         if listed(entry.classes) > 0 && counted != Some(entry.zone.cells) {
-            let expected = format!("{}, as the directory has it", entry.zone.cells);
+            let expected = format!("{}, the cells in the directory", entry.zone.cells);
             return Err(self.corrupt(part(), format!("class counts of {counted:?} cells"), &expected));
         }
         // Two threads may have checked it at the same time: the one that sets the bit counts the
@@ -123,7 +123,7 @@ impl Goblin {
     #[cold]
     pub(super) fn changed(&self, index: usize) -> Error {
         let part = format!("directory entry {index}");
-        self.corrupt(part, "other numbers than before", "a file that nobody writes to")
+        self.corrupt(part, "different numbers than before", "an unchanged file (was it overwritten?)")
     }
 
     /// Returns bytes of the layer's run; `None` if a mapped file does not have that many.
@@ -181,7 +181,7 @@ impl Goblin {
     fn unpacked(&self, index: usize, code: Code, entry: &SegmentLocation) -> Result<FileBytes<'_>> {
         let plain = self.plain_length(entry.records, entry.classes) as usize;
         if let Some(held) = self.unpacked.get(index as u64).filter(|held| held.len() == plain) {
-            return Ok(FileBytes::Held(held));
+            return Ok(FileBytes::Cached(held));
         }
         let stored = self.stored_bytes(entry.offset, entry.length as usize)?;
         let stored = stored.ok_or_else(|| self.changed(index))?;
@@ -199,17 +199,19 @@ impl Goblin {
         let part = || format!("segment {node} (entry {index})");
         let plain = self.plain_length(records, classes);
         if !may_unpack(packed.len() as u64, plain) {
-            let found = format!("{} bytes that become {plain}", packed.len());
-            return Err(self.corrupt(part(), found, "bytes that become fewer"));
+            let found = format!("{} packed bytes for {plain} bytes", packed.len());
+            return Err(self.corrupt(part(), found, "fewer unpacked bytes"));
         }
         let form = segment_form(&self.header, node).ok_or_else(|| self.changed(index))?;
-        let bytes = unpack(&form, records, classes, packed).map_err(|damage| match damage {
-            Corruption::OLDER => Error::unsupported(&self.file.path, Corruption::OLDER.0, "build it again"),
-            Corruption(what) => self.corrupt(part(), what, "a segment that was packed"),
+        let bytes = unpack(&form, records, classes, packed).map_err(|corruption| match corruption {
+            Corruption::OLDER => {
+                Error::unsupported(&self.file.path, Corruption::OLDER.0, "build the file again")
+            }
+            Corruption(what) => self.corrupt(part(), what, "a packed segment"),
         })?;
         if bytes.len() as u64 != plain {
             return Err(self.corrupt(part(), format!("{} bytes", bytes.len()), &format!("{plain}")));
         }
-        Ok(FileBytes::Held(self.unpacked.put(index as u64, Arc::new(bytes))))
+        Ok(FileBytes::Cached(self.unpacked.put(index as u64, Arc::new(bytes))))
     }
 }

@@ -79,7 +79,7 @@ impl Goblin {
     /// Returns the error for a segment index without the segment that every INNER root owns.
     #[cold]
     pub(super) fn no_root(&self) -> Error {
-        self.corrupt("directory".into(), "no root", "one")
+        self.corrupt("directory".into(), "no root segment", "the segment of the root")
     }
 
     /// Returns the error for a record whose children's extents are not disjoint or not inside its
@@ -87,12 +87,16 @@ impl Goblin {
     #[cold]
     pub(crate) fn bad_skip(&self, segment: &Segment<'_>, record: usize) -> Error {
         let part = format!("segment {}, record {record}", segment.code);
-        self.corrupt(part, "a child's skip that leads out of the node", "skips that add up")
+        self.corrupt(
+            part,
+            "a child's skip beyond the end of the node",
+            "skips that sum up to that of the node",
+        )
     }
 
     /// Returns the error for a node that is CUT although there is no deeper segment.
     #[cold]
     pub(crate) fn bad_cut(&self, code: Code) -> Error {
-        self.corrupt(format!("node {code}"), "CUT, but no deeper segment", "a segment with its record")
+        self.corrupt(format!("node {code}"), "a CUT node without a segment", "a segment with its record")
     }
 }

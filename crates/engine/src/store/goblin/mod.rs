@@ -10,7 +10,7 @@
 //! 1. `segment_builder` merges parts and seals heavy nodes into segments. If the file is packed,
 //!    all threads pack the segments of a batch (`packed`).
 //! 2. `layer_writer` appends segments. Those that are not in file order, and those of the top
-//!    levels, wait in `held`. The segment index ends the layer (`directory_writer`).
+//!    levels, wait in `deferred`. The segment index ends the layer (`directory_writer`).
 //! 3. `file_writer` ends the file with metadata, tops of the page indexes, table of layers and
 //!    trailer. The output is then moved to its final path.
 //!
@@ -18,7 +18,7 @@
 //!
 //! 1. A plan is an import into a file without cells, the *head* (`TreeWriter::head`). It has header
 //!    and metadata of each layer, written by the same code as for other files. The nodes at each
-//!    layer's shard level (`Shape::crown_level`) are divided into runs, numbered consecutively
+//!    layer's shard level (`Shape::shard_level`) are divided into runs, numbered consecutively
 //!    across layers.
 //! 2. A shard is the same import into a `TreeWriter::shard`, which requests only the cells of its
 //!    runs. `segment_builder` merges parts up to the shard level and no further. `shard_writer`
@@ -32,11 +32,11 @@
 //!    output. A merge that was aborted is restarted with the same output: it writes the same bytes
 //!    again, and reads those of removed run files from the output.
 
+mod deferred;
 mod directory;
 mod directory_writer;
 mod entry_columns;
 mod file_writer;
-mod held;
 mod index;
 mod layer_writer;
 mod load;
@@ -65,4 +65,4 @@ pub use shard_merge::{MergeOutput, merge_shards};
 pub(in crate::store) use shard_writer::ShardWriter;
 pub use sizes::LevelBytes;
 pub use source::GoblinNode;
-pub use spinney_container::{Shard, ShardPiece};
+pub use spinney_container::{Shard, ShardRange};

@@ -50,12 +50,7 @@ impl Goblin {
         }
         let trailer = Trailer::from_bytes(path, &backend.read(length - tail, tail as usize)?, length)?;
         if trailer.header != header {
-            return Err(Error::corrupt(
-                path,
-                "trailer",
-                "another header",
-                "the one that the file begins with",
-            ));
+            return Err(Error::corrupt(path, "trailer", "a different header", "a copy of the file's header"));
         }
         let table = trailer.section(LayerTable::TAG);
         let layers =
@@ -98,7 +93,7 @@ impl Goblin {
                     path,
                     "table of layers",
                     found,
-                    "as many as the directory and its index have room for",
+                    "the number that fits the size of the directory and its index",
                 )
             })?;
         let checked = (0..layer.segments.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();

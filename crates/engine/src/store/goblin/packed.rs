@@ -24,23 +24,23 @@ pub(super) fn are_packed_alike(a: &Header, b: &Header) -> bool {
     of(a) == of(b)
 }
 
-/// Packs the bytes of a node's segment, which has `places` record slots; `None` if they should stay
+/// Packs the bytes of a node's segment, which has `slots` record slots; `None` if they should stay
 /// plain.
-pub(super) fn pack_bytes(header: &Header, node: Code, places: u32, plain: &[u8]) -> Option<Vec<u8>> {
+pub(super) fn pack_bytes(header: &Header, node: Code, slots: u32, plain: &[u8]) -> Option<Vec<u8>> {
     let form = segment_form(header, node)?;
     // (Segments that exceed the limits for unpacking are not packed.)
     if !may_unpack(plain.len() as u64, plain.len() as u64) {
         return None;
     }
-    pack(&form, places, plain).filter(|packed| may_unpack(packed.len() as u64, plain.len() as u64))
+    pack(&form, slots, plain).filter(|packed| may_unpack(packed.len() as u64, plain.len() as u64))
 }
 
 /// Packs a segment, if that makes it smaller.
 pub(super) fn pack_sealed(header: &Header, segment: &SealedSegment) -> Option<Vec<u8>> {
     let (_, counts) = class_counts(header, &segment.tally);
-    let places = RecordLayout::new(header.form).count(&segment.records) as u32;
+    let slots = RecordLayout::new(header.form).count(&segment.records) as u32;
     let joined = (!counts.is_empty()).then(|| [&segment.records[..], &counts].concat());
-    pack_bytes(header, segment.code, places, joined.as_ref().unwrap_or(&segment.records))
+    pack_bytes(header, segment.code, slots, joined.as_ref().unwrap_or(&segment.records))
 }
 
 /// Returns the class counts that follow a segment's records: their number as stored in the entry,

@@ -197,7 +197,7 @@ impl Goblin {
         if *counted > cells || has_more || !sum.are_possible(*counted) || !squares.are_possible(*counted) {
             let sums = show_sums(sum, form.value.channels);
             let found = format!("statistics of {counted} cells with sums {sums}");
-            let expected = format!("those of at most {cells} cells");
+            let expected = format!("statistics of at most {cells} cells");
             return Err(self.corrupt(format!("directory entry {index}"), found, &expected));
         }
         Ok(entry)

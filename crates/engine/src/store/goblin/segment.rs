@@ -49,7 +49,7 @@ impl<'a> Segment<'a> {
     pub(crate) fn mapped_records(&self) -> Option<&'a [u8]> {
         match self.bytes {
             FileBytes::Mapped(bytes) => Some(&bytes[..self.record_bytes]),
-            FileBytes::Held(_) => None,
+            FileBytes::Cached(_) => None,
         }
     }
 

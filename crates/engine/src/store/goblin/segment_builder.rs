@@ -4,7 +4,7 @@ use super::directory::Entry;
 use super::packed::pack_sealed;
 use super::segment_copy::SegmentCopy;
 use super::segment_sink::SegmentSink;
-use crate::store::builder::{BuiltBlock, Part, SealedSegment, Siblings, StoredNode, TreeSink};
+use crate::store::builder::{BuiltBlock, EncodedSubtree, SealedSegment, Siblings, StoredNode, TreeSink};
 use crate::store::records::subtree::BadSkip;
 use spinney_base::parallel;
 use spinney_base::space::Code;
@@ -15,8 +15,8 @@ use spinney_container::{Codec, Header, LevelCounts};
 /// Merges parts whose siblings are complete, seals segments, and passes them to a sink.
 pub(super) struct SegmentBuilder<'k> {
     header: Header,
-    siblings: Siblings<Part>,
-    root: Option<Part>,
+    siblings: Siblings<EncodedSubtree>,
+    root: Option<EncodedSubtree>,
     /// The level above which nothing is merged, if only a shard of a tree is built.
     stop: Option<u8>,
     counts: LevelCounts,
@@ -77,7 +77,7 @@ impl<'k> SegmentBuilder<'k> {
     }
 
     /// Adds a part whose own segment has been removed.
-    fn join(&mut self, mut part: Part) -> Result<()> {
+    fn join(&mut self, mut part: EncodedSubtree) -> Result<()> {
         // The last of some siblings completes their parent, which may be the last again.
         loop {
             if self.stop.is_some_and(|stop| part.code.level() <= stop) {
@@ -92,16 +92,16 @@ impl<'k> SegmentBuilder<'k> {
             };
             let (depth, value_type) = (self.header.depth(), self.header.form.value);
             let step = part.code.step(parent.level());
-            let void = |code| Part::uniform(code, depth, value_type, None, false);
+            let void = |code| EncodedSubtree::uniform(code, depth, value_type, None, false);
             let Some(parts) = self.siblings.join(parent, step, part, void) else { return Ok(()) };
-            part = Part::merge(parent, &parts, depth, self.header.rule, &mut self.counts);
+            part = EncodedSubtree::merge(parent, &parts, depth, self.header.rule, &mut self.counts);
             // Invariant: segments are sealed in postorder, each node's before its ancestors', since
             // a part waits for its siblings and a parent is merged from complete ones. So one pass
             // over the cells is one pass over the file, and only records that nodes above still
             // need are kept.
             let sealed = part.seal(&self.header.shape).map_err(|BadSkip| {
                 let place = format!("records below node {parent}");
-                Error::corrupt(self.sink.path(), place, "numbers that contradict each other", "a tree's")
+                Error::corrupt(self.sink.path(), place, "inconsistent skips", "the skips of a tree")
             })?;
             if let Some(sealed) = sealed {
                 self.segment(sealed)?;
@@ -110,7 +110,7 @@ impl<'k> SegmentBuilder<'k> {
     }
 
     /// Returns the root, if all parts of a whole tree were pushed, and the node counts per level.
-    pub(super) fn finish(self) -> (Option<Part>, LevelCounts) {
+    pub(super) fn finish(self) -> (Option<EncodedSubtree>, LevelCounts) {
         (self.root, self.counts)
     }
 }

@@ -8,7 +8,7 @@ use super::packed::{are_packed_alike, pack_bytes};
 use super::reader::Goblin;
 use super::segment::Segment;
 use super::segment_sink::SegmentSink;
-use crate::store::builder::{ALWAYS_HEAVY, Part, StoredNode, upper_levels};
+use crate::store::builder::{ALWAYS_HEAVY, EncodedSubtree, StoredNode, upper_levels};
 use crate::store::records::subtree::{BadSkip, count_nodes};
 use crate::store::records::{RunChildren, RunNode, Runs};
 use crate::tree::Child;
@@ -126,7 +126,7 @@ impl<'a> SegmentCopy<'a> {
             }
             (_, Codec::Plain) => (Codec::Plain, segment.into_bytes()),
             (_, Codec::Packed) => match pack_bytes(header, entry.code, entry.records, segment.all_bytes()) {
-                Some(packed) => (Codec::Packed, FileBytes::Held(Arc::new(packed).into())),
+                Some(packed) => (Codec::Packed, FileBytes::Cached(Arc::new(packed).into())),
                 None => (Codec::Plain, segment.into_bytes()),
             },
         };
@@ -135,7 +135,7 @@ impl<'a> SegmentCopy<'a> {
     }
 
     /// Returns the part that the node's ancestors are merged from, in a tree of this shape.
-    pub(super) fn part(&self, representative: Value, shape: &Shape) -> Result<Part> {
+    pub(super) fn part(&self, representative: Value, shape: &Shape) -> Result<EncodedSubtree> {
         let segment = self.file.segment(self.own)?;
         let cut = shape.cut_level(shape.parent_segment_level(self.to.level()));
         let levels = cut.saturating_sub(self.to.level());
@@ -143,7 +143,7 @@ impl<'a> SegmentCopy<'a> {
         // deeper segments.
         let records = upper_levels(self.file.header().form, segment.records(), levels)
             .map_err(|BadSkip| self.file.bad_skip(&segment, 0))?;
-        Ok(Part {
+        Ok(EncodedSubtree {
             code: self.to,
             child: Child::Inner { representative, node: () },
             // Heavy enough that it and its ancestors keep their segments, whatever else is below

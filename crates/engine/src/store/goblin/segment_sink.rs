@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::directory::Entry;
-use crate::store::builder::{Part, SealedSegment};
+use crate::store::builder::{EncodedSubtree, SealedSegment};
 use spinney_base::Result;
 use spinney_container::Codec;
 
@@ -19,7 +19,7 @@ pub(super) trait SegmentSink: Send {
     }
 
     /// Receives the part of a node that is merged with its siblings later.
-    fn top(&mut self, _: Part) -> Result<()> {
+    fn top(&mut self, _: EncodedSubtree) -> Result<()> {
         unreachable!("a whole tree has its root on top")
     }
 

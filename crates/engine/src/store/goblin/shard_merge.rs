@@ -12,13 +12,13 @@ use crate::store::builder::TreeSink;
 use spinney_base::io::{CompletionRecord, FileAccess, MAX_RECORD, Output, url_of};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{
-    FileHeader, Header, LevelCounts, PieceSummary, RunFile, Shard, ShardSummary, check_cover,
+    FileHeader, Header, LevelCounts, RangeSummary, RunFile, Shard, ShardSummary, check_cover,
     check_tree_name, create_tree_file,
 };
 
 /// Summary of a shard of trees of cells, and of its run of one layer.
 type Summary = ShardSummary<LevelCounts>;
-type Piece = PieceSummary<LevelCounts>;
+type RunSummary = RangeSummary<LevelCounts>;
 
 /// The file that shards are merged into, and whether the shards' files are removed.
 pub enum MergeOutput {
@@ -55,8 +55,8 @@ impl MergeOutput {
         check_tree_name(path)?;
         let is_other = std::fs::metadata(path).is_ok_and(|there| !there.is_file());
         if path == Path::new("-") || is_other {
-            let advice = "name a file, or let shards stay";
-            return Err(Error::unsupported(path, "removing shards whose bytes go to a stream", advice));
+            let advice = "name a local file, or keep the shards";
+            return Err(Error::unsupported(path, "removing shards while merging into a stream", advice));
         }
         let (output, there) = Output::resumable(path)?;
         Ok(MergeOutput::Remove(output.with_limit(limit).with_access(access), there))
@@ -131,8 +131,8 @@ impl MergeOutput {
             .read_whole(&mark, MAX_RECORD)?
             .is_some_and(|text| text.starts_with(own.as_bytes()))
         {
-            let advice = "finish the merge that has begun it, remove it, or choose another output";
-            let found = "putting shards together where a file of something else was begun";
+            let advice = "finish that merge, remove the file, or choose another output";
+            let found = "merging shards into the unfinished output of another merge";
             return Err(Error::unsupported(partial, found, advice));
         }
         output.record_completion(CompletionRecord { path: mark.clone(), work: own });
@@ -181,22 +181,23 @@ pub fn merge_shards(
     output.expect(total);
     let mut out = FileWriter::over(output, there.as_ref().map_or(0, |there| there.bytes), file)?;
     for (number, (header, metadata)) in (0..).zip(&layers) {
-        let pieces: Vec<_> =
-            shards.iter().zip(&summaries).filter_map(|both| find_piece(both, number)).collect();
-        // Invariant: runs are cut at `crown_level`, and a layer's segments below it are stored in
+        let ranges: Vec<_> =
+            shards.iter().zip(&summaries).filter_map(|both| find_run(both, number)).collect();
+        // Invariant: runs are cut at `shard_level`, and a layer's segments below it are stored in
         // the order of codes. So the concatenated runs of all shards are those of a file that was
         // built in a single process, and only the levels above remain to be built.
-        check_cover(head, number, &mut pieces.iter().map(|(_, _, piece)| piece.piece.run))?;
+        check_cover(head, number, &mut ranges.iter().map(|(_, _, range)| range.range.run))?;
         let mut position = out.position();
         out.merged_layer(header, metadata, memory, &mut |builder| {
             let mut counts = LevelCounts::default();
-            for (shard, summary, piece) in &pieces {
+            for (shard, summary, range) in &ranges {
                 let path = shard.run_path(number);
-                let run = RunPlace { path: &path, position, partial: there.as_ref(), access: &shard.access };
-                copy_piece(run, (summary, piece, header), builder, (total, progress))?;
-                counts.merge(&checked_counts(summary, piece, header)?);
-                position += piece.run_bytes;
-                if there.is_some() && piece.run_bytes > 0 {
+                let run =
+                    RunLocation { path: &path, position, partial: there.as_ref(), access: &shard.access };
+                copy_run(run, (summary, range, header), builder, (total, progress))?;
+                counts.merge(&checked_counts(summary, range, header)?);
+                position += range.run_bytes;
+                if there.is_some() && range.run_bytes > 0 {
                     // Invariant: each byte of a shard is durable in at least one of both files,
                     // whenever the process or the machine fails.
                     builder.sync()?;
@@ -210,11 +211,11 @@ pub fn merge_shards(
 }
 
 /// A shard's run of a layer: the shard, its summary, and the summary of the run.
-type Found<'a> = (&'a Shard, &'a Summary, &'a Piece);
+type ShardLayer<'a> = (&'a Shard, &'a Summary, &'a RunSummary);
 
-fn find_piece<'a>((shard, summary): (&'a Shard, &'a Summary), layer: u32) -> Option<Found<'a>> {
-    let piece = summary.pieces.iter().find(|piece| piece.piece.layer == layer)?;
-    Some((shard, summary, piece))
+fn find_run<'a>((shard, summary): (&'a Shard, &'a Summary), layer: u32) -> Option<ShardLayer<'a>> {
+    let range = summary.ranges.iter().find(|range| range.range.layer == layer)?;
+    Some((shard, summary, range))
 }
 
 fn find_summaries(shards: &[Shard], output: &MergeOutput) -> Result<Vec<Summary>> {
@@ -224,10 +225,10 @@ fn find_summaries(shards: &[Shard], output: &MergeOutput) -> Result<Vec<Summary>
 }
 
 /// Checks and returns the node counts of a shard's run.
-fn checked_counts(summary: &Summary, piece: &Piece, header: &Header) -> Result<LevelCounts> {
-    let (run, crown) = (piece.piece.run, header.shape.crown_level());
-    for (level, nodes) in (0..).zip(piece.totals.levels()) {
-        let most = if level > crown && level <= header.depth() {
+fn checked_counts(summary: &Summary, range: &RunSummary, header: &Header) -> Result<LevelCounts> {
+    let (run, shard_level) = (range.range.run, header.shape.shard_level());
+    for (level, nodes) in (0..).zip(range.totals.levels()) {
+        let most = if level > shard_level && level <= header.depth() {
             run.nodes(header.form.dimension, level)
         } else {
             0
@@ -238,22 +239,22 @@ fn checked_counts(summary: &Summary, piece: &Piece, header: &Header) -> Result<L
                 summary.path(),
                 "totals",
                 found,
-                format!("at most {most} of a state"),
+                format!("at most {most} of each state"),
             ));
         }
     }
-    Ok(piece.totals.clone())
+    Ok(range.totals.clone())
 }
 
 /// Copies the segments of a shard's run, and pushes its parts.
-fn copy_piece(
-    place: RunPlace<'_>,
-    (summary, piece, header): (&Summary, &Piece, &Header),
+fn copy_run(
+    place: RunLocation<'_>,
+    (summary, range, header): (&Summary, &RunSummary, &Header),
     builder: &mut SegmentBuilder<'_>,
     (total, progress): (u64, &dyn Progress),
 ) -> Result<()> {
     let mut run = None;
-    let mut items = Items::of(summary, piece, header)?;
+    let mut items = Items::of(summary, range, header)?;
     let mut bytes = Vec::new();
     while let Some(item) = items.next()? {
         match item {
@@ -261,7 +262,7 @@ fn copy_piece(
                 progress.check()?;
                 let run = match &mut run {
                     Some(run) => run,
-                    none => none.insert(open_run(place, piece.run_bytes)?),
+                    none => none.insert(open_run(place, range.run_bytes)?),
                 };
                 run.read(entry.length, &mut bytes)?;
                 let found = crc32c::crc32c(&bytes);
@@ -292,7 +293,7 @@ struct Partial {
 /// Location of a run of segments: a file of its own, or, if that was removed, the output from a
 /// position on.
 #[derive(Clone, Copy)]
-struct RunPlace<'a> {
+struct RunLocation<'a> {
     path: &'a Path,
     position: u64,
     partial: Option<&'a Partial>,
@@ -300,14 +301,18 @@ struct RunPlace<'a> {
 }
 
 /// Opens the segments of a shard's run, which have `length` bytes.
-fn open_run(RunPlace { path, position, partial, access }: RunPlace<'_>, length: u64) -> Result<RunFile> {
+fn open_run(
+    RunLocation { path, position, partial, access }: RunLocation<'_>,
+    length: u64,
+) -> Result<RunFile> {
     if let Some(partial) = partial
         && access.find(path)?.is_none()
     {
         let end = position.checked_add(length);
         if end.is_none_or(|end| end > partial.bytes) {
-            let found = format!("a shard whose segments are neither here nor in {}", partial.path.display());
-            return Err(Error::unsupported(path, found, "build it again"));
+            let found =
+                format!("a shard whose segments are neither at this path nor in {}", partial.path.display());
+            return Err(Error::unsupported(path, found, "build the shard again"));
         }
         let mut file = access.input(&partial.path)?;
         file.seek(SeekFrom::Start(position)).map_err(Error::io(&partial.path, "read"))?;
@@ -316,7 +321,7 @@ fn open_run(RunPlace { path, position, partial, access }: RunPlace<'_>, length: 
     let file = access.input(path)?;
     let found = file.len();
     if found != length {
-        return Err(Error::corrupt(path, "length", format!("{found} bytes"), format!("{length}")));
+        return Err(Error::corrupt(path, "length", format!("{found} bytes"), format!("{length} bytes")));
     }
     Ok(RunFile::new(path, file))
 }

@@ -4,18 +4,18 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use super::deferred::file_order;
 use super::directory::Entry;
-use super::held::file_order;
 use super::layer_writer::with_entry;
 use super::reader::Goblin;
 use super::segment_builder::SegmentBuilder;
 use super::segment_sink::SegmentSink;
 use super::summary_items::{PendingEntries, has_cells, write_top};
-use crate::store::builder::{BuildOptions, Fill, Part, SealedSegment};
+use crate::store::builder::{BuildOptions, EncodedSubtree, Fill, SealedSegment};
 use spinney_base::io::Output;
-use spinney_base::space::CodeRun;
+use spinney_base::space::CodeRange;
 use spinney_base::{Error, Result};
-use spinney_container::{Codec, Header, LevelCounts, Metadata, Shard, ShardPiece, SummaryWriter};
+use spinney_container::{Codec, Header, LevelCounts, Metadata, Shard, ShardRange, SummaryWriter};
 
 /// A shard that is being written. It is complete when [`ShardWriter::finish`] returns; files of
 /// incomplete shards are ignored.
@@ -39,12 +39,12 @@ impl ShardWriter {
 
     /// Returns whether the shard has no cells of any layer.
     pub(in crate::store) fn is_empty(&self) -> bool {
-        self.shard.pieces.is_empty()
+        self.shard.ranges.is_empty()
     }
 
     /// Returns the shard's run of the next layer, if it has one.
-    pub(in crate::store) fn run(&self) -> Option<CodeRun> {
-        self.shard.piece(self.next).map(|piece| piece.run)
+    pub(in crate::store) fn run(&self) -> Option<CodeRange> {
+        self.shard.range(self.next).map(|range| range.run)
     }
 
     /// Writes the shard's run of the next layer, if it has one, from the parts that `fill` pushes.
@@ -62,14 +62,14 @@ impl ShardWriter {
         complete(&mut metadata);
         // (Callers that pass the planned metadata have already completed them.)
         self.check_planned(layer, header, &[&metadata, &options.metadata])?;
-        let Some(piece) = self.shard.piece(layer).copied() else { return Ok(()) };
+        let Some(range) = self.shard.range(layer).copied() else { return Ok(()) };
         let run = self.shard.run_path(layer);
         if !in_order {
-            let advice = "read them in the order of FD codes, or build the file in one go";
-            return Err(Error::unsupported(run, "a shard of cells that come in another order", advice));
+            let advice = "read the cells in FD order, or build the file in a single process";
+            return Err(Error::unsupported(run, "a shard of cells in another order than FD order", advice));
         }
-        self.summary.begin(piece);
-        let mut writer = PieceWriter::new(run, piece, header, &mut self.summary);
+        self.summary.begin(range);
+        let mut writer = RangeWriter::new(run, range, header, &mut self.summary);
         let mut builder = SegmentBuilder::new(header, covered, &mut writer);
         fill(&mut builder, header.shape)?;
         let (_, counts) = builder.finish();
@@ -80,24 +80,31 @@ impl ShardWriter {
     /// Checks that a layer is as planned, except for the paths of its inputs.
     fn check_planned(&self, layer: u32, header: &Header, metadata: &[&Metadata]) -> Result<()> {
         // (Compared as bytes, because NaN is not equal to itself.)
-        let told = |metadata: &Metadata| -> Result<(String, Vec<u8>)> {
+        let identity_of = |metadata: &Metadata| -> Result<(String, Vec<u8>)> {
             let counts = Default::default();
             let alike = Metadata { counts, provenance: Vec::new(), ..metadata.clone() };
             Ok((metadata.name.clone(), alike.to_bytes(&self.head)?))
         };
         let planned = self.planned.get(layer as usize);
-        let metadata = metadata.iter().map(|metadata| told(metadata)).collect::<Result<Vec<_>>>()?;
+        let metadata = metadata.iter().map(|metadata| identity_of(metadata)).collect::<Result<Vec<_>>>()?;
         let (found, expected) = match planned {
-            Some((planned, said)) if planned == header && metadata.contains(&told(said)?) => return Ok(()),
+            Some((planned, planned_metadata))
+                if planned == header && metadata.contains(&identity_of(planned_metadata)?) =>
+            {
+                return Ok(());
+            }
             Some((planned, _)) if planned == header => {
-                (format!("other things would be told of layer {layer}"), "what its head tells".into())
+                (format!("layer {layer} would have different metadata"), "the metadata of the head".into())
             }
             Some((planned, _)) => {
                 (format!("layer {layer} would have {}", described(header)), described(planned))
             }
-            None => (format!("there would be a layer {layer}"), format!("a file of {}", self.planned.len())),
+            None => (
+                format!("the file would have a layer {layer}"),
+                format!("a file of {} layers", self.planned.len()),
+            ),
         };
-        let advice = "the inputs or the program have changed since: plan another job in another folder";
+        let advice = "the inputs or the program have changed: plan a new job in another directory";
         Err(Error::PlanMismatch { path: self.head.clone(), found, expected, advice })
     }
 
@@ -126,10 +133,10 @@ pub(super) fn planned_layers(head: &Goblin) -> Result<Vec<(Header, Metadata)>> {
 
 /// Writes the segments of a shard's run consecutively to a run file, which is created with the
 /// first segment.
-struct PieceWriter<'l> {
+struct RangeWriter<'l> {
     path: PathBuf,
     out: Option<Output>,
-    piece: ShardPiece,
+    range: ShardRange,
     header: Header,
     /// Bytes so far.
     position: u64,
@@ -139,18 +146,18 @@ struct PieceWriter<'l> {
     summary: &'l mut SummaryWriter<LevelCounts>,
 }
 
-impl<'l> PieceWriter<'l> {
+impl<'l> RangeWriter<'l> {
     fn new(
         path: PathBuf,
-        piece: ShardPiece,
+        range: ShardRange,
         header: &Header,
         summary: &'l mut SummaryWriter<LevelCounts>,
-    ) -> PieceWriter<'l> {
+    ) -> RangeWriter<'l> {
         let header = header.clone();
-        PieceWriter {
+        RangeWriter {
             path,
             out: None,
-            piece,
+            range,
             header,
             position: 0,
             last: 0,
@@ -160,11 +167,11 @@ impl<'l> PieceWriter<'l> {
     }
 
     fn put(&mut self, parts: [&[u8]; 2], entry: Entry) -> Result<()> {
-        let crown = self.header.shape.crown_level();
-        let order = file_order(entry.code, crown);
+        let shard_level = self.header.shape.shard_level();
+        let order = file_order(entry.code, shard_level);
         // Invariant: segments arrive in file order, and none is of the top levels. So the merged
         // file has them in the order of the run files, shard by shard, and merging only moves them.
-        debug_assert!(entry.code.level() >= crown && self.piece.run.contains(entry.code));
+        debug_assert!(entry.code.level() >= shard_level && self.range.run.contains(entry.code));
         debug_assert!(self.position == 0 || self.last < order, "segments come in the order of the file");
         self.last = order;
         let out = match &mut self.out {
@@ -187,16 +194,16 @@ impl<'l> PieceWriter<'l> {
     }
 }
 
-impl SegmentSink for PieceWriter<'_> {
+impl SegmentSink for RangeWriter<'_> {
     fn path(&self) -> &Path {
         &self.path
     }
 
     fn stop(&self) -> Option<u8> {
-        Some(self.header.shape.crown_level())
+        Some(self.header.shape.shard_level())
     }
 
-    fn top(&mut self, part: Part) -> Result<()> {
+    fn top(&mut self, part: EncodedSubtree) -> Result<()> {
         // (Nodes outside of the extent are known to be VOID and are not stored.)
         if !has_cells(part.code, &self.header) && !part.child.is_inner() && part.tally.cells == 0 {
             return Ok(());

@@ -72,7 +72,11 @@ impl Goblin {
         let (layout, shape) = (&self.layout, &self.header.shape);
         let level = node.code.level() + 1;
         if level > shape.depth {
-            return Err(self.corrupt(format!("node {}", node.code), "INNER", "no deeper node than a cell"));
+            return Err(self.corrupt(
+                format!("node {}", node.code),
+                "an INNER node at the deepest level",
+                "VOID or LEAF",
+            ));
         }
         let mut here = RunChildren::default();
         let read = layout.run_children(segment.records(), node.place, &mut here);
@@ -87,7 +91,11 @@ impl Goblin {
                 _ => {
                     let code = node.code.child(step);
                     if level == shape.depth {
-                        return Err(self.corrupt(format!("node {code}"), "INNER", "a cell, VOID or LEAF"));
+                        return Err(self.corrupt(
+                            format!("node {code}"),
+                            "an INNER node at the deepest level",
+                            "VOID or LEAF",
+                        ));
                     }
                     let own = if candidates { self.find_segment(code) } else { Ok(None) };
                     let Some(own) = defer_missing(own, &mut is_unread)? else { continue };

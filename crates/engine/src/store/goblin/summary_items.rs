@@ -5,17 +5,17 @@ use std::collections::VecDeque;
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
+use super::deferred::file_order;
 use super::directory::{Entry, entry_size};
 use super::entry_columns::{TOGETHER, pack_entries, unpack_entries};
-use super::held::file_order;
-use crate::store::builder::{Part, upper_levels};
+use crate::store::builder::{EncodedSubtree, upper_levels};
 use crate::store::records::{RecordLayout, RunChildren, RunNode, Runs};
 use crate::tree::{Child, NodeState};
 use spinney_base::Result;
-use spinney_base::space::{Bounds, Code, CodeRun};
+use spinney_base::space::{Bounds, Code, CodeRange};
 use spinney_base::value::{Value, ValueType, ZoneStats};
 use spinney_container::{
-    Codec, Header, INNER, LEAF, LevelCounts, PieceSummary, Shape, ShardSummary, SummaryBytes, SummaryWriter,
+    Codec, Header, INNER, LEAF, LevelCounts, RangeSummary, Shape, ShardSummary, SummaryBytes, SummaryWriter,
     VOID,
 };
 use spinney_packing::{Corruption, SegmentForm, may_unpack, pack, unpack};
@@ -30,7 +30,7 @@ const CELLS: usize = 8;
 /// records.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
-struct RawPart {
+struct RawSubtree {
     total: U64,
     value: [u8; 16],
     state: u8,
@@ -47,7 +47,7 @@ pub(super) enum Item {
     /// The next segment of the run file.
     Segment(Entry),
     /// The part of a node that is merged with its siblings; its segments precede it.
-    Top(Part),
+    Top(EncodedSubtree),
 }
 
 /// The start of several entries of segments, which are packed unless that is larger.
@@ -115,15 +115,15 @@ fn wanted_levels(shape: &Shape, level: u8) -> u8 {
 /// are a large fraction of a summary.
 pub(super) fn write_top(
     summary: &mut SummaryWriter<LevelCounts>,
-    part: &Part,
+    part: &EncodedSubtree,
     header: &Header,
 ) -> Result<()> {
-    let Part { code, child, total, records, tally } = part;
-    let places = RecordLayout::new(header.form).count(records) as u32;
-    let packed = pack(&form_of(header, *code), places, records)
+    let EncodedSubtree { code, child, total, records, tally } = part;
+    let slots = RecordLayout::new(header.form).count(records) as u32;
+    let packed = pack(&form_of(header, *code), slots, records)
         .filter(|packed| may_unpack(packed.len() as u64, records.len() as u64));
     let stored = packed.as_deref().unwrap_or(records);
-    let raw = RawPart {
+    let raw = RawSubtree {
         total: (*total).into(),
         value: child.value().unwrap_or_default().to_bytes(),
         state: child.state() as u8,
@@ -148,7 +148,7 @@ pub(super) fn write_top(
 pub(super) struct Items<'h> {
     header: &'h Header,
     bytes: SummaryBytes,
-    run: CodeRun,
+    run: CodeRange,
     run_bytes: u64,
     /// Size of the segments so far, in bytes.
     position: u64,
@@ -166,10 +166,10 @@ impl<'h> Items<'h> {
     /// Returns the items of a shard's run of a layer with this header.
     pub(super) fn of(
         summary: &ShardSummary<LevelCounts>,
-        piece: &PieceSummary<LevelCounts>,
+        range: &RangeSummary<LevelCounts>,
         header: &'h Header,
     ) -> Result<Items<'h>> {
-        let (bytes, run, run_bytes) = (summary.bytes_of(piece)?, piece.piece.run, piece.run_bytes);
+        let (bytes, run, run_bytes) = (summary.bytes_of(range)?, range.range.run, range.run_bytes);
         let (last_segment, last_top) = (None, None);
         let unpacked = VecDeque::new();
         Ok(Items { header, bytes, run, run_bytes, position: 0, last_segment, last_top, count: 0, unpacked })
@@ -189,14 +189,16 @@ impl<'h> Items<'h> {
                     true => Ok(None),
                     false => {
                         let found = format!("segments of {} bytes", self.position);
-                        Err(self.bytes.corrupt(found, format!("{}", self.run_bytes)))
+                        Err(self.bytes.corrupt(found, format!("{} bytes", self.run_bytes)))
                     }
                 };
             }
             match self.bytes.array::<1>()?[0] {
                 SEGMENTS => self.unpack_entries()?,
                 TOP => return self.top().map(|part| Some(Item::Top(part))),
-                other => return Err(self.bytes.corrupt(format!("{other}"), "entries or a part")),
+                other => {
+                    return Err(self.bytes.corrupt(format!("item type {other}"), "entries or a subtree"));
+                }
             }
         }
     }
@@ -218,9 +220,7 @@ impl<'h> Items<'h> {
             _ => None,
         };
         let Some(entries) = entries else {
-            return Err(self
-                .bytes
-                .corrupt(format!("{count} entries that cannot be unpacked"), "entries of segments"));
+            return Err(self.bytes.corrupt(format!("{count} invalid packed entries"), "entries of segments"));
         };
         for entry in entries.chunks_exact(size) {
             let entry = self.entry(entry)?;
@@ -232,24 +232,24 @@ impl<'h> Items<'h> {
     /// Checks the next entry, and sets its segment's offset.
     fn segment(&mut self, entry: Entry) -> Result<Entry> {
         let shape = &self.header.shape;
-        let order = file_order(entry.code, shape.crown_level());
+        let order = file_order(entry.code, shape.shard_level());
         let level = entry.code.level();
         let owns = level == 0 || shape.is_candidate(level);
         let follows = self.last_segment.is_none_or(|last| last < order);
         let end = self.position.checked_add(entry.length).filter(|end| *end <= self.run_bytes);
         let is_alike = entry.codec == Codec::Plain || self.header.codec == Codec::Packed;
-        let is_here = level >= shape.crown_level() && self.run.contains(entry.code);
+        let is_here = level >= shape.shard_level() && self.run.contains(entry.code);
         let Some(end) = end.filter(|_| owns && follows && is_alike && is_here) else {
             let found = format!("a segment of node {} with {} bytes", entry.code, entry.length);
-            return Err(self.bytes.corrupt(found, "the next one of this piece"));
+            return Err(self.bytes.corrupt(found, "the next segment of this run"));
         };
         let offset = std::mem::replace(&mut self.position, end);
         self.last_segment = Some(order);
         Ok(Entry { offset, ..entry })
     }
 
-    fn top(&mut self) -> Result<Part> {
-        let raw: RawPart = zerocopy::transmute!(self.bytes.array::<{ size_of::<RawPart>() }>()?);
+    fn top(&mut self) -> Result<EncodedSubtree> {
+        let raw: RawSubtree = zerocopy::transmute!(self.bytes.array::<{ size_of::<RawSubtree>() }>()?);
         let entry = self.bytes.take(entry_size(self.header.form.value) as u64)?;
         let Entry { code, mut zone, .. } = self.entry(&entry)?;
         let width = zone.value_type.size();
@@ -265,12 +265,12 @@ impl<'h> Items<'h> {
         let stored = self.bytes.take(raw.stored.get())?;
         let records = self.records_of(code, raw.records.get(), stored)?;
         let wrong = |what: &str| {
-            let found = format!("a part of node {code} with {what}");
-            self.bytes.corrupt(found, "what such a node can have")
+            let found = format!("the subtree of node {code} with {what}");
+            self.bytes.corrupt(found, "a valid subtree of this run")
         };
-        let Some(child) = child else { return Err(wrong("another state")) };
+        let Some(child) = child else { return Err(wrong("an invalid state")) };
         self.check_place(code, child.state()).map_err(&wrong)?;
-        let part = Part { code, child, total: raw.total.get(), records, tally: zone };
+        let part = EncodedSubtree { code, child, total: raw.total.get(), records, tally: zone };
         self.check_part(&part).map_err(wrong)?;
         self.last_top = Some(code.last_bits());
         Ok(part)
@@ -282,39 +282,39 @@ impl<'h> Items<'h> {
             return Ok(stored);
         }
         let size = RecordLayout::new(self.header.form).size as u64;
-        let places = u32::try_from(length / size).ok().filter(|_| length.is_multiple_of(size));
+        let slots = u32::try_from(length / size).ok().filter(|_| length.is_multiple_of(size));
         let may = code.level() <= self.header.depth() && may_unpack(stored.len() as u64, length);
-        let unpacked = places.filter(|_| may).map(|places| {
-            unpack(&form_of(self.header, code), places, 0, &stored).map_err(|Corruption(what)| what)
+        let unpacked = slots.filter(|_| may).map(|slots| {
+            unpack(&form_of(self.header, code), slots, 0, &stored).map_err(|Corruption(what)| what)
         });
-        unpacked.unwrap_or(Err("more bytes than they may become")).map_err(|what| {
+        unpacked.unwrap_or(Err("too many unpacked bytes")).map_err(|what| {
             let found = format!("records of node {code} in {} bytes: {what}", stored.len());
-            self.bytes.corrupt(found, format!("{length} bytes that were packed"))
+            self.bytes.corrupt(found, format!("{length} packed bytes"))
         })
     }
 
     /// Checks whether the next part may be that of this node.
     fn check_place(&self, code: Code, state: NodeState) -> Result<(), &'static str> {
         let shape = &self.header.shape;
-        let crown = shape.crown_level();
+        let shard_level = shape.shard_level();
         if !self.run.contains(code) {
-            return Err("a place outside of the piece");
+            return Err("a position outside of the run");
         }
         if self.last_top.is_some_and(|last| code.bits() <= last) {
-            return Err("a place before the last one's end");
+            return Err("a position before the end of the previous subtree");
         }
-        // Invariant: parts above `crown_level` are those of uniform nodes, since a shard merges
+        // Invariant: parts above `shard_level` are those of uniform nodes, since a shard merges
         // nothing above it.
-        if code.level() > crown || code.level() < crown && state == NodeState::Inner {
-            return Err("another level than that of the crown");
+        if code.level() > shard_level || code.level() < shard_level && state == NodeState::Inner {
+            return Err("another level than the shard level");
         }
         if !has_cells(code, self.header) {
-            return Err("no cell within the extent");
+            return Err("no cell in the extent");
         }
         Ok(())
     }
 
-    fn check_part(&self, part: &Part) -> Result<(), &'static str> {
+    fn check_part(&self, part: &EncodedSubtree) -> Result<(), &'static str> {
         let Header { form, shape, .. } = self.header;
         let tally = &part.tally;
         let cells = form.dimension.cells(shape.depth - part.code.level());
@@ -325,20 +325,20 @@ impl<'h> Items<'h> {
         };
         let has_all = tally.present.iter().all(|present| *present <= tally.cells);
         if !is_possible || !has_all || !tally.sum.are_possible(cells) {
-            return Err("other cells than it has");
+            return Err("invalid cell counts");
         }
         if !are_classes(&tally.classes, tally, self.header.counts_classes()) {
-            return Err("classes that are none of its cells");
+            return Err("invalid class counts");
         }
         let has_records =
             if part.child.is_inner() { are_records(part, self.header) } else { part.records.is_empty() };
-        if has_records { Ok(()) } else { Err("records that contradict each other") }
+        if has_records { Ok(()) } else { Err("inconsistent records") }
     }
 }
 
 /// Returns whether a node has cells within the extent.
 pub(super) fn has_cells(code: Code, header: &Header) -> bool {
-    let (cells, extent) = (code.bounds(header.depth()), Bounds::picture(header.extent));
+    let (cells, extent) = (code.bounds(header.depth()), Bounds::of_extent(header.extent));
     (0..3).all(|axis| cells.min[axis] < extent.max[axis])
 }
 
@@ -357,7 +357,7 @@ fn are_classes(classes: &[(Value, u64)], zone: &ZoneStats, are_counted: bool) ->
 
 /// Returns whether the records of a part are those of an INNER node's upper levels, as its
 /// ancestors' segments need them.
-fn are_records(part: &Part, header: &Header) -> bool {
+fn are_records(part: &EncodedSubtree, header: &Header) -> bool {
     let (level, shape) = (part.code.level(), &header.shape);
     if level == 0 {
         // All of them are in the root's segment.
@@ -365,9 +365,9 @@ fn are_records(part: &Part, header: &Header) -> bool {
     }
     let layout = RecordLayout::new(header.form);
     let wanted = wanted_levels(shape, level);
-    let places = layout.count(&part.records);
-    let is_whole = places * layout.size == part.records.len()
-        && layout.head(&part.records, 0).is_some_and(|head| head.skip as usize == places);
+    let slots = layout.count(&part.records);
+    let is_whole = slots * layout.size == part.records.len()
+        && layout.head(&part.records, 0).is_some_and(|head| head.skip as usize == slots);
     is_whole
         && upper_levels(header.form, &part.records, wanted).is_ok()
         && can_be_walked(&layout, &part.records, shape.depth - level)
@@ -377,17 +377,17 @@ fn are_records(part: &Part, header: &Header) -> bool {
 fn can_be_walked(layout: &RecordLayout, records: &[u8], levels: u8) -> bool {
     let mut pending = vec![(RunNode::default(), levels)];
     let mut children = RunChildren::default();
-    let mut places = 0;
+    let mut slots = 0;
     while let Some((node, levels)) = pending.pop() {
         if levels == 0 || layout.run_children(records, node, &mut children).is_none() {
             return false;
         }
         if node.below == 0 {
             let head = layout.head(records, node.record as usize).expect("its children were read");
-            places += if head.dense == 0 { 1 } else { head.skip as usize };
+            slots += if head.dense == 0 { 1 } else { head.skip as usize };
         }
         let inner = children[..layout.children()].iter().filter(|child| child.state == INNER);
         pending.extend(inner.map(|child| (child.node, levels - 1)));
     }
-    places == layout.count(records)
+    slots == layout.count(records)
 }

@@ -11,7 +11,7 @@ use super::segment_builder::{ALL_HAS_COME, SegmentBuilder};
 use super::segment_sink::SegmentSink;
 use crate::store::builder::{BuildOptions, SealedSegment, walk};
 use crate::tree::Child;
-use spinney_base::space::CodeRun;
+use spinney_base::space::CodeRange;
 use spinney_base::value::{Sums, ValueType, ZoneStats};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Codec, Finding, MAX_FINDINGS};
@@ -63,7 +63,7 @@ impl Goblin {
         let options = BuildOptions::like(self.header(), memory);
         let shape = self.header().shape;
         let mut builder = SegmentBuilder::new(self.header(), [u64::MAX; 3], &mut checker);
-        match walk(self, &options, (shape, CodeRun::ALL), false, &mut builder, progress) {
+        match walk(self, &options, (shape, CodeRange::ALL), false, &mut builder, progress) {
             Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. })) => {
                 return Ok(vec![Finding { place: "tree".into(), problem: error.to_string() }]);
             }
@@ -72,20 +72,21 @@ impl Goblin {
         let (root, counts) = builder.finish();
         let root = root.expect(ALL_HAS_COME);
         if checker.seen != self.segments() {
-            let found = format!("{} segments, {} of them are needed", self.segments(), checker.seen);
+            let found = format!("{} segments, but the tree needs {}", self.segments(), checker.seen);
             checker.add("directory".into(), found);
         }
         if self.stored_records() != checker.records {
-            let problem = format!("{} records, the segments have {}", self.stored_records(), checker.records);
+            let problem =
+                format!("{} records, but the segments have {}", self.stored_records(), checker.records);
             checker.add("trailer".into(), problem);
         }
         if self.root_child() != root.child {
             let show = |child| show_child(self.header().form.value, child);
             let (found, made) = (show(self.root_child()), show(root.child));
-            checker.add("trailer".into(), format!("root {found}, the leaves make it {made}"));
+            checker.add("trailer".into(), format!("root {found}, but {made} computed from the leaves"));
         }
         if self.metadata().counts != counts {
-            checker.add("metadata".into(), "node counts that differ from the tree's".into());
+            checker.add("metadata".into(), "node counts differ from those of the tree".into());
         }
         Ok(checker.findings)
     }
@@ -127,8 +128,8 @@ impl Checker<'_> {
         let mut before = None;
         // Entries of the next entry's ancestors.
         let mut open: Vec<(usize, Entry)> = Vec::new();
-        let crown_level = self.file.header().shape.crown_level();
-        let mut places = [0, self.file.layer().crown];
+        let shard_level = self.file.header().shape.shard_level();
+        let mut ends = [0, self.file.layer().top_levels];
         for index in 0..self.file.segments() {
             let Ok(entry) = self.file.entry(index) else { continue };
             if before.is_some_and(|before| before >= entry.code) {
@@ -136,25 +137,29 @@ impl Checker<'_> {
             }
             before = Some(entry.code);
             while let Some((_, done)) = open.pop_if(|(_, above)| !above.code.contains(entry.code)) {
-                self.place(&done, crown_level, &mut places);
+                self.check_offset(&done, shard_level, &mut ends);
             }
             if let Some(found) = self.file.page_copies(index)? {
                 let above = open
                     .iter()
                     .map(|(number, _)| Ok((*number as u64, self.file.entry_bytes(*number)?.to_vec())));
                 if found != above.collect::<Result<Vec<_>>>()? {
-                    let problem = format!("{} copies, which are not those of the nodes above", found.len());
+                    let problem =
+                        format!("{} copies differ from the entries of the nodes above", found.len());
                     self.add(format!("page of directory entry {index}"), problem);
                 }
             }
             open.push((index, entry));
         }
         for (_, done) in open.iter().rev() {
-            self.place(done, crown_level, &mut places);
+            self.check_offset(done, shard_level, &mut ends);
         }
         let layer = self.file.layer();
-        if places != [layer.crown, layer.directory] && self.findings.is_empty() {
-            let problem = format!("segments end at {places:?}, not at {:?}", [layer.crown, layer.directory]);
+        if ends != [layer.top_levels, layer.directory] && self.findings.is_empty() {
+            let problem = format!(
+                "segments end at {ends:?}, but the layer records {:?}",
+                [layer.top_levels, layer.directory]
+            );
             self.add("table of layers".into(), problem);
         }
         Ok(())
@@ -162,13 +167,13 @@ impl Checker<'_> {
 
     /// Checks that a segment starts where the previous one ends. The segments of a subtree precede
     /// its root's, and those of the top levels follow all others.
-    fn place(&mut self, entry: &Entry, crown_level: u8, places: &mut [u64; 2]) {
-        let place = &mut places[usize::from(entry.code.level() < crown_level)];
-        if entry.offset != *place {
-            let problem = format!("it stands at {}, where {place} would be its place", entry.offset);
+    fn check_offset(&mut self, entry: &Entry, shard_level: u8, ends: &mut [u64; 2]) {
+        let end = &mut ends[usize::from(entry.code.level() < shard_level)];
+        if entry.offset != *end {
+            let problem = format!("starts at {}, but the previous segment ends at {end}", entry.offset);
             self.add(format!("segment {}", entry.code), problem);
         }
-        *place = entry.offset.saturating_add(entry.length);
+        *end = entry.offset.saturating_add(entry.length);
     }
 
     /// Formats one record of a segment.
@@ -200,7 +205,7 @@ impl SegmentSink for Checker<'_> {
             index.filter(|index| self.file.entry(*index).is_ok_and(|entry| entry.code == should.code));
         let Some(index) = index else {
             let needed = should.records.len() / size;
-            self.add(place, format!("missing; the tree has {needed} records below that node"));
+            self.add(place, format!("missing, but the tree has {needed} records below that node"));
             return Ok(());
         };
         self.seen += 1;
@@ -211,18 +216,21 @@ impl SegmentSink for Checker<'_> {
             let pairs = records.chunks_exact(size).zip(should.records.chunks_exact(size));
             let same = pairs.take_while(|(found, made)| found == made).count();
             let (found, made) = (self.show_record(records, same), self.show_record(&should.records, same));
-            self.add(format!("{place}, record {same}"), format!("{found}; the leaves make it {made}"));
+            self.add(
+                format!("{place}, record {same}"),
+                format!("{found}, but {made} computed from the leaves"),
+            );
         }
         let zone = self.file.zone(index)?;
         if !are_same(&zone, &should.tally) {
             let (found, made) = (show_tally(&zone), show_tally(&should.tally));
-            self.add(place, format!("statistics {found}; the leaves make them {made}"));
+            self.add(place, format!("statistics {found}, but {made} computed from the leaves"));
         }
         Ok(())
     }
 
     fn copy(&mut self, _: &[u8], _: Entry) -> Result<()> {
-        unreachable!("what is to be checked is made anew")
+        unreachable!("trees to be checked are built without copies")
     }
 }
 

@@ -20,9 +20,9 @@ use spinney_container::{DenseKind, INNER, LEAF, MAX_DENSE_LEVELS, VOID, dense_le
 
 /// [`RecordLayout::dense_slots`] by presence of a mask and by levels, for a record type, so that
 /// readers do not compute the sizes of blocks.
-struct DensePlaces<R>(PhantomData<R>);
+struct DenseSlots<R>(PhantomData<R>);
 
-impl<R: Record> DensePlaces<R> {
+impl<R: Record> DenseSlots<R> {
     const TABLE: [[u32; MAX_DENSE_LEVELS as usize + 1]; 2] = {
         let mut table = [[0; MAX_DENSE_LEVELS as usize + 1]; 2];
         let mut levels = *dense_levels(R::DIMENSION).start();
@@ -46,8 +46,8 @@ pub(crate) fn dense_block<R: Record>(records: &[R], at: usize) -> Option<DenseBl
     let head = records[at].head();
     let kind = DenseKind::from_number(head.dense)?;
     // (The table has 0 for impossible numbers of levels.)
-    let table = &DensePlaces::<R>::TABLE[usize::from(kind.has_mask())];
-    let levels = table.iter().position(|places| *places > 0 && *places + 1 == head.skip)? as u8;
+    let table = &DenseSlots::<R>::TABLE[usize::from(kind.has_mask())];
+    let levels = table.iter().position(|slots| *slots > 0 && *slots + 1 == head.skip)? as u8;
     let bytes = records.get(at..at + head.skip as usize)?.as_bytes();
     Some(DenseBlock::new(R::RECORD_LAYOUT, kind, levels, bytes))
 }

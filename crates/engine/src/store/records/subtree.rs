@@ -11,7 +11,7 @@ use spinney_container::{INNER, LEAF, RecordLayout, state_of};
 pub(crate) struct BadSkip;
 
 /// Panic message for errors that cannot occur, since records are checked when they are copied.
-pub(in crate::store) const RECORDS_ARE_CHECKED: &str = "records are checked before they are taken";
+pub(in crate::store) const RECORDS_ARE_CHECKED: &str = "records were checked before they were copied";
 
 /// Levels of the deepest trees.
 const MAX_LEVELS: usize = 32;

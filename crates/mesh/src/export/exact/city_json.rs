@@ -10,7 +10,7 @@ use super::semantics::COLUMNS;
 use super::shells::{Shell, Shells};
 use super::surfaces::{List, Surfaces};
 use super::survey::{Survey, join_bounds};
-use super::{ExactSummary, Job, temporary_folder};
+use super::{ExactSummary, Job, temporary_directory};
 use crate::export::sink::failed;
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
@@ -21,7 +21,7 @@ use spinney_crs::Crs;
 pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
     let factor = unit_factor(job, output.path())?;
     let survey = Survey::of(job)?;
-    let directory = temporary_folder(&output);
+    let directory = temporary_directory(&output);
     let mut shells = Shells::of(job, &survey, &directory)?;
     let path = output.path().to_path_buf();
     let mut text = |text: &str| output.write_all(text.as_bytes()).map_err(failed(&path));
@@ -203,9 +203,9 @@ mod tests {
 
     /// Malformed metadata.
     #[test]
-    fn what_is_no_json_is_left_out() {
-        let about = |texts: &[&str]| {
-            about_file(&texts.iter().map(|text| text.to_string()).collect::<Vec<_>>(), None, None)
+    fn invalid_json_is_omitted() {
+        let about = |documents: &[&str]| {
+            about_file(&documents.iter().map(|text| text.to_string()).collect::<Vec<_>>(), None, None)
         };
         assert_eq!(about(&[]), (String::new(), 0));
         assert_eq!(about(&["{}"]), (String::new(), 0));

@@ -91,8 +91,8 @@ pub struct ExactSummary {
 /// use spinney::export::{MeshFormat, export_exact};
 /// use spinney::Output;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("triangle.ply");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("triangle.ply");
 /// let mut faces = FaceList::new(Grid::over([[0.0; 3], [1.0; 3]], Some(0.001))?, vec!["roof".into()]);
 /// let points = [[0, 0, 0], [1000, 0, 0], [0, 1000, 0]];
 /// faces.push(&Face { number: 0, points: &points, ring_ends: &[3], colours: &[], part: 0, source: 0 });
@@ -130,15 +130,15 @@ pub fn export_exact(
     losses.add(summary.lost_colours, "colours");
     losses.add(summary.lost_parts, "parts");
     let has_names = is_city || format == MeshFormat::Obj;
-    losses.add(!has_names && !summary.lost_parts && job.names_something(), "the part's name");
+    losses.add(!has_names && !summary.lost_parts && job.names_something(), "the name of the part");
     let lost = summary.lost_attributes;
-    losses.add(lost > 0, format!("what is said of {lost} parts and files, beyond their names"));
+    losses.add(lost > 0, format!("the attributes of {lost} parts and files"));
     let holes = summary.bridged_holes;
     losses.add(holes > 0, format!("holes ({holes} are joined to the rings around them)"));
     losses.add(summary.lost_values, "values of faces");
     losses.add_crs(crs.filter(|crs| !(is_city && city_json::reference_system(crs).is_some())));
     losses.add_unit(faces.unit(), faces.unit().filter(|unit| is_city && city_json::metres(unit).is_some()));
-    losses.tell(progress);
+    losses.report(progress);
     Ok(summary)
 }
 
@@ -193,9 +193,9 @@ fn wide(points: &[[i32; 3]], out: &mut Vec<[i64; 3]>) {
 
 /// Directory for temporary files: the output's directory if it has one, since space is needed there
 /// anyway.
-fn temporary_folder(output: &Output) -> PathBuf {
+fn temporary_directory(output: &Output) -> PathBuf {
     if output.is_file() {
-        spinney_base::io::folder(output.path()).to_path_buf()
+        spinney_base::io::directory_of(output.path()).to_path_buf()
     } else {
         std::env::temp_dir()
     }

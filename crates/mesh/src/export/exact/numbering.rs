@@ -38,11 +38,11 @@ impl CornerNumbers {
     pub(super) fn of(
         job: &Job<'_>,
         with_colours: bool,
-        folder: &Path,
+        directory: &Path,
         each: &mut dyn FnMut(Vertex) -> Result<()>,
     ) -> Result<CornerNumbers> {
         let shift = job.faces.grid().bits.saturating_sub(KEY_BITS);
-        let mut corners = Sorter::new(folder, CORNER, MEMORY);
+        let mut corners = Sorter::new(directory, CORNER, MEMORY);
         let mut place = 0u64;
         job.each(&mut |face| {
             for (index, point) in face.points.iter().enumerate() {
@@ -53,7 +53,7 @@ impl CornerNumbers {
             }
             Ok(())
         })?;
-        let mut numbers = Sorter::new(folder, 8, MEMORY);
+        let mut numbers = Sorter::new(directory, 8, MEMORY);
         let mut vertices = 0u64;
         let mut near: Vec<Corner> = Vec::new();
         let mut flush = |near: &mut Vec<Corner>| -> Result<()> {
@@ -82,8 +82,8 @@ impl CornerNumbers {
             Ok(())
         })?;
         flush(&mut near)?;
-        let file = write_numbers(numbers, folder, job)?;
-        Ok(CornerNumbers { path: folder.to_path_buf(), file, vertices })
+        let file = write_numbers(numbers, directory, job)?;
+        Ok(CornerNumbers { path: directory.to_path_buf(), file, vertices })
     }
 
     /// Reads the vertex numbers of the next `count` corners.
@@ -100,9 +100,9 @@ impl CornerNumbers {
 }
 
 /// Writes the numbers in the order of corners to a temporary file.
-fn write_numbers(numbers: Sorter, folder: &Path, job: &Job<'_>) -> Result<BufReader<File>> {
-    let failed = || Error::io(folder, "use a temporary file");
-    let mut out = BufWriter::with_capacity(1 << 16, tempfile::tempfile_in(folder).map_err(failed())?);
+fn write_numbers(numbers: Sorter, directory: &Path, job: &Job<'_>) -> Result<BufReader<File>> {
+    let failed = || Error::io(directory, "use a temporary file");
+    let mut out = BufWriter::with_capacity(1 << 16, tempfile::tempfile_in(directory).map_err(failed())?);
     let mut count = 0u64;
     numbers.finish(&mut |bytes| {
         count += 1;

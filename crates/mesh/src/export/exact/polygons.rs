@@ -2,7 +2,7 @@
 
 use super::numbering::CornerNumbers;
 use super::survey::Survey;
-use super::{ExactSummary, Job, temporary_folder, wide};
+use super::{ExactSummary, Job, temporary_directory, wide};
 use crate::export::sink::{Sink, Vertex};
 use crate::export::{FaceAttribute, MeshFormat, obj, off, ply};
 use spinney_base::Result;
@@ -15,14 +15,14 @@ pub(super) fn write(job: &Job<'_>, format: MeshFormat, output: Output) -> Result
     let with_colours = survey.has_colours && (survey.has_shades || format == MeshFormat::Obj);
     let of_faces = survey.has_colours && !with_colours;
     let attribute = if of_faces { FaceAttribute::Colour } else { FaceAttribute::None };
-    let folder = temporary_folder(&output);
+    let directory = temporary_directory(&output);
     let mut sink: Box<dyn Sink> = match format {
         MeshFormat::Obj => Box::new(obj::Obj::new(output)?),
         MeshFormat::Off => Box::new(off::Off::new(output, attribute, with_colours)?),
         _ => Box::new(ply::Ply::of_polygons(output, attribute, with_colours, survey.most_corners)?),
     };
     let grid = job.faces.grid();
-    let mut numbers = CornerNumbers::of(job, with_colours, &folder, &mut |(point, colour)| {
+    let mut numbers = CornerNumbers::of(job, with_colours, &directory, &mut |(point, colour)| {
         let at = grid.to_world(point);
         if with_colours { sink.coloured_vertex(at, colour) } else { sink.vertex(at) }
     })?;

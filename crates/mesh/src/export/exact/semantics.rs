@@ -80,7 +80,7 @@ impl Semantics {
                 children.entry(parent).or_default().push(numbers[values].to_string());
             }
         }
-        let texts = held.iter().map(|values| {
+        let surfaces_json = held.iter().map(|values| {
             let mut members = vec![member(TYPE, values[1].as_deref().unwrap_or_default())];
             if let Some(parent) = parent(values) {
                 members.push(member(PARENT, &parent.to_string()));
@@ -101,6 +101,6 @@ impl Semantics {
             }
             format!("{{{}}}", members.join(","))
         });
-        texts.collect::<Vec<_>>().join(",")
+        surfaces_json.collect::<Vec<_>>().join(",")
     }
 }

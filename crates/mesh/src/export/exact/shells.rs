@@ -134,12 +134,12 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 }
 
 impl Shells {
-    pub(super) fn of(job: &Job<'_>, survey: &Survey, folder: &Path) -> Result<Shells> {
+    pub(super) fn of(job: &Job<'_>, survey: &Survey, directory: &Path) -> Result<Shells> {
         let parts = job.faces.parts().len() as u32;
         let is_solid = |part: u32| survey.is_closed(part) && survey.bounds(part).is_some();
         let has_solids = (0..parts).any(is_solid) && job.faces.len() <= u64::from(u32::MAX);
         let (sets, roots) = match has_solids {
-            true => find_shells(job, &is_solid, folder)?,
+            true => find_shells(job, &is_solid, directory)?,
             false => {
                 job.progress.advance(2 * job.faces.len(), job.passes * job.faces.len());
                 (UnionFind::new(0), HashMap::new())
@@ -263,10 +263,10 @@ fn pairs_around(edges: &[Vec<u8>]) -> Vec<[u32; 2]> {
 fn find_shells(
     job: &Job<'_>,
     is_solid: &dyn Fn(u32) -> bool,
-    folder: &Path,
+    directory: &Path,
 ) -> Result<(UnionFind, HashMap<u32, Measures>)> {
     let mut sets = UnionFind::new(job.faces.len() as usize);
-    let mut sorter = Sorter::new(folder, EDGE, MEMORY);
+    let mut sorter = Sorter::new(directory, EDGE, MEMORY);
     let mut number = 0u32;
     job.each(&mut |face| {
         let normal = face.area_vector();

@@ -35,7 +35,7 @@ impl List {
 /// Lists of all parts. A part whose surfaces have no semantics has only boundaries.
 pub(super) struct Surfaces<'a> {
     shells: &'a mut Shells,
-    folder: PathBuf,
+    directory: PathBuf,
     file: BufWriter<File>,
     runs: Sorter,
     /// Number of runs. A run is a stretch of the temporary file with fragments of one list of one
@@ -53,13 +53,13 @@ pub(super) struct Surfaces<'a> {
 }
 
 impl<'a> Surfaces<'a> {
-    pub(super) fn new(folder: &Path, shells: &'a mut Shells) -> Result<Surfaces<'a>> {
-        let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "use a temporary file"))?;
+    pub(super) fn new(directory: &Path, shells: &'a mut Shells) -> Result<Surfaces<'a>> {
+        let file = tempfile::tempfile_in(directory).map_err(Error::io(directory, "use a temporary file"))?;
         Ok(Surfaces {
             shells,
-            folder: folder.to_path_buf(),
+            directory: directory.to_path_buf(),
             file: BufWriter::with_capacity(1 << 20, file),
-            runs: Sorter::new(folder, 21, MEMORY),
+            runs: Sorter::new(directory, 21, MEMORY),
             count: 0,
             shell: None,
             faces: 0,
@@ -108,7 +108,7 @@ impl<'a> Surfaces<'a> {
     /// Appends the text to the temporary file.
     fn write(&mut self) -> Result<()> {
         self.at += self.text.len() as u64;
-        self.file.write_all(self.text.as_bytes()).map_err(Error::io(&self.folder, "use a temporary file"))
+        self.file.write_all(self.text.as_bytes()).map_err(Error::io(&self.directory, "use a temporary file"))
     }
 
     /// Ends the current runs. The run of semantics ends only at the end of the part, or if the
@@ -165,7 +165,7 @@ impl<'a> Surfaces<'a> {
         each: &mut dyn FnMut(Shell, List, &str) -> Result<()>,
     ) -> Result<u64> {
         self.end_run(true)?;
-        let failed = || Error::io(&self.folder, "use a temporary file");
+        let failed = || Error::io(&self.directory, "use a temporary file");
         let mut file = self.file.into_inner().map_err(io::IntoInnerError::into_error).map_err(failed())?;
         let mut bytes = Vec::new();
         self.runs.finish(&mut |item| {

@@ -211,18 +211,18 @@ impl<'a> Glb<'a> {
     /// Table of classes: value and name of each.
     fn class_table(&mut self) -> Json {
         let values: Vec<u8> = self.classes.keys().flat_map(|value| value.to_le_bytes()).collect();
-        let (mut texts, mut offsets) = (Vec::new(), vec![0u32]);
+        let (mut names, mut offsets) = (Vec::new(), vec![0u32]);
         for value in self.classes.keys() {
             let name = self.metadata.class_names.get(&(*value).into()).map_or("", String::as_str);
-            texts.extend(name.bytes());
-            offsets.push(texts.len() as u32);
+            names.extend(name.bytes());
+            offsets.push(names.len() as u32);
         }
-        if texts.is_empty() {
+        if names.is_empty() {
             // (Views must not be empty.)
-            texts.push(0);
+            names.push(0);
         }
         let offsets: Vec<u8> = offsets.iter().flat_map(|offset| offset.to_le_bytes()).collect();
-        let [values, texts, offsets] = [values, texts, offsets].map(|bytes| self.buffer.table(&bytes));
+        let [values, names, offsets] = [values, names, offsets].map(|bytes| self.buffer.table(&bytes));
         json!({
             "schema": { "id": "classes", "classes": { "class": { "properties": {
                 "value": { "type": "SCALAR", "componentType": "UINT32" },
@@ -230,7 +230,7 @@ impl<'a> Glb<'a> {
             } } } },
             "propertyTables": [{ "class": "class", "count": self.classes.len(), "properties": {
                 "value": { "values": values },
-                "name": { "values": texts, "stringOffsets": offsets },
+                "name": { "values": names, "stringOffsets": offsets },
             } }],
         })
     }

@@ -71,7 +71,7 @@ mod tests {
 
     /// Points of EPSG:4979 in EPSG:4978, from PROJ 9.
     #[test]
-    fn places_are_those_of_proj() {
+    fn geocentric_coordinates_equal_those_of_proj() {
         for (place, height, expected) in [
             ([0.0, 0.0], 0.0, [6_378_137.0, 0.0, 0.0]),
             ([0.0, 90.0], 10.0, [0.0, 0.0, 6_356_762.314_245]),

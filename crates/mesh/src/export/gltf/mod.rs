@@ -46,7 +46,11 @@ impl GltfOptions {
     fn check(self) -> Result<()> {
         if self.meshopt && !cfg!(feature = "meshopt") {
             let found = "a build without meshopt compression";
-            return Err(Error::invalid("option meshopt", found, "a build that has it, or no compression"));
+            return Err(Error::invalid(
+                "option meshopt",
+                found,
+                "a build with the feature `meshopt`, or no compression",
+            ));
         }
         Ok(())
     }
@@ -66,8 +70,8 @@ const BATCH: usize = 256;
 /// use spinney::export::{GltfOptions, MeshRequest, export_glb};
 /// use spinney::Output;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("ball.glb");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("ball.glb");
 /// let ball = spinney::open("fixtures/v1/ball.goblin")?;
 /// let output = Output::create(&path)?;
 /// assert!(export_glb(&ball, &MeshRequest::new(), &GltfOptions::new(), output, &())? > 0);
@@ -108,7 +112,7 @@ pub fn export_glb(
         if bytes > MAX_GLB {
             return Err(Error::TooLarge {
                 path: tree.name().to_path_buf(),
-                what: format!("a model of level {}", maker.level()),
+                what: format!("a glTF model of level {}", maker.level()),
                 needed: bytes as u64,
                 limit: MAX_GLB as u64,
                 advice: "choose a coarser level, or write a tileset (x/tileset.json)".into(),
@@ -128,6 +132,6 @@ pub fn export_glb(
     tree.check_unchanged()?;
     output.write_all(&glb.finish()).map_err(Error::io(output.path(), "write"))?;
     output.commit()?;
-    losses.tell(progress);
+    losses.report(progress);
     Ok(triangles)
 }

@@ -153,8 +153,8 @@ impl<'a> TileMaker<'a> {
     fn with_reach(&self, least: [f64; 3], most: [f64; 3], cell: f64) -> [[f64; 3]; 2] {
         // Quadrangles around a cell's edges have corners in the two cells before it. At the end of
         // the space they also extend half a cell after it.
-        let (before, behind) = if self.smooth { (1.5 * cell, 0.5 * cell) } else { (0.0, 0.0) };
-        [least.map(|at| at - before), most.map(|at| at + behind)]
+        let (before, after) = if self.smooth { (1.5 * cell, 0.5 * cell) } else { (0.0, 0.0) };
+        [least.map(|at| at - before), most.map(|at| at + after)]
     }
 
     /// Cells without attributes, for [`TileMaker::wants`].

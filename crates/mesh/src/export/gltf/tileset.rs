@@ -10,7 +10,7 @@ use super::globe::OnGlobe;
 use super::subtree::Subtree;
 use super::tiles::{Blocks, Tile, TileMaker};
 use super::{BATCH, GltfOptions};
-use spinney_base::io::OutputFolder;
+use spinney_base::io::OutputDirectory;
 use spinney_base::parallel::{self, Pool};
 use spinney_base::{Progress, Result};
 use spinney_crs::Frame;
@@ -50,7 +50,7 @@ pub fn export_tileset(
     tree: &Dataset,
     request: &MeshRequest,
     options: &GltfOptions,
-    output: OutputFolder,
+    output: OutputDirectory,
     progress: &dyn Progress,
 ) -> Result<TilesetSummary> {
     options.check()?;
@@ -92,7 +92,7 @@ pub fn export_tileset(
     output.write("tileset.json", &text)?;
     tree.check_unchanged()?;
     output.commit()?;
-    losses.tell(progress);
+    losses.report(progress);
     Ok(summary)
 }
 
@@ -106,7 +106,7 @@ struct TilesetWriter<'a, 'b> {
     tree: &'a Dataset,
     maker: TileMaker<'a>,
     options: &'b GltfOptions,
-    output: &'b OutputFolder,
+    output: &'b OutputDirectory,
     progress: &'b dyn Progress,
     /// From cells of the finest level to the coordinates of the tileset.
     matrix: DMat4,

@@ -3,16 +3,16 @@
 //!
 //! Marching cubes (`cube.rs`) generates them in tiles of 64 x 64 x 64 cubes between the centres of
 //! eight neighbouring cells (`tile.rs`), on all threads. Tiles whose extremes exclude the level are
-//! not read, or only their first layers of cells (`walk.rs`). Tiles are visited in Z order. Points
-//! on edges that several tiles share are kept until the last of these tiles is done, as for other
-//! surfaces. Memory grows with the boundary of the finished region.
+//! not read, or only their first layers of cells (`traversal.rs`). Tiles are visited in Z order.
+//! Points on edges that several tiles share are kept until the last of these tiles is done, as for
+//! other surfaces. Memory grows with the boundary of the finished region.
 
 pub(super) mod cube;
 mod tile;
-mod walk;
+mod traversal;
 
 use self::tile::{MAX_SURFACE_BYTES, TILE_BYTES, TileCells, TileSurface};
-use self::walk::{IsosurfaceGround, TILE, TileWalk};
+use self::traversal::{IsosurfaceGround, TILE, TileTraversal};
 use super::arrays::Arrays;
 use super::losses::Losses;
 use super::numbers::{Shared, z_order};
@@ -60,8 +60,8 @@ pub struct IsosurfaceSummary {
 /// level_0.5`; empty surfaces are left out), in PLY a face property `level`; other formats hold one
 /// surface. Only nodes whose statistics do not exclude a surface are read, on all threads of the
 /// current pool. The file's bytes depend only on the tree. In addition to `request.memory`, memory
-/// grows with the points where the surface leaves the finished region. [`ContourRequest::folder`]
-/// is ignored.
+/// grows with the points where the surface leaves the finished region.
+/// [`ContourRequest::directory`] is ignored.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -71,8 +71,8 @@ pub struct IsosurfaceSummary {
 /// use spinney::query::{ContourLevels, ContourRequest};
 /// use spinney::raw::query::ContourEnds;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("ball.ply");
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let path = directory.path().join("ball.ply");
 /// let ball = spinney::open("fixtures/v1/ball.goblin")?;
 /// // Around the cells that have a value.
 /// let mut request = ContourRequest::new(ContourLevels::At(vec![127.5]));
@@ -100,10 +100,10 @@ pub fn export_isosurfaces(
         MeshFormat::Ply => FaceAttribute::Level,
         MeshFormat::Obj => FaceAttribute::None,
         _ => {
-            let advice = "write PLY or OBJ, or one level at a time";
+            let advice = "write PLY or OBJ, or one file per level";
             return Err(Error::unsupported(
                 output.path(),
-                "several surfaces in a format that holds one",
+                "several surfaces in a format that stores one",
                 advice,
             ));
         }
@@ -116,7 +116,7 @@ pub fn export_isosurfaces(
     let sink = sink_of(output, format, attribute, precision, false)?;
     let mesh = Mesh::new(sink, &frame, true);
     let summary = write(tree, request, &values, mesh, precision.margin(format), progress)?;
-    losses.tell(progress);
+    losses.report(progress);
     Ok(summary)
 }
 
@@ -143,12 +143,12 @@ pub fn isosurface_mesh(
 fn values(tree: &Dataset, request: &ContourRequest) -> Result<Vec<f64>> {
     let levels = Levels::new(&request.levels)?;
     if tree.header().form.axes() != 3 {
-        let advice = "its contours are lines: `spinney contours` with another format, or Dataset::contours";
+        let advice = "contours of a quadtree are lines: use `spinney contours` with a format of lines, or Dataset::contours";
         return Err(Error::unsupported(tree.name(), "isosurfaces of a quadtree", advice));
     }
-    tree.check_amounts("isosurfaces")?;
+    tree.check_continuous("isosurfaces")?;
     if request.ends == ContourEnds::Extend {
-        let expected = "open or close: only lines of quadtrees extend to the edge of the last cells";
+        let expected = "open or close; only contour lines of quadtrees extend to the edge of the last cells";
         return Err(Error::invalid("nodata", "extend", expected));
     }
     spinney_engine::query::check_level(request.level.unwrap_or(tree.depth()), tree.depth())?;
@@ -189,10 +189,10 @@ fn write(
             writer.name = Some(format!("level_{value}"));
             writer.attribute = (*value as f32).to_bits();
         }
-        let mut walk = TileWalk::new(&ground, *value);
+        let mut traversal = TileTraversal::new(&ground, *value);
         loop {
             let batch = request.memory / 2 / (TILE_BYTES + surface_bytes);
-            let wanted = walk.next(batch.clamp(1, 1 << 10) as usize, total, progress)?;
+            let wanted = traversal.next(batch.clamp(1, 1 << 10) as usize, total, progress)?;
             if wanted.is_empty() {
                 break;
             }

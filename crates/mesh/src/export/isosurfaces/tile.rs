@@ -2,7 +2,7 @@
 //! cells before the tile.
 
 use super::cube::{Ring, rings};
-use super::walk::{IsosurfaceGround, TILE, Tile};
+use super::traversal::{IsosurfaceGround, TILE, Tile};
 use spinney_base::Result;
 use spinney_base::space::Bounds;
 use spinney_engine::query::level_share;

@@ -51,9 +51,9 @@ pub(super) struct Loop {
 
 impl Boundary {
     /// Creates an empty collection. About `memory` bytes are used before edges spill to a temporary
-    /// file in `folder`.
-    pub(super) fn new(folder: &Path, memory: u64) -> Boundary {
-        Boundary { sorter: Sorter::new(folder, EDGE, memory) }
+    /// file in `directory`.
+    pub(super) fn new(directory: &Path, memory: u64) -> Boundary {
+        Boundary { sorter: Sorter::new(directory, EDGE, memory) }
     }
 
     /// Adds the edges of a face of an object.
@@ -202,26 +202,26 @@ fn chain(edges: Vec<OpenEdge>, progress: &dyn Progress) -> Result<Vec<Loop>> {
         progress.check()?;
         let start = *first.key();
         let mut points = vec![start];
-        let mut places = BTreeMap::new();
-        places.insert(start, 0);
+        let mut visited = BTreeMap::new();
+        visited.insert(start, 0);
         let mut part = 0;
         let mut at = start;
         while let Some((next, of)) = from.get_mut(&at).and_then(Vec::pop) {
             part = of;
             // Revisiting a point closes a loop.
-            if let Some(&place) = places.get(&next) {
-                let ring: Vec<[i32; 3]> = points.drain(place..).collect();
+            if let Some(&index) = visited.get(&next) {
+                let ring: Vec<[i32; 3]> = points.drain(index..).collect();
                 for point in &ring {
-                    places.remove(point);
+                    visited.remove(point);
                 }
                 if ring.len() > 2 {
                     loops.push(Loop { points: ring, part });
                 }
-                if place == 0 {
+                if index == 0 {
                     break;
                 }
             }
-            places.insert(next, points.len());
+            visited.insert(next, points.len());
             points.push(next);
             at = next;
         }

@@ -3,7 +3,7 @@
 use super::super::Model;
 use super::objects::Objects;
 use super::snap::Snapper;
-use super::{ExactOptions, check_room, grid_of, read};
+use super::{ExactOptions, check_memory, grid_of, read};
 use spinney_base::{Error, Progress, Result, SilentProgress};
 use spinney_brep::{Face, FaceList, ObjectContact, object_contacts};
 
@@ -41,12 +41,7 @@ pub fn model_contacts(
     let mut snapper = Snapper::new(grid, options.up);
     read(&mut models, &objects, &mut snapper, &SilentProgress(progress), &mut |face, _| {
         faces.push(&Face { part: objects.object(face.part), ..*face });
-        check_room(
-            &path,
-            faces.bytes(),
-            options.memory / 2,
-            "the faces of objects that are looked at in pairs",
-        )
+        check_memory(&path, faces.bytes(), options.memory / 2, "the list of faces of the tested objects")
     })?;
     let names = objects.names();
     object_contacts(faces, &path, options.memory, progress, &mut |contact| {

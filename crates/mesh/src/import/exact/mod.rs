@@ -16,9 +16,9 @@ use self::snap::Snapper;
 use self::sums::{ObjectSums, compare};
 use super::solid::{ChosenParts, bounds, cell_volume, common_crs, flat_faces, provenance};
 use super::{Model, ModelInfo};
-use spinney_base::io::{Output, folder};
+use spinney_base::io::{Output, directory_of};
 use spinney_base::{Error, Progress, Result, SilentProgress, SubProgress};
-use spinney_brep::show_place;
+use spinney_brep::format_position;
 use spinney_brep::{
     BuildReport, ColumnValues, Face, FaceList, Grid, InsideRule, ModelBuilder, REPAIR_PASSES, Repair, repair,
     repair_bytes,
@@ -36,8 +36,8 @@ pub use self::options::{ExactOptions, ExactReport};
 /// use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 /// use spinney::Output;
 ///
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
+/// # let directory = tempfile::tempdir().unwrap();
+/// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| directory.path().join(name));
 /// let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
 /// std::fs::write(&mesh, text).unwrap();
 /// let models = open_all(&[mesh], 64 << 20)?;
@@ -71,7 +71,7 @@ pub fn import_exact(
         true => skip_bad(&mut models, &mut objects, &grid, options, &work.part(SKIPPING_PASSES))?,
         false => Vec::new(),
     };
-    let place = folder(output.path()).to_path_buf();
+    let place = directory_of(output.path()).to_path_buf();
     let mut target = Target::new(output, &path, &grid, options)?;
     let mut snapper = Snapper::new(grid.clone(), options.up);
     let mut sums = ObjectSums::default();
@@ -96,7 +96,7 @@ pub fn import_exact(
         })?;
         let Open { loops, groups: found } = boundary.loops(&path, options.memory / 4, progress)?;
         if !options.close {
-            return Err(open_surface(&path, &grid, &objects, &loops));
+            return Err(open_surface(&path, &grid, (&objects, sums.has_closed()), &loops));
         }
         groups = found;
         sums.join(&groups);
@@ -135,7 +135,7 @@ pub fn import_exact(
         attributes.files().iter().try_for_each(|text| builder.about_file(text))?;
     }
     faces = repaired.map_or(faces, |_| builder.faces());
-    let is_beside_grid = builder.is_beside_grid();
+    let has_exact_faces = builder.has_exact_faces();
     let displacement = snapper.squared_displacement.sqrt();
     let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
     metadata.provenance = models.iter().map(|model| provenance(model.info())).collect();
@@ -154,25 +154,23 @@ pub fn import_exact(
     }
     let built = builder.finish(&mut metadata, &work.part(BUILDING_PASSES), &mut |metadata, built| {
         if built.defect_count > 0 {
-            metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());
+            metadata.set_tag(Tag::ModelIntersections, built.defect_count.to_string());
         }
     })?;
     // (Proxy faces may intersect each other where exact faces are thinner than a grid unit.)
-    if built.defect_count > 0 && !is_beside_grid {
+    if built.defect_count > 0 && !has_exact_faces {
         let advice = match options.repair {
             true => {
-                "on this grid it was not resolved: choose another one with --snap, or build cells of it (without \
-                 --brep)"
+                "--repair did not resolve it on this grid: choose another grid with --snap, or build cells \
+                 (without --brep)"
             }
             false => {
-                "resolve it with --repair, or build cells of it (without --brep), which take what is inside any of \
-                 its parts"
+                "resolve it with --repair, or build cells (without --brep), which are the union of all parts"
             }
         };
-        let what = "the surface passes through itself, or is inside out: it bounds no body";
+        let what = "the surface intersects itself, or is inside out: it bounds no body";
         let error = built.error(&path, what, advice);
-        let wrong =
-            Wrong { built: &built, objects: &objects, closing: &closing, is_repaired: options.repair };
+        let wrong = Wrong { built: &built, objects: &objects, closing: &closing, options };
         return Err(wrong.named(error, &mut models, snapper, progress)?);
     }
     for model in &models {
@@ -180,7 +178,7 @@ pub fn import_exact(
     }
     let lost_values = models.iter().map(|model| model.lost_values()).sum();
     if lost_values > 0 {
-        let text = "values of faces (in CityJSON semantics of surfaces) make no sense or are too long, and are not kept";
+        let text = "values of faces (CityJSON semantics) are invalid or too long, and were dropped";
         progress.warn(&path, &format!("{lost_values} {text}"));
     }
     Ok(ExactReport {
@@ -305,7 +303,7 @@ impl Target {
         }
         // (Reported relative to the total memory, half of which is the builder's.)
         let bytes = repair_bytes(list) + self.value_bytes;
-        check_room(&self.path, 2 * bytes, 2 * self.memory, "the faces of a surface that is to be repaired")
+        check_memory(&self.path, 2 * bytes, 2 * self.memory, "the list of faces to repair")
     }
 
     /// Adds triangles over boundaries, after the faces that were read. Returns the part of each
@@ -370,18 +368,13 @@ fn skip_bad(
     let mut faces = FaceList::new(grid.clone(), Vec::new());
     read(models, objects, &mut Snapper::new(grid.clone(), options.up), &part(), &mut |face, _| {
         faces.push(face);
-        check_room(
-            &path,
-            faces.bytes(),
-            options.memory / 2,
-            "the faces of objects that are looked at one by one",
-        )
+        check_memory(&path, faces.bytes(), options.memory / 2, "the list of faces of the tested objects")
     })?;
     objects.skip_bad(&faces, options, &path, &part())
 }
 
 /// Fails if `bytes` exceeds the limit. `what` describes the data.
-fn check_room(path: &Path, bytes: u64, limit: u64, what: &str) -> Result<()> {
+fn check_memory(path: &Path, bytes: u64, limit: u64, what: &str) -> Result<()> {
     if bytes <= limit {
         return Ok(());
     }
@@ -400,7 +393,7 @@ struct Wrong<'a> {
     objects: &'a Objects,
     /// Parts of the triangles that close boundaries.
     closing: &'a [u32],
-    is_repaired: bool,
+    options: &'a ExactOptions,
 }
 
 impl Wrong<'_> {
@@ -413,10 +406,10 @@ impl Wrong<'_> {
         snapper: Snapper,
         progress: &dyn Progress,
     ) -> Result<Error> {
-        let Wrong { built, objects, closing, is_repaired } = *self;
-        let Error::NotASolid { path, what, mut places, count, advice } = error else { return Ok(error) };
-        if is_repaired || objects.count() < 2 {
-            return Ok(Error::NotASolid { path, what, places, count, advice });
+        let Wrong { built, objects, closing, options } = *self;
+        let Error::NotASolid { path, what, mut locations, count, advice } = error else { return Ok(error) };
+        if options.repair || objects.count() < 2 {
+            return Ok(Error::NotASolid { path, what, locations, count, advice });
         }
         let wanted: BTreeSet<u64> =
             built.defects.iter().flat_map(|defect| defect.faces.iter().copied()).collect();
@@ -430,7 +423,7 @@ impl Wrong<'_> {
         })?;
         let count = again.planar.counts.faces;
         let of_closing = |face: u64| closing.get(usize::try_from(face.checked_sub(count)?).ok()?).copied();
-        for (place, defect) in places.iter_mut().zip(&built.defects) {
+        for (location, defect) in locations.iter_mut().zip(&built.defects) {
             let parts: BTreeSet<u32> = defect
                 .faces
                 .iter()
@@ -438,11 +431,14 @@ impl Wrong<'_> {
                 .collect();
             let names: Vec<&str> = parts.iter().filter_map(|part| objects.name(*part)).collect();
             if !names.is_empty() {
-                *place += &format!(", of {}", names.join(" and "));
+                *location += &format!(", of {}", names.join(" and "));
             }
         }
-        let advice = format!("{advice}; --skip-bad leaves out objects that are no bodies by themselves");
-        Ok(Error::NotASolid { path, what, places, count, advice })
+        let advice = match options.skip_bad {
+            true => advice,
+            false => format!("{advice}; --skip-bad omits objects that are no bodies by themselves"),
+        };
+        Ok(Error::NotASolid { path, what, locations, count, advice })
     }
 }
 
@@ -487,22 +483,25 @@ fn read(
     Ok(())
 }
 
-/// Error of an open surface.
-fn open_surface(path: &Path, grid: &Grid, objects: &Objects, loops: &[Loop]) -> Error {
+/// Error of an open surface. `has_closed` is whether some of the objects are closed.
+fn open_surface(path: &Path, grid: &Grid, (objects, has_closed): (&Objects, bool), loops: &[Loop]) -> Error {
     let place = |hole: &Loop| {
         let first = grid.to_world(hole.points[0]);
         let name = objects.name(hole.part).map_or(String::new(), |name| format!(", of {name}"));
-        format!("a boundary of {} edges from {}{name}", hole.points.len(), show_place(first))
+        format!("a boundary of {} edges from {}{name}", hole.points.len(), format_position(first))
     };
     Error::NotASolid {
         path: path.to_path_buf(),
         what: "the surface is open: it bounds no body".into(),
-        places: loops.iter().take(100).map(place).collect(),
+        locations: loops.iter().take(100).map(place).collect(),
         count: loops.len() as u64,
         advice: match objects.count() {
-            1 => "close it with --close, or build cells of it (without --brep)".into(),
-            _ => "close it with --close, leave out open objects with --skip-bad, choose others with --where, or build cells of \
-                  it (without --brep)"
+            1 => "close it with --close, or build cells (without --brep)".into(),
+            _ if !has_closed => {
+                "no object is closed: close them with --close, or build cells (without --brep)".into()
+            }
+            _ => "close it with --close, omit open objects with --skip-bad, select others with --where, or build cells \
+                  (without --brep)"
                 .into(),
         },
     }

@@ -47,7 +47,7 @@ impl Objects {
         let mut objects = Objects { numbers: vec![None; parts.len()], parts, taken: Vec::new() };
         objects.take(&|part| chosen.is_none_or(|chosen| chosen.contains(&part)));
         if objects.numbers.iter().all(Option::is_none) {
-            return Err(Error::invalid("objects", "none that is chosen", "one or more"));
+            return Err(Error::invalid("objects", "none in the selection", "one or more"));
         }
         Ok(objects)
     }
@@ -148,13 +148,18 @@ impl Objects {
                 .extend(own.into_iter().map(|object| SkippedObject { name: name(object), why: why.clone() }));
         }
         if bad.len() == runs.len() {
-            let places = skipped.iter().take(100).map(|object| format!("{}: {}", object.name, object.why));
+            let ways = [
+                (options.close, "close them with --close"),
+                (options.repair, "resolve intersections with --repair"),
+            ];
+            let left = ways.iter().filter(|(is_given, _)| !is_given).map(|(_, way)| format!("{way}, or "));
+            let locations = skipped.iter().take(100).map(|object| format!("{}: {}", object.name, object.why));
             return Err(Error::NotASolid {
                 path: path.to_path_buf(),
                 what: "none of its objects is a body".into(),
-                places: places.collect(),
+                locations: locations.collect(),
                 count: skipped.len() as u64,
-                advice: "close them with --close, resolve them with --repair, or build cells of them (without --brep)".into(),
+                advice: format!("{}build cells (without --brep)", left.collect::<String>()),
             });
         }
         let taken: BTreeSet<u32> = self.taken.iter().copied().collect();

@@ -44,7 +44,7 @@ impl Snapper {
             let point = up.to_z_up(face.points[corner]);
             let snapped = grid.snap(point).ok_or_else(|| {
                 let [x, y, z] = point;
-                let expected = "vertices where they were when the file was read first";
+                let expected = "the vertices of the first pass; the file has changed";
                 Error::corrupt(path, "vertices", format!("a vertex at {x}, {y}, {z}"), expected)
             })?;
             let there = grid.to_world(snapped);

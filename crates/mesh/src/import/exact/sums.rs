@@ -22,24 +22,25 @@ pub(super) fn compare(
     const MAX_CHANGE: f64 = 0.01;
     const MAX_LOSS: f64 = 0.5;
     let Some(cells) = cells else {
-        progress.warn(path, "the volume was not compared with that of cells, which takes more --memory");
+        progress.warn(path, "the volume was not compared with that of cells, which needs more --memory");
         return Ok(());
     };
     let beyond = ((volume - cells.volume).abs() - cells.error).max(0.0);
-    let numbers = format!("{volume} where cells of the models have {} +- {}", cells.volume, cells.error);
+    let numbers =
+        format!("{volume}, but that of the cells of the models is {} +- {}", cells.volume, cells.error);
     if beyond > MAX_LOSS * cells.volume {
         return Err(Error::NotASolid {
             path: path.to_path_buf(),
-            what: format!("what was repaired or closed is not what the models enclose: its volume is {numbers}"),
-            places: Vec::new(),
+            what: format!("the repaired or closed surface does not enclose what the models enclose: its volume is {numbers}"),
+            locations: Vec::new(),
             count: 0,
-            advice: "close the holes in the program that the model comes from, choose another rule with --inside, or build \
-                     cells of it (without --brep)"
+            advice: "close the holes in the program that made the model, choose another rule with --inside, or build \
+                     cells (without --brep)"
                 .into(),
         });
     }
     if beyond > MAX_CHANGE * cells.volume {
-        progress.warn(path, &format!("the volume is {numbers}, in cubes of the models' unit"));
+        progress.warn(path, &format!("the volume is {numbers}, in cubic model units"));
     }
     Ok(())
 }
@@ -97,6 +98,11 @@ impl ObjectSums {
         all.is_closed()
     }
 
+    /// Whether some object is closed by itself.
+    pub(super) fn has_closed(&self) -> bool {
+        self.objects.values().any(|sum| sum.closure.is_closed())
+    }
+
     /// Joins objects that close each other.
     pub(super) fn join(&mut self, groups: &Groups) {
         for (object, sum) in std::mem::take(&mut self.objects) {
@@ -121,11 +127,11 @@ impl ObjectSums {
         Err(Error::NotASolid {
             path: path.to_path_buf(),
             what: "the surface has no volume: it bounds no body".into(),
-            places: flat.iter().take(100).map(place).collect(),
+            locations: flat.iter().take(100).map(place).collect(),
             count: flat.len() as u64,
             advice: match objects.count() {
                 1 => "give it a thickness, or build cells of its surface with --shell".into(),
-                _ => "leave out such objects with --skip-bad, choose others with --where, or build cells of their surfaces \
+                _ => "omit such objects with --skip-bad, select others with --where, or build cells of their surfaces \
                       with --shell"
                     .into(),
             },

@@ -159,18 +159,22 @@ impl MeshArrays {
     fn check_rings(&self) -> Result<()> {
         let count = self.vertices.len();
         if let Some(corner) = self.corners.iter().find(|corner| **corner as usize >= count) {
-            let expected = format!("numbers of vertices, 0 to {}", count - 1);
+            let expected = format!("vertex indices, 0 to {}", count - 1);
             return Err(Error::invalid("corners", corner.to_string(), expected));
         }
         if self.ring_ends.is_empty() {
             if !self.face_ends.is_empty() {
-                return Err(Error::invalid("face_ends", "ends of faces", "none without ends of rings"));
+                return Err(Error::invalid(
+                    "face_ends",
+                    "ends of faces without ends of rings",
+                    "both or none",
+                ));
             }
             if !self.corners.len().is_multiple_of(3) {
                 return Err(Error::invalid(
                     "corners",
                     self.corners.len().to_string(),
-                    "three of each triangle",
+                    "a multiple of three: triangles",
                 ));
             }
             return Ok(());
@@ -184,7 +188,7 @@ impl MeshArrays {
             let corners = self.ring(end - 1).1 - self.ring(first).0;
             if corners > MAX_CORNERS {
                 let found = format!("face {face} of {corners} corners");
-                return Err(Error::invalid("faces", found, format!("{MAX_CORNERS} or fewer")));
+                return Err(Error::invalid("faces", found, format!("at most {MAX_CORNERS}")));
             }
         }
         Ok(())
@@ -202,7 +206,7 @@ impl MeshArrays {
 
     fn check_parts(&self) -> Result<()> {
         if self.attributes.len() > self.parts.len() {
-            let expected = format!("those of {} parts", self.parts.len());
+            let expected = format!("at most one per part, {}", self.parts.len());
             return Err(Error::invalid("attributes", self.attributes.len().to_string(), expected));
         }
         if self.face_parts.is_empty() {
@@ -212,7 +216,7 @@ impl MeshArrays {
         match self.face_parts.iter().find(|part| **part as usize >= self.parts.len()) {
             None => Ok(()),
             Some(part) => {
-                let expected = format!("numbers of parts that have names, 0 to {}", self.parts.len() - 1);
+                let expected = format!("indices of named parts, 0 to {}", self.parts.len() - 1);
                 Err(Error::invalid("parts", part.to_string(), expected))
             }
         }
@@ -226,8 +230,8 @@ fn check_ends(name: &str, ends: &[usize], total: usize) -> Result<()> {
         return Ok(());
     }
     let found = match is_ascending {
-        true => format!("{} at the end", ends[ends.len() - 1]),
-        false => "ends that do not ascend from 1 or more".into(),
+        true => format!("{} as the last one", ends[ends.len() - 1]),
+        false => "ends that do not ascend strictly from at least 1".into(),
     };
     Err(Error::invalid(name, found, format!("ascending ends, the last of them {total}")))
 }
@@ -243,9 +247,8 @@ fn check_count(name: &str, found: usize, expected: usize, of: &str) -> Result<()
 /// Attributes of a part without whitespace between tokens.
 fn compact(part: u32, json: &str) -> Result<String> {
     let mut text = ObjectText::default();
-    each_member(json, |key, value| text.push(key, value)).map_err(|error| {
-        Error::invalid("attributes", format!("{error} in those of part {part}"), "a JSON object")
-    })?;
+    each_member(json, |key, value| text.push(key, value))
+        .map_err(|error| Error::invalid("attributes", format!("{error} in part {part}"), "a JSON object"))?;
     Ok(text.to_string())
 }
 
@@ -339,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn properties_are_told() {
+    fn names_and_attributes_are_reported() {
         let mut mesh = line(3);
         mesh.corners = vec![0, 1, 2];
         let model = mesh.clone().model().unwrap();
@@ -353,27 +356,30 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_mesh_is_refused() {
+    fn invalid_meshes_are_refused() {
         let triangle = || MeshArrays { corners: vec![0, 1, 2], ..line(3) };
         assert!(handed_out(triangle()).is_ok());
         let refused = |change: fn(&mut MeshArrays), expected: &str| {
             let mut mesh = triangle();
             change(&mut mesh);
-            let told = handed_out(mesh).unwrap_err().to_string();
-            assert!(told.contains(expected), "{told}");
+            let message = handed_out(mesh).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
         };
         refused(|mesh| mesh.vertices.clear(), "vertices: got none");
         refused(|mesh| mesh.vertices[1][2] = f64::NAN, "vertex 1 at [1.0, 0.0, NaN], expected finite");
-        refused(|mesh| mesh.corners[2] = 3, "corners: got 3, expected numbers of vertices, 0 to 2");
-        refused(|mesh| mesh.corners.push(0), "corners: got 4, expected three of each triangle");
-        refused(|mesh| mesh.ring_ends = vec![2], "2 at the end, expected ascending ends, the last of them 3");
+        refused(|mesh| mesh.corners[2] = 3, "corners: got 3, expected vertex indices, 0 to 2");
+        refused(|mesh| mesh.corners.push(0), "corners: got 4, expected a multiple of three: triangles");
+        refused(
+            |mesh| mesh.ring_ends = vec![2],
+            "2 as the last one, expected ascending ends, the last of them 3",
+        );
         refused(|mesh| mesh.ring_ends = vec![3, 3], "ring_ends: got ends that do not ascend");
         refused(|mesh| mesh.ring_ends = vec![0, 3], "ring_ends: got ends that do not ascend");
         refused(|mesh| mesh.ring_ends = vec![usize::MAX], "ascending ends");
-        refused(|mesh| mesh.face_ends = vec![1], "none without ends of rings");
+        refused(|mesh| mesh.face_ends = vec![1], "face_ends: got ends of faces without ends of rings");
         refused(
             |mesh| (mesh.ring_ends, mesh.face_ends) = (vec![3], vec![2]),
-            "face_ends: got 2 at the end, expected ascending ends, the last of them 1",
+            "face_ends: got 2 as the last one, expected ascending ends, the last of them 1",
         );
         refused(
             |mesh| mesh.colours = MeshColours::OfFaces(vec![]),
@@ -382,18 +388,15 @@ mod tests {
         refused(|mesh| mesh.colours = MeshColours::OfVertices(vec![[0; 3]; 4]), "each of 3 vertices");
         refused(|mesh| mesh.colours = MeshColours::OfCorners(vec![[0; 3]; 4]), "each of 3 corners");
         refused(|mesh| mesh.face_parts = vec![0, 0], "parts: got 2, expected one for each of 1 faces");
+        refused(|mesh| mesh.face_parts = vec![1], "parts: got 1, expected indices of named parts, 0 to 0");
         refused(
-            |mesh| mesh.face_parts = vec![1],
-            "parts: got 1, expected numbers of parts that have names, 0 to 0",
+            |mesh| mesh.attributes = vec![None, None],
+            "attributes: got 2, expected at most one per part, 1",
         );
-        refused(|mesh| mesh.attributes = vec![None, None], "attributes: got 2, expected those of 1 parts");
-        refused(
-            |mesh| mesh.attributes = vec![Some("[]".into())],
-            "in those of part 0, expected a JSON object",
-        );
+        refused(|mesh| mesh.attributes = vec![Some("[]".into())], "in part 0, expected a JSON object");
         let mut large = line(3);
         large.corners = [0, 1, 2].into_iter().cycle().take(MAX_CORNERS + 1).collect();
         large.ring_ends = vec![large.corners.len()];
-        assert!(handed_out(large).unwrap_err().to_string().contains("1048576 or fewer"));
+        assert!(handed_out(large).unwrap_err().to_string().contains("at most 1048576"));
     }
 }

@@ -33,7 +33,7 @@ enum Lod {
 
 /// Surfaces of a geometry, as JSON.
 #[derive(Clone, Copy)]
-pub(super) struct SurfaceTexts<'a> {
+pub(super) struct SurfaceJson<'a> {
     /// Nesting depth of the surfaces.
     pub(super) depth: u8,
     /// Nested lists of vertex indices.
@@ -46,7 +46,7 @@ pub(super) struct SurfaceTexts<'a> {
 #[derive(Default)]
 pub(super) struct Geometries<'a> {
     pub(super) lod: Option<f64>,
-    pub(super) surfaces: Vec<SurfaceTexts<'a>>,
+    pub(super) surfaces: Vec<SurfaceJson<'a>>,
     /// Instances of templates, of any level of detail.
     pub(super) instances: Vec<Instance<'a>>,
 }
@@ -56,9 +56,9 @@ const MAX_GEOMETRIES: usize = 1 << 16;
 
 impl<'a> Geometry<'a> {
     /// Surfaces, if the geometry has any.
-    pub(super) fn surfaces(&self) -> Option<SurfaceTexts<'a>> {
+    pub(super) fn surfaces(&self) -> Option<SurfaceJson<'a>> {
         let (depth, semantics) = (self.depth()?, self.semantics);
-        Some(SurfaceTexts { depth, boundaries: self.boundaries?, semantics })
+        Some(SurfaceJson { depth, boundaries: self.boundaries?, semantics })
     }
 
     /// Nesting depth of the surfaces, if the geometry is of a type with surfaces.

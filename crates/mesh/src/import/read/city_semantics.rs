@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_found_beside_the_boundaries() {
+    fn semantic_values_are_read_like_boundaries() {
         let with = |values: &str| format!("{{\"surfaces\":[{{}},{{}},{{}}],\"values\":{values}}}");
         for (values, expected, lost) in [
             ("[[0,1],[2]]", "012", 0),

@@ -4,7 +4,7 @@
 use serde::Deserialize;
 use serde_json::value::RawValue;
 
-use super::city_geometry::{Geometry, SurfaceTexts};
+use super::city_geometry::{Geometry, SurfaceJson};
 use super::cityjson::{not_json_there, read_list};
 use super::model_file::ModelFile;
 use super::vertices::{Coordinates, Table, VertexBounds, VertexLayout, Vertices, VerticesBuilder};
@@ -24,7 +24,7 @@ pub(super) struct Templates<'a> {
 /// Template: its level of detail, and its surfaces if it has any.
 struct Template<'a> {
     lod: f64,
-    surfaces: Option<SurfaceTexts<'a>>,
+    surfaces: Option<SurfaceJson<'a>>,
 }
 
 #[derive(Deserialize)]
@@ -46,8 +46,7 @@ pub(super) struct Instance<'a> {
 impl<'a> Instance<'a> {
     pub(super) fn of<E: serde::de::Error>(geometry: &Geometry<'a>) -> Result<Instance<'a>, E> {
         let Geometry { template, matrix, boundaries, .. } = geometry;
-        let matrix =
-            matrix.ok_or_else(|| E::custom("an instance of a template without a transformationMatrix"))?;
+        let matrix = matrix.ok_or_else(|| E::custom("a template instance without a transformationMatrix"))?;
         Ok(Instance { template: *template, matrix, anchor: *boundaries })
     }
 
@@ -59,12 +58,12 @@ impl<'a> Instance<'a> {
 
 /// Transformation of an instance's points.
 #[derive(Clone, Copy)]
-pub(super) struct Placement {
+pub(super) struct TemplateTransform {
     matrix: [f64; 16],
     anchor: [f64; 3],
 }
 
-impl Placement {
+impl TemplateTransform {
     /// Transforms a point of the template. Matrices are for homogeneous coordinates, so the last
     /// row is 0, 0, 0, 1.
     pub(super) fn apply(&self, point: [f64; 3]) -> [f64; 3] {
@@ -76,10 +75,10 @@ impl Placement {
 }
 
 /// Template with the placement of an instance.
-pub(super) struct PlacedTemplate<'a> {
+pub(super) struct TemplateInstance<'a> {
     pub(super) lod: f64,
-    pub(super) surfaces: SurfaceTexts<'a>,
-    pub(super) placement: Placement,
+    pub(super) surfaces: SurfaceJson<'a>,
+    pub(super) template_transform: TemplateTransform,
 }
 
 /// Levels of detail of a file's templates; `None` for templates without surfaces.
@@ -129,7 +128,7 @@ impl<'a> Templates<'a> {
         name: &str,
         vertices: Table<'_>,
         instances: &[Instance<'a>],
-    ) -> Result<Vec<PlacedTemplate<'a>>> {
+    ) -> Result<Vec<TemplateInstance<'a>>> {
         let place = || format!("object {}", shown(name.as_bytes()));
         let mut placed = Vec::new();
         for Instance { template, matrix, anchor } in instances {
@@ -147,10 +146,14 @@ impl<'a> Templates<'a> {
             };
             if anchor >= vertices.len() {
                 let found = format!("an instance at vertex {anchor} of {}", vertices.len());
-                return Err(source.corrupt(place(), found, "a vertex that is in the list of vertices"));
+                return Err(source.corrupt(place(), found, "the index of a vertex in the list of vertices"));
             }
-            let placement = Placement { matrix: *matrix, anchor: vertices.position(anchor) };
-            placed.extend(surfaces.map(|surfaces| PlacedTemplate { lod: *lod, surfaces, placement }));
+            let template_transform = TemplateTransform { matrix: *matrix, anchor: vertices.position(anchor) };
+            placed.extend(surfaces.map(|surfaces| TemplateInstance {
+                lod: *lod,
+                surfaces,
+                template_transform,
+            }));
         }
         Ok(placed)
     }

@@ -12,10 +12,10 @@ use serde_json::value::RawValue;
 
 use super::city_geometry::Geometries;
 use super::city_semantics::{LOD, Semantics};
-use super::city_templates::{Placement, Templates, template_levels};
+use super::city_templates::{TemplateTransform, Templates, template_levels};
 use super::corners::{Corners, MAX_CORNERS};
 use super::model_file::ModelFile;
-use super::parts::Parts;
+use super::parts::PartNames;
 use super::vertices::{Coordinates, Table, VertexBounds, Vertices, VerticesBuilder};
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::{Error, Result};
@@ -70,7 +70,7 @@ fn documents<'a>(
         let (kind, version) = (document.kind.as_deref(), document.version.as_deref());
         let expected = if number == 0 { "CityJSON" } else { "CityJSONFeature" };
         if number == 0 && matches!(kind, Some("FeatureCollection" | "Feature")) {
-            return Err(OtherFormat::refuse_source(source.path(), b"\"FeatureCollection\""));
+            return Err(OtherFormat::refuse_source(source.path(), b"\"FeatureCollection\"", "a city model"));
         }
         if kind != Some(expected) {
             let found = format!("`type` {}", kind.map_or("missing".into(), |kind| shown(kind.as_bytes())));
@@ -232,7 +232,7 @@ struct ReadNames<'a> {
     vertices: Table<'a>,
     /// Levels of detail of the file's templates.
     levels: &'a [Option<f64>],
-    parts: &'a mut Parts,
+    parts: &'a mut PartNames,
     attributes: &'a mut Attributes,
     /// Part number of the next object.
     part: &'a mut u32,
@@ -312,7 +312,7 @@ fn address_points(source: &ModelFile, vertices: Table<'_>, object: &RawValue, ab
         Some(found) => {
             let offset = object.get().as_ptr() as usize - source.bytes().as_ptr() as usize;
             let position = format!("address of the object at line {}", line_number(source.bytes(), offset));
-            Err(source.corrupt(position, found, "numbers of vertices that are in the list of vertices"))
+            Err(source.corrupt(position, found, "indices of vertices in the list of vertices"))
         }
     }
 }
@@ -357,9 +357,9 @@ impl<'de> Visitor<'de> for ReadObjects<'_, '_> {
             let own = own.map(|surfaces| (surfaces, self.vertices, None));
             let of_templates = placed
                 .into_iter()
-                .map(|placed| (placed.surfaces, self.templates.vertices(), Some(placed.placement)));
+                .map(|placed| (placed.surfaces, self.templates.vertices(), Some(placed.template_transform)));
             let mut first_surface = 0;
-            for (surfaces, vertices, placement) in own.chain(of_templates) {
+            for (surfaces, vertices, template_transform) in own.chain(of_templates) {
                 let (source, part, level) = (self.source, *self.part, surfaces.depth);
                 let (corners, each) = (&mut *self.corners, &mut *self.each);
                 let mut semantics = Semantics::of(surfaces.semantics, first_surface);
@@ -369,7 +369,7 @@ impl<'de> Visitor<'de> for ReadObjects<'_, '_> {
                         source,
                         name,
                         vertices,
-                        placement,
+                        template_transform,
                         semantics,
                         corners,
                         part,
@@ -396,7 +396,7 @@ struct Boundaries<'a, 'b> {
     name: &'b str,
     vertices: Table<'a>,
     /// Transformation of template vertices.
-    placement: Option<Placement>,
+    template_transform: Option<TemplateTransform>,
     semantics: &'b mut Semantics<'a>,
     corners: &'b mut Corners,
     part: u32,
@@ -430,11 +430,13 @@ impl<'de> Visitor<'de> for Boundaries<'_, '_> {
                 let place = || format!("object {}", shown(self.name.as_bytes()));
                 if index >= self.vertices.len() || self.corners.len() >= MAX_CORNERS {
                     let found = format!("vertex {index} of {} in a face", self.vertices.len());
-                    let expected = "at most 2^20 corners that are in the list of vertices";
+                    let expected = "at most 2^20 corners, each the index of a vertex in the list of vertices";
                     keep(self.failure, Err(self.source.corrupt(place(), found, expected)))?;
                 }
                 let point = self.vertices.position(index);
-                let point = self.placement.map_or(point, |placement| placement.apply(point));
+                let point = self
+                    .template_transform
+                    .map_or(point, |template_transform| template_transform.apply(point));
                 if !point.iter().all(|coordinate| coordinate.is_finite()) {
                     let found = format!("vertex {index} of a template at {point:?}");
                     keep(self.failure, Err(self.source.corrupt(place(), found, "finite coordinates")))?;
@@ -473,7 +475,7 @@ impl<'de> Visitor<'de> for Boundaries<'_, '_> {
 
 pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let mut bounds = VertexBounds::new();
-    let mut parts = Parts::new(memory);
+    let mut parts = PartNames::new(memory);
     let mut attributes = Attributes::within(memory.max(1 << 20));
     let (mut count, mut part, mut version, mut crs) = (0, 0, None, None);
     // Grid unit, if all axes and all documents share one.
@@ -509,7 +511,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     if unit == "degrees" {
         let name = crs.as_ref().map(Crs::to_string).unwrap_or_default();
         let found = format!("CityJSON with coordinates in degrees ({name})");
-        let advice = "heights are not in degrees: bring the file into a projected coordinate system first, as with `cjio IN reproject 7415 save OUT`, or correct its referenceSystem";
+        let advice = "heights are not in degrees: reproject the file to a projected coordinate system first, for example with `cjio IN reproject 7415 save OUT`, or correct its referenceSystem";
         return Err(Error::unsupported(source.path(), found, advice));
     }
     let kind = if count > 1 { "CityJSONSeq" } else { "CityJSON" };

@@ -16,8 +16,8 @@ pub(super) fn open(path: &Path, memory: u64, access: &FileAccess) -> Result<Opti
     }
     let model = ExactModel::open(path, &access.into())?;
     if model.is_unbounded() {
-        let expected = "one that has not: take the complement with `combine not`";
-        let found = format!("{}: a body that has all that is far away", path.display());
+        let expected = "a bounded body; take the complement with `spinney combine not`";
+        let found = format!("{}: a body that includes infinity", path.display());
         return Err(Error::invalid("model", found, expected));
     }
     let mut attributes = Attributes::within(memory.max(1 << 20));

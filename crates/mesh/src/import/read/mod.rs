@@ -64,7 +64,9 @@ pub fn open_with(path: &Path, memory: u64, access: &FileAccess) -> Result<Box<dy
         Some(Format::Off) => off::open(source, memory),
         Some(Format::CityJson) => cityjson::open(source, memory),
         Some(Format::Obj) => obj::open(source, memory),
-        None => Err(OtherFormat::refuse_source(path, source.bytes())),
+        None => {
+            Err(OtherFormat::refuse_source(path, source.bytes(), "a PLY, OBJ, STL, OFF or CityJSON file"))
+        }
     }
 }
 
@@ -92,6 +94,9 @@ fn format(source: &ModelFile) -> Option<Format> {
     }
     if stl::is_binary(bytes) || stl::is_text(bytes) {
         return Some(Format::Stl);
+    }
+    if OtherFormat::is_marked(bytes) {
+        return None;
     }
     match extension.as_str() {
         "ply" => Some(Format::Ply),

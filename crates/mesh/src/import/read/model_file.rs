@@ -30,11 +30,11 @@ impl ModelFile {
             return Err(Error::unsupported(
                 path,
                 "a mesh from a pipe or device",
-                "write it to a file first: meshes are read more than once",
+                "write it to a file first; meshes are read several times",
             ));
         }
         if about.len() == 0 {
-            return Err(Error::corrupt(path, "the whole file", "no bytes", "a mesh"));
+            return Err(Error::corrupt(path, "file", "no bytes", "a mesh"));
         }
         let map = match access.is_positioned() {
             true => copy(path, access)?,
@@ -81,7 +81,7 @@ impl ModelFile {
 
     /// Error for a file without any vertex.
     pub(super) fn no_vertices(&self) -> Error {
-        self.corrupt("the whole file", "no vertices", "a mesh")
+        self.corrupt("file", "no vertices", "a mesh")
     }
 }
 

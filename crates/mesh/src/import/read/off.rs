@@ -163,7 +163,7 @@ impl OffHeader {
         if !matches!(&prefix[..], b"" | b"C" | b"N" | b"CN") || is_binary {
             let kind = if prefix.is_empty() { &b"BINARY"[..] } else { &prefix[..] };
             let found = format!("OFF of the kind {}", shown(kind));
-            return Err(Error::unsupported(source.path(), found, "write it as plain OFF or COFF, as text"));
+            return Err(Error::unsupported(source.path(), found, "convert it to OFF or COFF in text form"));
         }
         records.skip_blanks(true);
         records.start = records.at;
@@ -282,7 +282,7 @@ fn face<'a>(
     let count = count.ok_or("a number of corners from 0 to 2^20")?;
     for _ in 0..count {
         let index = records.count().filter(|index| *index < vertices);
-        indices.push(index.ok_or_else(|| format!("{count} vertices below {vertices}"))?);
+        indices.push(index.ok_or_else(|| format!("{count} vertex indices below {vertices}"))?);
     }
     Ok(records.rest())
 }

@@ -6,29 +6,29 @@ use super::model_file::ModelFile;
 use spinney_base::{Error, Result};
 
 /// Distinct names, numbered in the order of first occurrence.
-pub(super) struct Parts {
+pub(super) struct PartNames {
     names: Vec<String>,
     numbers: HashMap<String, u32>,
     bytes: u64,
     limit: u64,
 }
 
-impl Parts {
+impl PartNames {
     /// Empty list for names that take up to about `memory` bytes, or one MiB.
-    pub(super) fn new(memory: u64) -> Parts {
-        Parts { names: Vec::new(), numbers: HashMap::new(), bytes: 0, limit: memory.max(1 << 20) }
+    pub(super) fn new(memory: u64) -> PartNames {
+        PartNames { names: Vec::new(), numbers: HashMap::new(), bytes: 0, limit: memory.max(1 << 20) }
     }
 
-    fn make_room(&mut self, source: &ModelFile, copies: u64, name: &str) -> Result<()> {
+    fn check_limit(&mut self, source: &ModelFile, copies: u64, name: &str) -> Result<()> {
         // Length of the string, and the overhead of the containers.
         self.bytes += copies * (name.len() as u64 + 48);
         if self.bytes > self.limit || self.names.len() >= u32::MAX as usize {
             return Err(Error::TooLarge {
                 path: source.path().to_path_buf(),
-                what: format!("a list of the names of {} parts or more", self.names.len() + 1),
+                what: format!("the list of names of at least {} parts", self.names.len() + 1),
                 needed: self.bytes,
                 limit: self.limit,
-                advice: "allow more memory, or join parts or split the file".into(),
+                advice: "allow more memory, merge parts, or split the file".into(),
             });
         }
         Ok(())
@@ -40,7 +40,7 @@ impl Parts {
         if let Some(number) = self.numbers.get(&*name) {
             return Ok(*number);
         }
-        self.make_room(source, 2, &name)?;
+        self.check_limit(source, 2, &name)?;
         let number = self.names.len() as u32;
         self.numbers.insert(name.clone().into_owned(), number);
         self.names.push(name.into_owned());
@@ -49,7 +49,7 @@ impl Parts {
 
     /// Adds a part that is distinct from all others, even if they share the name.
     pub(super) fn push(&mut self, source: &ModelFile, name: String) -> Result<()> {
-        self.make_room(source, 1, &name)?;
+        self.check_limit(source, 1, &name)?;
         self.names.push(name);
         Ok(())
     }

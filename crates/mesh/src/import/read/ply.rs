@@ -9,7 +9,7 @@ use super::{MeshFace, Model, ModelInfo};
 use spinney_base::{Error, Result};
 use spinney_brep::Attributes;
 use spinney_records::ply::{
-    Body, Element, Encoding, Fault, PlyHeader, Read, Scalar, Visit, offset_behind, visit,
+    Body, Element, Encoding, Fault, PlyHeader, Read, Scalar, Visit, offset_after, visit,
 };
 
 struct Ply {
@@ -48,7 +48,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         let (found, advice) = if header.element("tristrips").is_some() {
             ("PLY with triangle strips", "convert them to faces")
         } else {
-            ("PLY without faces", "`--index points` makes a tree of its points")
+            ("PLY without faces", "build a tree of its points with `--index points`")
         };
         return Err(Error::unsupported(source.path(), found, advice));
     };
@@ -69,7 +69,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
             lookup = Some(found);
             at = end;
         } else if number < vertex.max(face) {
-            at = offset_behind(header.encoding, source.bytes(), at, element)
+            at = offset_after(header.encoding, source.bytes(), at, element)
                 .map_err(|fault| corrupt(&source, &element.name, *fault))?;
         }
     }
@@ -113,7 +113,11 @@ fn vertices(
 ) -> Result<(Lookup, usize)> {
     let [x, y, z] = ["x", "y", "z"].map(|name| element.number(&[name]));
     let (Some(x), Some(y), Some(z)) = (x, y, z) else {
-        return Err(source.corrupt("PLY header", "vertices without x, y and z", "these three properties"));
+        return Err(source.corrupt(
+            "PLY header",
+            "vertices without x, y and z",
+            "the vertex properties x, y and z",
+        ));
     };
     let (position, colour) = ([x, y, z], element.colour());
     if let Some(layout) = layout(encoding, element, position, colour) {
@@ -248,7 +252,7 @@ impl Roles {
             .iter()
             .position(|p| p.length.is_some() && p.scalar.is_whole() && names.contains(&p.name.as_str()));
         let Some(corners) = corners else {
-            let expected = "a list of whole numbers called `vertex_indices` or `vertex_index`";
+            let expected = "a list of integers named `vertex_indices` or `vertex_index`";
             return Err(source.corrupt("PLY header", "faces without corners", expected));
         };
         let mut roles = vec![Role::Other; faces.properties.len()];
@@ -326,7 +330,7 @@ fn read_corners<B: Body>(
             }
             _ => {
                 let found = format!("vertex {index} of {}", vertices.len());
-                return Err(body.fault(found, "a vertex that the file has"));
+                return Err(body.fault(found, "the index of a vertex in the file"));
             }
         }
     }

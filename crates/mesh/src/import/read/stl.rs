@@ -2,7 +2,7 @@
 
 use super::corners::Corners;
 use super::model_file::ModelFile;
-use super::parts::Parts;
+use super::parts::PartNames;
 use super::vertices::VertexBounds;
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::Result;
@@ -23,7 +23,7 @@ struct Stl {
     source: ModelFile,
     info: ModelInfo,
     is_text: bool,
-    parts: Parts,
+    parts: PartNames,
     degenerate: u64,
 }
 
@@ -170,7 +170,7 @@ impl<'a> Iterator for Tokens<'a> {
 pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let is_text = !is_binary(source.bytes()) && is_text(source.bytes());
     let (mut bounds, mut faces) = (VertexBounds::new(), 0);
-    let mut parts = Parts::new(memory);
+    let mut parts = PartNames::new(memory);
     read(&source, is_text, &mut parts, &mut |corners, _| {
         corners.iter().for_each(|corner| bounds.add(*corner));
         faces += 1;
@@ -194,11 +194,11 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     Ok(Box::new(Stl { source, info, is_text, parts, degenerate: 0 }))
 }
 
-fn read(source: &ModelFile, is_text: bool, parts: &mut Parts, each: Each<'_>) -> Result<()> {
+fn read(source: &ModelFile, is_text: bool, parts: &mut PartNames, each: Each<'_>) -> Result<()> {
     if is_text { read_text(source, parts, each) } else { read_binary(source, parts, each) }
 }
 
-fn read_binary(source: &ModelFile, parts: &mut Parts, each: Each<'_>) -> Result<()> {
+fn read_binary(source: &ModelFile, parts: &mut PartNames, each: Each<'_>) -> Result<()> {
     let bytes = source.bytes();
     let Some(count) = announced(bytes) else {
         return Err(source.corrupt("STL header", format!("{} bytes", bytes.len()), "84 bytes, or `solid`"));
@@ -206,7 +206,7 @@ fn read_binary(source: &ModelFile, parts: &mut Parts, each: Each<'_>) -> Result<
     let (solids, _) = binary_solids(bytes);
     if solids.is_empty() {
         let expected = format!("{} for {count} facets", length(count));
-        return Err(source.corrupt("the whole STL file", format!("{} bytes", bytes.len()), expected));
+        return Err(source.corrupt("STL file", format!("{} bytes", bytes.len()), expected));
     }
     let mut number = 0;
     for (solid, (start, count)) in solids.iter().enumerate() {
@@ -234,7 +234,7 @@ fn read_binary(source: &ModelFile, parts: &mut Parts, each: Each<'_>) -> Result<
     Ok(())
 }
 
-fn read_text(source: &ModelFile, parts: &mut Parts, each: Each<'_>) -> Result<()> {
+fn read_text(source: &ModelFile, parts: &mut PartNames, each: Each<'_>) -> Result<()> {
     let bytes = source.bytes();
     let mut part = None;
     let mut is_in_facet = false;
@@ -340,7 +340,7 @@ impl Model for Stl {
         match more {
             0 => Vec::new(),
             _ => vec![format!(
-                "the header declares {declared} facets, and {} bytes follow, as many as {more} facets have: they are not read; if they belong to the surface, correct the number at byte 80",
+                "the header declares {declared} facets; the {} bytes after them, enough for {more} facets, were not read: if they belong to the surface, correct the count at byte 80",
                 bytes.len() - end
             )],
         }

@@ -6,8 +6,8 @@ use spinney_base::Result;
 type Found = (Vec<Vec<[f64; 3]>>, Vec<Vec<[u8; 3]>>, usize, Vec<String>);
 
 fn read(name: &str, bytes: impl AsRef<[u8]>) -> Result<Found> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join(name);
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
     std::fs::write(&path, bytes).unwrap();
     let mut model = super::open(&path, 1 << 20)?;
     let (mut faces, mut colours) = (Vec::new(), Vec::new());

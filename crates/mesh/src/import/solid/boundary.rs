@@ -36,7 +36,7 @@ pub(super) struct Neighbourhood<'a> {
 }
 
 /// Fragment of a triangle in a cell; coordinates are in cells from the cell's minimum corner.
-struct Part {
+struct FaceFragment {
     triangle: usize,
     polygon: ClippedPolygon,
     /// Minimum and maximum coordinate along each axis.
@@ -127,7 +127,7 @@ impl Neighbourhood<'_> {
             clip(ClippedPolygon::of_triangle(&it.corners, self.min, self.cell), 1, &mut |polygon, _, _| {
                 let plane = Plane::new(it.normal().map(|n| n as f64), polygon.points()[0]);
                 let ranges = [0, 1, 2].map(|axis| polygon.range(axis));
-                parts.push(Part { triangle, polygon: *polygon, ranges, plane });
+                parts.push(FaceFragment { triangle, polygon: *polygon, ranges, plane });
             });
         }
         let mut faces = FaceSums::default();
@@ -149,12 +149,12 @@ impl Neighbourhood<'_> {
     }
 
     /// Splits a face fragment wherever another one meets it.
-    fn cut(&self, part: &Part, others: &[Part]) -> Option<Vec<ClippedPolygon>> {
-        let mut pieces = vec![part.polygon];
+    fn cut(&self, part: &FaceFragment, others: &[FaceFragment]) -> Option<Vec<ClippedPolygon>> {
+        let mut fragments = vec![part.polygon];
         for other in others.iter().filter(|other| other.triangle != part.triangle) {
-            let is_beside =
+            let is_disjoint =
                 part.ranges.iter().zip(&other.ranges).any(|(a, b)| a.0 > b.1 + NEAR || b.0 > a.1 + NEAR);
-            if is_beside {
+            if is_disjoint {
                 continue;
             }
             let (low, high) = part.plane.distances(&other.polygon);
@@ -167,14 +167,14 @@ impl Neighbourhood<'_> {
                 for (a, b) in points.iter().zip(points.iter().cycle().skip(1)) {
                     let across = cross(subtract(*b, *a), part.plane.normal);
                     if dot(across, across) > NEAR * NEAR {
-                        pieces = split(pieces, &Plane::new(across, *a))?;
+                        fragments = split(fragments, &Plane::new(across, *a))?;
                     }
                 }
             } else if is_crossed(&part.polygon, &other.plane) {
-                pieces = split(pieces, &other.plane)?;
+                fragments = split(fragments, &other.plane)?;
             }
         }
-        Some(pieces)
+        Some(fragments)
     }
 
     /// Change of inside at a point of a triangle where the winding number increases by one. `None`

@@ -9,12 +9,12 @@ use super::grid::Triangle;
 use super::inside::{Attribute, FillOptions, Inside};
 use super::octants::is_in_run;
 use super::plan::{SolidImport, flat_faces};
-use super::source::{Part, Solid, Surface};
+use super::source::{Solid, Surface, SurveyedShard};
 use super::triangles::{Collector, Triangles};
 use super::units::Units;
 use crate::import::{MeshFace, ModelInfo};
 use spinney_base::TreeType;
-use spinney_base::io::{Output, folder};
+use spinney_base::io::{Output, directory_of};
 use spinney_base::space::Dimension;
 use spinney_base::value::{DataKind, Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
@@ -81,7 +81,7 @@ impl InsideTest {
                 "closed, but with faces turned inside out: inside is where rays cross it an odd number of times"
             }
             InsideTest::Open => {
-                "open or loose: inside is where the winding field of what is open is at least one half"
+                "open or loose: inside is where the winding field of the open components is at least one half"
             }
         }
     }
@@ -119,15 +119,15 @@ impl SolidImport {
     /// If a model cannot be read, if the output cannot be written, or on cancellation. No file is
     /// left then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<SolidReport> {
-        let beside = folder(output.path()).to_path_buf();
+        let directory = directory_of(output.path()).to_path_buf();
         let mut file = TreeWriter::create(output, (Dimension::Oct, self.grid.depth), 1)?;
-        let report = self.write(&mut file, &beside, progress)?;
+        let report = self.write(&mut file, &directory, progress)?;
         file.finish()?;
         Ok(report)
     }
 
     /// Writes the tree as the next layer of a file. Temporary files are created in the directory
-    /// `beside`.
+    /// `directory`.
     ///
     /// An import that was [planned for a shard](super::plan_part) writes the run of nodes that the
     /// file requests. Triangles that do not reach into the run are discarded as they are read,
@@ -138,25 +138,25 @@ impl SolidImport {
     pub fn write(
         mut self,
         file: &mut TreeWriter,
-        beside: &Path,
+        directory: &Path,
         progress: &dyn Progress,
     ) -> Result<SolidReport> {
         let (run, survey) = (file.run(), self.survey.take());
         let (is_divided, is_part) =
             (survey.as_ref().is_some_and(|survey| survey.is_divided), survey.is_some());
-        let part = run.zip(survey).map(|(run, survey)| Part { run, survey });
+        let part = run.zip(survey).map(|(run, survey)| SurveyedShard { run, survey });
         let grid = self.grid.clone();
         let is_in_part = |triangle: &Triangle| match run {
             Some(run) => !is_part || is_in_run(run, &grid, triangle),
             None => false,
         };
         let all = |_: &Triangle| true;
-        let mut read = self.read(if is_divided { &all } else { &is_in_part }, beside, progress)?;
+        let mut read = self.read(if is_divided { &all } else { &is_in_part }, directory, progress)?;
         let mut decided = self.inside(&mut read, is_part, progress)?;
         if decided.is_divided && is_part {
             if !is_divided {
-                let found = "a surface that is not closed, where the plan has one that is";
-                return Err(Error::unsupported(&self.models[0].info().path, found, "plan it anew"));
+                let found = "an open surface, planned as closed,";
+                return Err(Error::unsupported(&self.models[0].info().path, found, "plan the build again"));
             }
             decided.surfaces.iter_mut().try_for_each(|surface| surface.triangles.retain(&is_in_part))?;
         }
@@ -165,7 +165,7 @@ impl SolidImport {
         let solid = self.solid(form, decided.surfaces, part, progress)?;
         let tally = file.source_with(&solid, self.extent, &options, progress, &mut |metadata| {
             report.undecided = solid.counters.undecided.load(Ordering::Relaxed);
-            report.stages = *solid.counters.stages.lock().expect("nobody panics with this lock");
+            report.stages = *solid.counters.stages.lock().expect("no thread panics while it has this lock");
             set_tags(metadata, &self, &report);
         })?;
         report.cells = tally.cells;
@@ -198,7 +198,7 @@ impl SolidImport {
         &self,
         form: TreeType,
         surfaces: Vec<Surface>,
-        part: Option<Part>,
+        part: Option<SurveyedShard>,
         progress: &'a dyn Progress,
     ) -> Result<Solid<'a>> {
         let options = &self.options;
@@ -220,12 +220,12 @@ impl SolidImport {
         let (kind, rule) = match self.options.attribute {
             Attribute::Occupancy => (DataKind::Continuous, Rule::Occupancy),
             Attribute::Colour => (DataKind::Continuous, Rule::Mean),
-            Attribute::Part => (DataKind::Categorical, Rule::Majority),
+            Attribute::PartNumber => (DataKind::Categorical, Rule::Majority),
         };
         let mut metadata = Metadata { frame: self.grid.frame.clone(), ..Metadata::default() };
         let parts = self.parts();
         let (value, _) = values(self.options.attribute, parts.len());
-        if self.options.attribute == Attribute::Part {
+        if self.options.attribute == Attribute::PartNumber {
             let names = parts.into_iter().enumerate().filter(|(_, name)| !name.is_empty());
             metadata.class_names = names.map(|(i, name)| ((i as u64 + 1).into(), name)).collect();
         }
@@ -267,10 +267,11 @@ impl SolidImport {
     pub(super) fn read(
         &mut self,
         is_kept: &dyn Fn(&Triangle) -> bool,
-        folder: &Path,
+        directory: &Path,
         progress: &dyn Progress,
     ) -> Result<Read> {
-        let mut collectors = [Collector::new(self.held(), folder), Collector::new(self.held() / 8, folder)];
+        let mut collectors =
+            [Collector::new(self.held(), directory), Collector::new(self.held() / 8, directory)];
         let mut read = Reading::new(is_kept);
         let mut first_part = 1;
         let mut models = std::mem::take(&mut self.models);
@@ -332,11 +333,10 @@ impl SolidImport {
         if needed > self.options.memory {
             return Err(Error::TooLarge {
                 path: self.models[0].info().path.clone(),
-                what: "the division of a surface that is not closed, with winding fields of its parts,"
-                    .into(),
+                what: "the winding field of an open surface".into(),
                 needed,
                 limit: self.options.memory,
-                advice: "give more with --memory, close the surface, or build it with --shell".into(),
+                advice: "allow more with --memory, close the surface, or build it with --shell".into(),
             });
         }
         let mut all = read.triangles.all()?.to_vec();
@@ -345,9 +345,10 @@ impl SolidImport {
         let units = Units::of(all, &object, progress)?;
         read.duplicates = units.duplicates;
         if is_in_parts && !units.open.is_empty() {
-            let advice = "close the surface, or build the cells that it cuts (--shell), or all in one go";
+            let advice =
+                "close the surface, build the cells that it cuts (--shell), or build all in a single process";
             let path = &self.models[0].info().path;
-            return Err(Error::unsupported(path, "a part of the solid of an open surface", advice));
+            return Err(Error::unsupported(path, "a shard of the solid of an open surface", advice));
         }
         let test = match (units.even.is_empty(), units.open.is_empty()) {
             (_, false) => InsideTest::Open,
@@ -434,7 +435,7 @@ impl<'k> Reading<'k> {
         let attribute = match import.options.attribute {
             Attribute::Occupancy => 0,
             Attribute::Colour => mean_colour(face.colours),
-            Attribute::Part => part,
+            Attribute::PartNumber => part,
         };
         // Decremented at the face's first triangle with area.
         self.collapsed += 1;
@@ -492,7 +493,7 @@ fn values(attribute: Attribute, parts: usize) -> (ValueType, fn(u32) -> Value) {
             let [blue, green, red, _] = value.to_le_bytes();
             Value::from([red, green, blue])
         }),
-        Attribute::Part => match parts {
+        Attribute::PartNumber => match parts {
             0..=255 => (ValueType::new(SampleType::U8, 1), |value| Value::from([value as u8])),
             256..=65535 => (ValueType::new(SampleType::U16, 1), |value| Value::from([value as u16])),
             _ => (ValueType::new(SampleType::U32, 1), |value| Value::from([value])),

@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn tells_closed_from_flipped_from_open() {
+    fn closed_flipped_and_open_surfaces_are_distinguished() {
         let tetrahedron = [[A, C, B], [A, B, D], [B, C, D], [C, A, D]];
         assert!(of(&tetrahedron).is_closed() && of(&tetrahedron).is_even());
         let mut flipped = tetrahedron;

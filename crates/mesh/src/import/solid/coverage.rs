@@ -185,7 +185,7 @@ struct Coverage {
     faces: Vec<FaceSums>,
     /// Fragments as sorted pairs: index in `faces` in the upper half, index of a triangle that
     /// reaches into that cell in the lower half.
-    pieces: Vec<u64>,
+    fragments: Vec<u64>,
     /// First fragment of each cell with faces, then the total number of fragments.
     starts: Vec<u32>,
 }
@@ -195,8 +195,8 @@ impl Coverage {
     fn new(cube: &Cube<'_>, progress: &dyn Progress) -> Result<Option<Coverage>> {
         let height = cube.height;
         let numbers = vec![0; 1 << (3 * height)];
-        let (faces, pieces, starts) = (Vec::new(), Vec::new(), Vec::new());
-        let mut coverage = Coverage { height, numbers, faces, pieces, starts };
+        let (faces, fragments, starts) = (Vec::new(), Vec::new(), Vec::new());
+        let mut coverage = Coverage { height, numbers, faces, fragments, starts };
         for (number, triangle) in (0..).zip(cube.triangles) {
             progress.check()?;
             let polygon = ClippedPolygon::of_triangle(&triangle.corners, cube.min, cube.cell);
@@ -204,15 +204,16 @@ impl Coverage {
                 coverage.add(polygon, number, cell, is_cut);
             });
             // (A single cell cannot be divided here.)
-            if coverage.pieces.len() > MANY && height > 0 {
+            if coverage.fragments.len() > MANY && height > 0 {
                 return Ok(None);
             }
         }
-        sort::numbers64(&mut coverage.pieces);
-        coverage.pieces.dedup();
+        sort::numbers64(&mut coverage.fragments);
+        coverage.fragments.dedup();
         let cells = 0..=coverage.faces.len() as u64;
-        coverage.starts =
-            cells.map(|cell| coverage.pieces.partition_point(|piece| piece >> 32 < cell) as u32).collect();
+        coverage.starts = cells
+            .map(|cell| coverage.fragments.partition_point(|fragment| fragment >> 32 < cell) as u32)
+            .collect();
         Ok(Some(coverage))
     }
 
@@ -229,7 +230,7 @@ impl Coverage {
         faces.is_cut |= is_cut;
         faces.in_wall |= !is_cut;
         faces.add(polygon, cell, 1.0);
-        self.pieces.push(sort::pair_key([number, triangle]));
+        self.fragments.push(sort::pair_key([number, triangle]));
     }
 
     fn is_cut(&self, cell: usize) -> bool {
@@ -240,7 +241,7 @@ impl Coverage {
     fn triangles<'a>(&'a self, cube: &Cube<'a>, number: usize) -> impl Iterator<Item = Triangle> + 'a {
         let range = self.starts[number] as usize..self.starts[number + 1] as usize;
         let triangles = cube.triangles;
-        self.pieces[range].iter().map(|piece| triangles[*piece as u32 as usize])
+        self.fragments[range].iter().map(|fragment| triangles[*fragment as u32 as usize])
     }
 
     /// Reduces each cell's sums to the faces that bound the inside, where these can be determined.
@@ -254,10 +255,10 @@ impl Coverage {
             let cell = faces.cell as usize;
             let around = cube.neighbourhood(cell, &triangles, windings[cell]);
             if let Some(weight) = around.weight(test.inside).filter(|_| !faces.in_wall) {
-                faces.area.iter_mut().chain(&mut faces.behind).for_each(|sum| *sum *= weight);
+                faces.area.iter_mut().chain(&mut faces.volume_after).for_each(|sum| *sum *= weight);
                 faces.is_settled = true;
             } else if let Some(bounding) = around.bounding_faces(test.inside) {
-                (faces.area, faces.behind) = (bounding.area, bounding.behind);
+                (faces.area, faces.volume_after) = (bounding.area, bounding.volume_after);
                 faces.is_settled = true;
             }
         }
@@ -298,13 +299,13 @@ impl Coverage {
         (0..3).find_map(|axis| {
             let step = 1usize << (axis as u8 * self.height);
             let before = (at[axis] > 0).then(|| self.known(cell - step, windings, test)).flatten();
-            let begins = before.map(|(share, other)| share - other.behind[axis] + other.area[axis]);
+            let begins = before.map(|(share, other)| share - other.volume_after[axis] + other.area[axis]);
             let begins = begins.or_else(|| {
                 let is_last = at[axis] + 1 == 1 << self.height;
                 let after = (!is_last).then(|| self.known(cell + step, windings, test)).flatten();
-                after.map(|(share, other)| share - other.behind[axis] - faces.area[axis])
+                after.map(|(share, other)| share - other.volume_after[axis] - faces.area[axis])
             });
-            begins.map(|begins| begins + faces.behind[axis])
+            begins.map(|begins| begins + faces.volume_after[axis])
         })
     }
 

@@ -16,7 +16,7 @@ pub(super) struct FaceSums {
     pub(super) area: [f64; 3],
     /// Volume between the faces and the cell's end along each axis: `b` in the module
     /// documentation.
-    pub(super) behind: [f64; 3],
+    pub(super) volume_after: [f64; 3],
     /// Fraction that is inside, once it is known: `c` in the module documentation.
     pub(super) share: Option<f64>,
 }
@@ -37,7 +37,7 @@ impl FaceSums {
                 // Depth is linear over a triangle: its mean is the mean of its vertices.
                 let mean = (first[axis] + pair[0][axis] + pair[1][axis]) / 3.0;
                 self.area[axis] += area;
-                self.behind[axis] += area * ((cell[axis] + 1) as f64 - mean);
+                self.volume_after[axis] += area * ((cell[axis] + 1) as f64 - mean);
             }
         }
     }

@@ -219,7 +219,7 @@ impl WindingField {
     pub(super) fn new(triangles: &[Triangle], progress: &dyn Progress) -> Result<WindingField> {
         if triangles.len() > i32::MAX as usize / 3 {
             let found = format!("{} triangles", triangles.len());
-            return Err(Error::invalid("the surface is not closed and has", found, "at most 700 million"));
+            return Err(Error::invalid("open surface", found, "at most 700 million"));
         }
         let least = |axis| triangles.iter().map(|triangle| triangle.min(axis)).min().unwrap_or(0);
         let most = |axis| triangles.iter().map(|triangle| triangle.max(axis)).max().unwrap_or(0);
@@ -307,13 +307,13 @@ impl WindingField {
     /// Whether a cube is outside of the surface's bounding box. There, a single sheet covers at
     /// most half of the view, so nothing is inside. This limits the cost to the surface's
     /// surroundings.
-    pub(super) fn is_beside(&self, min: [i32; 3], width: i32) -> bool {
+    pub(super) fn is_outside_bounds(&self, min: [i32; 3], width: i32) -> bool {
         let [least, most] = self.bounds;
-        let is_beside = |axis: usize| {
+        let is_outside_bounds = |axis: usize| {
             let low = i64::from(min[axis]);
             low >= i64::from(most[axis]) || low + i64::from(width) <= i64::from(least[axis])
         };
-        (0..3).any(is_beside)
+        (0..3).any(is_outside_bounds)
     }
 }
 

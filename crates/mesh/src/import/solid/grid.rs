@@ -99,8 +99,7 @@ impl Grid {
     pub(super) fn new(depth: u8, frame: Frame) -> Result<Grid> {
         let fraction = (SOLID_BITS - depth).min(FRACTION);
         let steps = (1u64 << fraction) as f64;
-        let unmappable =
-            || Error::invalid("frame", format!("{:?}", frame.matrix), "a map that can be inverted");
+        let unmappable = || Error::invalid("frame", format!("{:?}", frame.matrix), "an invertible matrix");
         let origin = frame.matrix.map(|row| row[3]);
         let mut linear = frame.clone();
         linear.matrix.iter_mut().for_each(|row| row[3] = 0.0);
@@ -145,7 +144,7 @@ impl Grid {
             path,
             "vertices",
             format!("a vertex at {x}, {y}, {z}"),
-            "vertices in or near the tree's space: leave --grid away, or choose a tree that is larger",
+            "vertices in or near the space of the tree; omit --grid, or choose a larger tree",
         ))
     }
 

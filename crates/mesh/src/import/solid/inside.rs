@@ -25,12 +25,13 @@ pub enum Attribute {
     /// which the scan along z, y and x last entered the solid.
     Colour,
     /// Number of the part of the model, from 1.
-    Part,
+    #[serde(rename = "part")]
+    PartNumber,
 }
 
 impl Attribute {
     /// All attributes.
-    pub const ALL: [Attribute; 3] = [Attribute::Occupancy, Attribute::Colour, Attribute::Part];
+    pub const ALL: [Attribute; 3] = [Attribute::Occupancy, Attribute::Colour, Attribute::PartNumber];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {

@@ -130,10 +130,10 @@ impl<'a> LocalField<'a> {
         }
         if !far.is_empty() {
             let step = half / f64::from(self.cell);
-            let place = |at: usize| {
+            let node = |at: usize| {
                 [at % NODES, at / NODES % NODES, at / NODES / NODES].map(|at| (CHEBYSHEV[at] * step) as f32)
             };
-            far.add(&std::array::from_fn::<_, ALL, _>(place), &mut nodes, &mut [false; ALL]);
+            far.add(&std::array::from_fn::<_, ALL, _>(node), &mut nodes, &mut [false; ALL]);
         }
         LocalField { field: self.field, cell: self.cell, middle, half, far: Some(nodes), open: near }
     }
@@ -157,8 +157,8 @@ impl<'a> LocalField<'a> {
     fn far_at(&self, axes: [&[f64]; 3]) -> Vec<f32> {
         let Some(far) = &self.far else { return vec![0.0; axes.map(<[f64]>::len).iter().product()] };
         let [x, y, z]: [Vec<_>; 3] = std::array::from_fn(|axis| {
-            let place = |at: &f64| weights(&CHEBYSHEV, (at - self.middle[axis]) / self.half);
-            axes[axis].iter().map(place).collect()
+            let weights_at = |at: &f64| weights(&CHEBYSHEV, (at - self.middle[axis]) / self.half);
+            axes[axis].iter().map(weights_at).collect()
         });
         interpolate(far, [&x, &y, &z])
     }
@@ -220,10 +220,10 @@ impl<'a> LocalField<'a> {
                 self.field.divide(&group, &mut open);
             }
         }
-        let place = |at: &[i32; 3]| ((wide(*at) - middle) / cell).as_vec3().into();
-        let places: Vec<[f32; 3]> = points.iter().map(place).collect();
+        let to_cells = |at: &[i32; 3]| ((wide(*at) - middle) / cell).as_vec3().into();
+        let positions: Vec<[f32; 3]> = points.iter().map(to_cells).collect();
         let mut in_doubt = vec![false; points.len()];
-        around.add(&places, sums, &mut in_doubt);
+        around.add(&positions, sums, &mut in_doubt);
         let mut doubtful: Vec<usize> = (0..points.len()).filter(|index| in_doubt[*index]).collect();
         if doubtful.is_empty() {
             return;
@@ -236,14 +236,14 @@ impl<'a> LocalField<'a> {
             .collect();
         for scale in [1, 8, 64] {
             let step = (self.cell >> 13).max(1) * scale;
-            let beside = |index: &usize| {
+            let neighbour = |index: &usize| {
                 let [x, y, z] = points[*index];
                 [x + 5 * step, y + 3 * step, z + 2 * step]
             };
-            let moved: Vec<[i32; 3]> = doubtful.iter().map(beside).collect();
-            let places: Vec<[f32; 3]> = moved.iter().map(place).collect();
+            let moved: Vec<[i32; 3]> = doubtful.iter().map(neighbour).collect();
+            let positions: Vec<[f32; 3]> = moved.iter().map(to_cells).collect();
             let (mut found, mut in_doubt) = (vec![0.0; moved.len()], vec![false; moved.len()]);
-            around.add(&places, &mut found, &mut in_doubt);
+            around.add(&positions, &mut found, &mut in_doubt);
             let mut rest = Vec::new();
             for (((index, moved), found), in_doubt) in doubtful.iter().zip(moved).zip(found).zip(in_doubt) {
                 let mut at = points[*index];
@@ -292,11 +292,11 @@ mod tests {
     /// Maximum error of the field in a cube of 8 x 8 x 8 cells, computed from a cube of 64 x 64 x
     /// 64.
     fn error(field: &WindingField, triangles: &[Triangle], corner: [i32; 3]) -> f64 {
-        let place = |corner: [i32; 3], half: i32| wide(corner) + f64::from(half);
-        let block = field.local(place([0; 3], 32 * CELL), f64::from(32 * CELL), CELL);
+        let centre = |corner: [i32; 3], half: i32| wide(corner) + f64::from(half);
+        let block = field.local(centre([0; 3], 32 * CELL), f64::from(32 * CELL), CELL);
         let outer =
-            block.narrow(place(corner.map(|x| x & !(32 * CELL - 1)), 16 * CELL), f64::from(16 * CELL));
-        let local = outer.narrow(place(corner, 4 * CELL), f64::from(4 * CELL));
+            block.narrow(centre(corner.map(|x| x & !(32 * CELL - 1)), 16 * CELL), f64::from(16 * CELL));
+        let local = outer.narrow(centre(corner, 4 * CELL), f64::from(4 * CELL));
         let [x, y, z] = corner.map(|x| (0..8).map(|at| x + at * CELL + CELL / 2).collect::<Vec<i32>>());
         let found = local.at_lattice([&x, &y, &z], 4, &()).unwrap();
         let at = |index: usize| [x[index % 8], y[index / 8 % 8], z[index / 64]];

@@ -24,7 +24,7 @@ impl WindingField {
             return attribute;
         }
         // In an inverted surface, the point is on the outer side.
-        let behind = if is_inverted { -1.0 } else { 1.0 };
+        let side = if is_inverted { -1.0 } else { 1.0 };
         let (mut best, mut any) = ((f64::INFINITY, 0), (f64::INFINITY, 0));
         let mut open = if self.groups.is_empty() { Vec::new() } else { vec![0] };
         while let Some(index) = open.pop() {
@@ -36,9 +36,9 @@ impl WindingField {
                 for number in group.first as usize..(group.first + group.count) as usize {
                     let triangle @ [a, b, c] = self.triangles[number].map(wide);
                     let found = (distance_squared(&triangle, point), self.attributes[number]);
-                    let is_behind = (b - a).cross(c - a).dot(point - a) * behind <= 0.0;
+                    let is_inner = (b - a).cross(c - a).dot(point - a) * side <= 0.0;
                     any = nearer(any, found);
-                    if is_behind {
+                    if is_inner {
                         best = nearer(best, found);
                     }
                 }
@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn points_have_the_attribute_of_the_nearest_face_that_they_are_behind() {
+    fn points_inside_have_the_attribute_of_the_nearest_face() {
         // Boxes in a row that share walls, each with its own attribute.
         let cube = |i: i32| {
             let p = |corner: i32| [100 * (i + (corner & 1)), 100 * (corner >> 1 & 1), 100 * (corner >> 2)];

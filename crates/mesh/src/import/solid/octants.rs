@@ -1,7 +1,7 @@
 //! Octants of a region that a triangle reaches into.
 
 use super::grid::{Grid, Triangle};
-use spinney_base::space::{Code, CodeRun, Dimension};
+use spinney_base::space::{Code, CodeRange, Dimension};
 use spinney_brep::geometry::{Intersection, Stage, triangle};
 
 /// Octants of a region, for a triangle that reaches into the region.
@@ -51,12 +51,12 @@ impl<'t> Octants<'t> {
 
 /// Whether a triangle reaches into a node of a run, by the same tests as dividing regions from the
 /// root.
-pub(super) fn is_in_run(run: CodeRun, grid: &Grid, triangle: &Triangle) -> bool {
+pub(super) fn is_in_run(run: CodeRange, grid: &Grid, triangle: &Triangle) -> bool {
     let width = grid.cell() << grid.depth;
     is_in_node(run, triangle, (Code::root(Dimension::Oct), [0; 3], width))
 }
 
-fn is_in_node(run: CodeRun, triangle: &Triangle, (code, min, width): (Code, [i32; 3], i32)) -> bool {
+fn is_in_node(run: CodeRange, triangle: &Triangle, (code, min, width): (Code, [i32; 3], i32)) -> bool {
     if run.contains(code) {
         return true;
     }

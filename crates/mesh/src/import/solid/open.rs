@@ -47,10 +47,10 @@ pub(super) fn block(
     }
     let cubics = (Cubic::LEAST..=height).map(Cubic::new).collect();
     let mut open = Open { fill, field, min, painter, cubics, undecided: 0 };
-    let place = open.place([0; 3], height);
-    let (middle, half) = open.middle(place);
+    let region = open.cube_at([0; 3], height);
+    let (middle, half) = open.middle(region);
     let rim = field.rims.around(middle, half);
-    open.cube(&field.local(middle, half, fill.cell()), &rim, triangles, place)?;
+    open.cube(&field.local(middle, half, fill.cell()), &rim, triangles, region)?;
     let Open { mut painter, undecided, .. } = open;
     painter.surface(triangles, min)?;
     Ok((painter.finish(), undecided))
@@ -68,7 +68,7 @@ struct Open<'a> {
 
 /// Cube of cells in the block.
 #[derive(Clone, Copy)]
-struct Place {
+struct CellCube {
     /// First cell of the cube.
     at: [usize; 3],
     height: u8,
@@ -76,7 +76,7 @@ struct Place {
     corner: [i32; 3],
 }
 
-impl Place {
+impl CellCube {
     /// Cell with this index in the cube; x fastest, then y, then z.
     fn cell(&self, number: usize) -> [usize; 3] {
         let mask = (1usize << self.height) - 1;
@@ -87,14 +87,14 @@ impl Place {
 /// Field at the cells of a cube.
 struct Fields {
     values: Vec<f32>,
-    place: Place,
+    region: CellCube,
 }
 
 impl Fields {
     /// Values of a subcube.
-    fn part(&self, part: Place) -> Vec<f32> {
-        let height = self.place.height;
-        let first: [usize; 3] = std::array::from_fn(|axis| part.at[axis] - self.place.at[axis]);
+    fn part(&self, part: CellCube) -> Vec<f32> {
+        let height = self.region.height;
+        let first: [usize; 3] = std::array::from_fn(|axis| part.at[axis] - self.region.at[axis]);
         let of = |number: usize| {
             let cell = part.cell(number);
             let [x, y, z] = std::array::from_fn(|axis| first[axis] + cell[axis]);
@@ -105,21 +105,21 @@ impl Fields {
 }
 
 impl Open<'_> {
-    fn place(&self, at: [usize; 3], height: u8) -> Place {
+    fn cube_at(&self, at: [usize; 3], height: u8) -> CellCube {
         let corner = std::array::from_fn(|axis| self.min[axis] + at[axis] as i32 * self.fill.cell());
-        Place { at, height, corner }
+        CellCube { at, height, corner }
     }
 
     /// Cube of a single cell.
-    fn cell(&self, place: Place, number: usize) -> Place {
-        let cell = place.cell(number);
-        self.place(std::array::from_fn(|axis| place.at[axis] + cell[axis]), 0)
+    fn cell(&self, region: CellCube, number: usize) -> CellCube {
+        let cell = region.cell(number);
+        self.cube_at(std::array::from_fn(|axis| region.at[axis] + cell[axis]), 0)
     }
 
     /// Centre of a cube, and half of its width.
-    fn middle(&self, place: Place) -> (DVec3, f64) {
-        let half = f64::from(self.fill.cell() << place.height) / 2.0;
-        (wide(place.corner) + half, half)
+    fn middle(&self, region: CellCube) -> (DVec3, f64) {
+        let half = f64::from(self.fill.cell() << region.height) / 2.0;
+        (wide(region.corner) + half, half)
     }
 
     /// Fills a cube of cells, from the triangles that reach into it and the field in it.
@@ -128,29 +128,29 @@ impl Open<'_> {
         local: &LocalField<'_>,
         rim: &Rim,
         triangles: &[Triangle],
-        place: Place,
+        region: CellCube,
     ) -> Result<()> {
         self.fill.progress.check()?;
-        let Place { height, corner, .. } = place;
-        if self.field.is_beside(corner, self.fill.cell() << height) {
+        let CellCube { height, corner, .. } = region;
+        if self.field.is_outside_bounds(corner, self.fill.cell() << height) {
             return Ok(());
         }
         if height < Cubic::LEAST {
-            return self.near(local, rim, triangles, place);
+            return self.near(local, rim, triangles, region);
         }
-        let (middle, half) = self.middle(place);
+        let (middle, half) = self.middle(region);
         let spread = self.cubic(height).spread;
         let error = spread * rim.bend(middle, half, TOLERANCE / spread);
-        if error <= TOLERANCE && self.smooth(local, triangles, place, error)? {
+        if error <= TOLERANCE && self.smooth(local, triangles, region, error)? {
             return Ok(());
         }
         if height == Cubic::LEAST {
-            return self.near(local, rim, triangles, place);
+            return self.near(local, rim, triangles, region);
         }
         let rim = rim.narrow(&self.field.rims, middle, half);
-        for (place, inner) in self.parts(place, triangles) {
-            let (middle, half) = self.middle(place);
-            self.cube(&local.narrow(middle, half), &rim, &inner, place)?;
+        for (region, inner) in self.parts(region, triangles) {
+            let (middle, half) = self.middle(region);
+            self.cube(&local.narrow(middle, half), &rim, &inner, region)?;
         }
         Ok(())
     }
@@ -165,16 +165,16 @@ impl Open<'_> {
         &mut self,
         local: &LocalField<'_>,
         triangles: &[Triangle],
-        place: Place,
+        region: CellCube,
         error: f64,
     ) -> Result<bool> {
-        let Place { height, corner, .. } = place;
+        let CellCube { height, corner, .. } = region;
         let (lattice, progress) = (&self.fill.lattice, self.fill.progress);
         // Winding numbers relative to that of the first cell.
         let mut windings =
             windings_at_centres(lattice, triangles, corner, height, State::default(), progress)?;
         let cubic = self.cubic(height);
-        let axes = self.centres(place).map(|axis| cubic.cells.map(|cell| axis[cell]));
+        let axes = self.centres(region).map(|axis| cubic.cells.map(|cell| axis[cell]));
         let mut nodes: [f32; ALL] = [0.0; ALL];
         nodes.copy_from_slice(&local.at_lattice([&axes[0], &axes[1], &axes[2]], NODES / 2, progress)?);
         for (number, node) in nodes.iter_mut().enumerate() {
@@ -188,9 +188,9 @@ impl Open<'_> {
             let off = range.middle.round() as i32;
             windings.iter_mut().for_each(|winding| *winding += off);
             if is_covered {
-                self.cover(triangles, &windings, place)?;
+                self.cover(triangles, &windings, region)?;
             } else {
-                self.whole(&windings, triangles, place);
+                self.whole(&windings, triangles, region);
             }
         } else if is_covered && height > Cubic::LEAST {
             return Ok(false);
@@ -199,37 +199,37 @@ impl Open<'_> {
             for (value, winding) in values.iter_mut().zip(&windings) {
                 *value += *winding as f32;
             }
-            let counts = if is_covered { self.sampled(&nodes, triangles, place)? } else { Vec::new() };
-            self.fields(&values, triangles, &|_, number| Ok(usize::from(counts[number])), place)?;
+            let counts = if is_covered { self.sampled(&nodes, triangles, region)? } else { Vec::new() };
+            self.fields(&values, triangles, &|_, number| Ok(usize::from(counts[number])), region)?;
         }
         Ok(true)
     }
 
     /// Coordinates of the centres of a cube's cells.
-    fn centres(&self, place: Place) -> [Vec<i32>; 3] {
+    fn centres(&self, region: CellCube) -> [Vec<i32>; 3] {
         let cell = self.fill.cell();
-        place.corner.map(|corner| (0..1 << place.height).map(|at| corner + at * cell + cell / 2).collect())
+        region.corner.map(|corner| (0..1 << region.height).map(|at| corner + at * cell + cell / 2).collect())
     }
 
     /// Fills a cube by winding numbers.
-    fn whole(&mut self, windings: &[i32], triangles: &[Triangle], place: Place) {
+    fn whole(&mut self, windings: &[i32], triangles: &[Triangle], region: CellCube) {
         let number = windings.iter().position(|winding| *winding != 0);
         let Some(number) = number else { return };
         // All cells of a cube without faces have the same nearest face, approximately.
-        let middle = self.middle(place).0;
+        let middle = self.middle(region).0;
         let attribute = triangles.is_empty().then(|| self.attribute(middle, windings[number] < 0));
         for (number, winding) in windings.iter().enumerate().filter(|(_, winding)| **winding != 0) {
-            self.set(self.cell(place, number), FULL, attribute, *winding < 0);
+            self.set(self.cell(region, number), FULL, attribute, *winding < 0);
         }
     }
 
     /// Fills a cube of cells with their coverage.
-    fn cover(&mut self, triangles: &[Triangle], windings: &[i32], place: Place) -> Result<()> {
-        let cube = Cube { triangles, min: place.corner, cell: self.fill.cell(), height: place.height };
+    fn cover(&mut self, triangles: &[Triangle], windings: &[i32], region: CellCube) -> Result<()> {
+        let cube = Cube { triangles, min: region.corner, cell: self.fill.cell(), height: region.height };
         let test = Test { inside: &Inside::Winding, progress: self.fill.progress };
         let values = cube.shares(windings, test)?.into_iter().map(occupancy);
         for (number, value) in values.enumerate().filter(|(_, value)| *value > 0) {
-            self.set(self.cell(place, number), value, None, windings[number] < 0);
+            self.set(self.cell(region, number), value, None, windings[number] < 0);
         }
         Ok(())
     }
@@ -240,14 +240,14 @@ impl Open<'_> {
         local: &LocalField<'_>,
         rim: &Rim,
         triangles: &[Triangle],
-        place: Place,
+        region: CellCube,
     ) -> Result<()> {
-        let [x, y, z] = self.centres(place);
+        let [x, y, z] = self.centres(region);
         let values = local.at_lattice([&x, &y, &z], TOGETHER, self.fill.progress)?;
         if self.fill.edge == EdgeRule::Area {
-            return self.covered(local, rim, &Fields { values, place }, triangles, place);
+            return self.covered(local, rim, &Fields { values, region }, triangles, region);
         }
-        self.fields(&values, triangles, &|_, _| Ok(0), place)
+        self.fields(&values, triangles, &|_, _| Ok(0), region)
     }
 
     /// Fills a subcube with the cells' coverage, from the field at each cell. Coverage is exact if
@@ -258,46 +258,48 @@ impl Open<'_> {
         rim: &Rim,
         fields: &Fields,
         triangles: &[Triangle],
-        place: Place,
+        region: CellCube,
     ) -> Result<()> {
-        let values = fields.part(place);
-        if triangles.is_empty() || place.height == 0 {
+        let values = fields.part(region);
+        if triangles.is_empty() || region.height == 0 {
             let sample = |open: &Self, number: usize| {
-                let cell = open.cell(place, number);
+                let cell = open.cell(region, number);
                 let axes = cell.corner.map(|corner| open.samples(corner, 1));
                 let values = local.at_lattice([&axes[0], &axes[1], &axes[2]], SAMPLES, open.fill.progress)?;
                 Ok(values.iter().filter(|value| value.abs() >= 0.5).count())
             };
-            return self.fields(&values, triangles, &sample, place);
+            return self.fields(&values, triangles, &sample, region);
         }
-        let (middle, half) = self.middle(place);
+        let (middle, half) = self.middle(region);
         let rim = rim.narrow(&self.field.rims, middle, half);
         if !rim.is_within() {
             let (lattice, progress) = (&self.fill.lattice, self.fill.progress);
             let state = State::default();
             let mut windings =
-                windings_at_centres(lattice, triangles, place.corner, place.height, state, progress)?;
+                windings_at_centres(lattice, triangles, region.corner, region.height, state, progress)?;
             let off = (values[0] - windings[0] as f32).round();
             let is_whole = |(value, winding): (&f32, &i32)| {
                 (value - *winding as f32 - off).abs() <= (0.5 - DOUBT) as f32
             };
             if values.iter().zip(&windings).all(is_whole) {
                 windings.iter_mut().for_each(|winding| *winding += off as i32);
-                return self.cover(triangles, &windings, place);
+                return self.cover(triangles, &windings, region);
             }
         }
-        for (part, inner) in self.parts(place, triangles) {
+        for (part, inner) in self.parts(region, triangles) {
             self.covered(local, &rim, fields, &inner, part)?;
         }
         Ok(())
     }
 
     /// Eight octants of a cube, with the triangles that reach into them.
-    fn parts(&self, place: Place, triangles: &[Triangle]) -> [(Place, Vec<Triangle>); 8] {
+    fn parts(&self, region: CellCube, triangles: &[Triangle]) -> [(CellCube, Vec<Triangle>); 8] {
         std::array::from_fn(|child| {
-            let height = place.height - 1;
-            let part = self
-                .place(std::array::from_fn(|axis| place.at[axis] + ((child >> axis & 1) << height)), height);
+            let height = region.height - 1;
+            let part = self.cube_at(
+                std::array::from_fn(|axis| region.at[axis] + ((child >> axis & 1) << height)),
+                height,
+            );
             let (low, width) = (part.corner.map(i64::from), i64::from(self.fill.cell() << height));
             let high = low.map(|low| low + width);
             let reaches = |triangle: &&Triangle| {
@@ -315,8 +317,8 @@ impl Open<'_> {
 
     /// Counts the sample points of each cell of a cube that are inside. The field without its jumps
     /// is interpolated from the nodes; the jumps are added again at the sample points.
-    fn sampled(&self, nodes: &[f32; ALL], triangles: &[Triangle], place: Place) -> Result<Vec<u8>> {
-        let Place { height, corner, .. } = place;
+    fn sampled(&self, nodes: &[f32; ALL], triangles: &[Triangle], region: CellCube) -> Result<Vec<u8>> {
+        let CellCube { height, corner, .. } = region;
         let cell = self.fill.cell();
         let lattice = Lattice { per_cell: [0; 3], step: [cell / SAMPLES as i32; 3] };
         let fine = height + SAMPLES.ilog2() as u8;
@@ -331,7 +333,7 @@ impl Open<'_> {
         let finer = self.cubic(height).finer(SAMPLES);
         let mut counts = vec![0; 1 << (3 * height)];
         for (number, value) in interpolate(nodes, [&finer; 3]).into_iter().enumerate() {
-            let [x, y, z] = Place { height: fine, ..place }.cell(number).map(|at| at / SAMPLES);
+            let [x, y, z] = CellCube { height: fine, ..region }.cell(number).map(|at| at / SAMPLES);
             counts[(z << height | y) << height | x] +=
                 u8::from((value + windings[number] as f32).abs() >= 0.5);
         }
@@ -345,23 +347,23 @@ impl Open<'_> {
         values: &[f32],
         triangles: &[Triangle],
         samples: &dyn Fn(&Self, usize) -> Result<usize>,
-        place: Place,
+        region: CellCube,
     ) -> Result<()> {
         let cell = self.fill.cell();
         let is_doubtful = |value: &f32| (value.abs() - 0.5).abs() < DOUBT as f32;
         let is_covered = self.fill.edge == EdgeRule::Area;
-        let mut cut = Bits::new(place.height);
+        let mut cut = Bits::new(region.height);
         if is_covered || values.iter().any(is_doubtful) {
-            cut = cut_cells(triangles, place.corner, cell, place.height, self.fill.progress)?;
+            cut = cut_cells(triangles, region.corner, cell, region.height, self.fill.progress)?;
         }
         for (number, value) in values.iter().enumerate() {
-            let is_cut = cut.get(place.cell(number));
+            let is_cut = cut.get(region.cell(number));
             let (is_inside, is_open) = (value.abs() >= 0.5, !is_cut && is_doubtful(value));
             if !(is_inside || is_open || is_covered && is_cut) {
                 continue;
             }
-            let cell = self.cell(place, number);
-            if self.field.is_beside(cell.corner, self.fill.cell()) {
+            let cell = self.cell(region, number);
+            if self.field.is_outside_bounds(cell.corner, self.fill.cell()) {
                 continue;
             }
             self.undecided += u64::from(is_open);
@@ -385,7 +387,7 @@ impl Open<'_> {
 
     /// Sets a cell's occupancy or attribute. If `attribute` is `None`, it is that at the cell's
     /// centre.
-    fn set(&mut self, cell: Place, occupancy: u32, attribute: Option<u32>, is_inverted: bool) {
+    fn set(&mut self, cell: CellCube, occupancy: u32, attribute: Option<u32>, is_inverted: bool) {
         let (height, [x, y, z]) = (self.painter.cells.height, cell.at);
         self.painter.cells.set(cell.at);
         let is_occupancy = self.fill.attribute == Attribute::Occupancy;

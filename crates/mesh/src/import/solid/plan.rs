@@ -201,11 +201,15 @@ pub(super) fn plan_in(
 fn check(models: &[Box<dyn Model>], options: &SolidOptions) -> Result<()> {
     let colourless = models.iter().find(|model| !model.info().is_coloured);
     if let (Attribute::Colour, Some(model)) = (options.attribute, colourless) {
-        let advice = "leave --attribute colour away, or choose --attribute part";
-        return Err(Error::unsupported(&model.info().path, "colour of a model that has none", advice));
+        let advice = "omit --attribute colour, or choose --attribute part";
+        return Err(Error::unsupported(
+            &model.info().path,
+            "the attribute colour for a model without colours",
+            advice,
+        ));
     }
     if options.attribute != Attribute::Occupancy && options.edge == EdgeRule::Area {
-        let expected = "touch or centre: cells with colours or parts are there or not";
+        let expected = "touch or centre; cells with colours or part numbers have no fraction";
         return Err(Error::invalid("edge", "area", expected));
     }
     Ok(())
@@ -213,7 +217,7 @@ fn check(models: &[Box<dyn Model>], options: &SolidOptions) -> Result<()> {
 
 /// Common coordinate system of all models, and of the tree to align with.
 pub(in crate::import) fn common_crs(models: &[Box<dyn Model>], like: Option<Crs>) -> Result<Option<Crs>> {
-    let mut known = like.map(|crs| ("the tree to be like".to_string(), crs));
+    let mut known = like.map(|crs| ("the tree of --grid".to_string(), crs));
     for info in models.iter().map(|model| model.info()) {
         let name = info.path.display().to_string();
         match (&known, &info.crs) {
@@ -244,10 +248,10 @@ pub(in crate::import) fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result
     let is_box = (0..3).all(|axis| all[0][axis].is_finite() && all[1][axis].is_finite());
     let name = models.first().map(|model| model.info().path.clone()).unwrap_or_default();
     if !is_box {
-        return Err(Error::corrupt(name, "faces", "none that cover anything", "a model with faces"));
+        return Err(Error::corrupt(name, "faces", "none with vertices", "a model with faces"));
     }
     if all[0] == all[1] {
-        return Err(Error::corrupt(name, "vertices", "all in one point", "a model that takes up space"));
+        return Err(Error::corrupt(name, "vertices", "all in one point", "a model with an extent"));
     }
     Ok(all)
 }
@@ -256,11 +260,11 @@ pub(in crate::import) fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result
 pub(in crate::import) fn flat_faces(path: &Path, [min, max]: [[f64; 3]; 2], step: f64) -> Error {
     let place = |[x, y, z]: [f64; 3]| format!("{x:e}, {y:e}, {z:e}");
     let found = format!(
-        "a model whose faces are all points or lines on the grid that its corners are moved to (it reaches from {} to {}, in steps of {step:e})",
+        "a model whose faces all collapse to points or lines on the grid (bounds {} to {}, grid unit {step:e})",
         place(min),
         place(max)
     );
-    Error::unsupported(path, found, "take out what lies far away from the rest, scale it, or give it an area")
+    Error::unsupported(path, found, "remove distant outliers, scale the model, or give its faces an area")
 }
 
 /// Cells over a model.
@@ -364,8 +368,8 @@ pub fn fit_cells([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fi
         row[3] = origin[axis];
     }
     if !frame.linear().determinant().is_normal() {
-        let expected = "cells whose volume is a number of double precision: scale the model";
-        return Err(Error::invalid("width of a cell", format!("{cell:e}"), expected));
+        let expected = "a width whose cube double precision can represent; scale the model";
+        return Err(Error::invalid("cell width", format!("{cell:e}"), expected));
     }
     Ok(FittedCells { frame, depth: depth_for(extent).max(1), extent })
 }
@@ -396,12 +400,12 @@ fn describe(
         _ if options.shell => "cells that it cuts",
         EdgeRule::Touch => "cells inside or cut by the surface",
         EdgeRule::Centre => "cells whose centre is inside",
-        EdgeRule::Area => "cells as far as they are inside",
+        EdgeRule::Area => "cells with the fraction that is inside",
     };
     let attribute = match options.attribute {
         Attribute::Occupancy => "",
         Attribute::Colour => ", with colours",
-        Attribute::Part => ", with part numbers",
+        Attribute::PartNumber => ", with part numbers",
     };
     lines.push(("fill", format!("{what}: {edge}{attribute}")));
     lines

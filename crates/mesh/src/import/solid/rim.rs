@@ -28,20 +28,20 @@ const MANY: usize = 1 << 15;
 pub(super) struct Rims {
     edges: Vec<[[i32; 3]; 2]>,
     /// Bounding ball of each [`CHUNK`] of edges, and their total length.
-    chunks: Vec<(EdgePart, f64)>,
+    chunks: Vec<(EdgeSegment, f64)>,
 }
 
 /// Segment of an edge, or a bounding ball. `half` is the vector from the middle to one end.
 #[derive(Clone, Copy, Debug)]
-struct EdgePart {
+struct EdgeSegment {
     middle: DVec3,
     half: DVec3,
 }
 
-impl EdgePart {
-    fn of(edge: &[[i32; 3]; 2]) -> EdgePart {
+impl EdgeSegment {
+    fn of(edge: &[[i32; 3]; 2]) -> EdgeSegment {
         let [from, to] = edge.map(|end| DVec3::from_array(end.map(f64::from)));
-        EdgePart { middle: from.midpoint(to), half: (to - from) / 2.0 }
+        EdgeSegment { middle: from.midpoint(to), half: (to - from) / 2.0 }
     }
 
     /// Lower bound of its distance from a cube.
@@ -85,11 +85,11 @@ impl Rims {
             place_key(std::array::from_fn(|axis| from[axis].midpoint(to[axis])))
         });
         let ball = |edges: &[[[i32; 3]; 2]]| {
-            let middle = EdgePart::of(&edges[0]).middle;
-            let pieces = || edges.iter().map(EdgePart::of);
-            let radius = pieces().map(|piece| piece.middle.distance(middle) + piece.half.length());
+            let middle = EdgeSegment::of(&edges[0]).middle;
+            let segments = || edges.iter().map(EdgeSegment::of);
+            let radius = segments().map(|segment| segment.middle.distance(middle) + segment.half.length());
             let half = DVec3::new(radius.fold(0.0, f64::max), 0.0, 0.0);
-            (EdgePart { middle, half }, pieces().map(|piece| 2.0 * piece.half.length()).sum())
+            (EdgeSegment { middle, half }, segments().map(|segment| 2.0 * segment.half.length()).sum())
         };
         Rims { chunks: edges.chunks(CHUNK).map(ball).collect(), edges }
     }
@@ -102,9 +102,9 @@ impl Rims {
             if gap > FAR * half {
                 rim.far += length / gap.powi(5);
             } else {
-                edges.iter().for_each(|edge| rim.add(EdgePart::of(edge), middle, half));
+                edges.iter().for_each(|edge| rim.add(EdgeSegment::of(edge), middle, half));
             }
-            if rim.pieces.len() > MANY {
+            if rim.segments.len() > MANY {
                 return Rim { has_too_many: true, ..Rim::default() };
             }
         }
@@ -123,7 +123,7 @@ fn edge(triangle: &Triangle, side: u32) -> [[i32; 3]; 2] {
 pub(super) struct Rim {
     /// Segments that may pass through the cube come first; with any of these there is no bound.
     /// `within` is their number.
-    pieces: Vec<EdgePart>,
+    segments: Vec<EdgeSegment>,
     within: usize,
     /// Sum over more distant segments of length divided by the fifth power of distance.
     far: f64,
@@ -138,7 +138,7 @@ impl Rim {
             return all.around(middle, half);
         }
         let mut rim = Rim { far: self.far, ..Rim::default() };
-        self.pieces.iter().for_each(|piece| rim.add(*piece, middle, half));
+        self.segments.iter().for_each(|segment| rim.add(*segment, middle, half));
         rim
     }
 
@@ -147,20 +147,20 @@ impl Rim {
         self.within > 0 || self.has_too_many
     }
 
-    fn add(&mut self, piece: EdgePart, middle: DVec3, half: f64) {
-        let gap = piece.gap(middle, half);
-        let length = 2.0 * piece.half.length();
+    fn add(&mut self, segment: EdgeSegment, middle: DVec3, half: f64) {
+        let gap = segment.gap(middle, half);
+        let length = 2.0 * segment.half.length();
         if gap > FAR * half {
             self.far += length / gap.powi(5);
         } else if length > LENGTH * (gap.max(0.0) + half / 2.0) {
-            let part = piece.half / 2.0;
-            self.add(EdgePart { middle: piece.middle - part, half: part }, middle, half);
-            self.add(EdgePart { middle: piece.middle + part, half: part }, middle, half);
+            let part = segment.half / 2.0;
+            self.add(EdgeSegment { middle: segment.middle - part, half: part }, middle, half);
+            self.add(EdgeSegment { middle: segment.middle + part, half: part }, middle, half);
         } else {
-            self.pieces.push(piece);
+            self.segments.push(segment);
             if gap <= 0.0 {
-                let last = self.pieces.len() - 1;
-                self.pieces.swap(self.within, last);
+                let last = self.segments.len() - 1;
+                self.segments.swap(self.within, last);
                 self.within += 1;
             }
         }
@@ -175,8 +175,8 @@ impl Rim {
         }
         let scale = half.powi(4) / (4.0 * std::f64::consts::PI);
         let mut sum = self.far * scale;
-        for piece in &self.pieces {
-            sum += 2.0 * piece.half.length() / piece.gap(middle, half).max(0.0).powi(5) * scale;
+        for segment in &self.segments {
+            sum += 2.0 * segment.half.length() / segment.gap(middle, half).max(0.0).powi(5) * scale;
             if sum > limit || sum.is_nan() {
                 return f64::INFINITY;
             }

@@ -32,11 +32,11 @@ use super::octants::Octants;
 use super::open;
 use super::survey::{SolidSurvey, SurfaceAtPoint, SurveyedNode};
 use super::triangles::{OctantSorter, Triangles};
-use super::union::{Overlaps, Piece};
+use super::union::{Overlaps, SurfaceInBlock};
 use spinney_base::Result;
 use spinney_base::TreeType;
 use spinney_base::sort;
-use spinney_base::space::{Code, CodeRun, Dimension, EdgeRule};
+use spinney_base::space::{Code, CodeRange, Dimension, EdgeRule};
 use spinney_base::value::Value;
 use spinney_brep::exact::lattice::Projected;
 use spinney_brep::geometry::Stages;
@@ -66,8 +66,8 @@ impl Surface {
 }
 
 /// Shard of a solid: the run whose triangles are available, and the survey of the whole surface.
-pub(super) struct Part {
-    pub(super) run: CodeRun,
+pub(super) struct SurveyedShard {
+    pub(super) run: CodeRange,
     pub(super) survey: SolidSurvey,
 }
 
@@ -78,7 +78,7 @@ pub(super) struct Solid<'a> {
     /// Inside tests of the surfaces.
     tests: Vec<Inside>,
     /// Shard that is built; `None` for the whole solid.
-    part: Option<Part>,
+    part: Option<SurveyedShard>,
     /// Maximum number of triangles that are loaded into memory at once.
     held: usize,
     root: UpperNode,
@@ -147,7 +147,7 @@ impl<'a> Solid<'a> {
     pub(super) fn new(
         form: TreeType,
         fill: FillOptions<'a>,
-        (surfaces, part): (Vec<Surface>, Option<Part>),
+        (surfaces, part): (Vec<Surface>, Option<SurveyedShard>),
         held: usize,
         value: fn(u32) -> Value,
     ) -> Result<Self> {
@@ -165,14 +165,14 @@ impl<'a> Solid<'a> {
             solid.tests.push(inside);
         }
         let mut root = solid.root.clone();
-        solid.tell(&mut root, false);
+        solid.set_states(&mut root, false);
         solid.root = root;
         Ok(solid)
     }
 
     /// Sets the states of a region from the survey if the region's triangles are complete but its
     /// parent's are not.
-    fn tell(&self, region: &mut UpperNode, is_parent_whole: bool) {
+    fn set_states(&self, region: &mut UpperNode, is_parent_whole: bool) {
         let Some(part) = self.part.as_ref().filter(|_| !is_parent_whole && !self.fill.shell) else { return };
         let code = region.code();
         if part.run.contains(code) {
@@ -254,7 +254,7 @@ impl<'a> Solid<'a> {
             }
         }
         let is_whole = self.part.as_ref().is_none_or(|part| part.run.contains(region.code()));
-        regions.iter_mut().for_each(|child| self.tell(child, is_whole));
+        regions.iter_mut().for_each(|child| self.set_states(child, is_whole));
         Ok(regions)
     }
 
@@ -284,7 +284,7 @@ impl<'a> Solid<'a> {
             }
             Ok(())
         })?;
-        self.counters.stages.lock().expect("nobody panics with this lock").add(&stages);
+        self.counters.stages.lock().expect("no thread panics while it has this lock").add(&stages);
         let mut states = [sheet.state; 8];
         events.apply(&mut states, Lines::leads);
         let of = |(child, triangles)| Sheet { triangles, state: states[child], ..*sheet };
@@ -336,7 +336,7 @@ impl<'a> Solid<'a> {
             return Ok(Some(inside.has(sheet.state.winding).then_some(sheet.state.attribute)));
         };
         let (min, width) = self.bounds(region);
-        if field.is_beside(min, width) {
+        if field.is_outside_bounds(min, width) {
             return Ok(Some(None));
         }
         let value = field.uniform(min, width, self.fill.cell(), self.fill.progress)?;
@@ -366,7 +366,7 @@ impl<'a> Solid<'a> {
         };
         let is_covered = self.fill.edge == EdgeRule::Area && !self.fill.shell;
         let mut all: Option<Cells> = None;
-        let (mut pieces, mut overlaps) = (Vec::new(), Overlaps::default());
+        let (mut surfaces_in_block, mut overlaps) = (Vec::new(), Overlaps::default());
         for (number, sheet) in (0..).zip(&region.sheets) {
             let mut triangles: Vec<Triangle> = Vec::with_capacity(sheet.triangles.len());
             sheet.triangles.each(|_, triangle| {
@@ -392,11 +392,11 @@ impl<'a> Solid<'a> {
                 none => *none = Some(cells),
             }
             if is_covered && region.sheets.len() > 1 {
-                pieces.push(Piece { inside, triangles, state: sheet.state });
+                surfaces_in_block.push(SurfaceInBlock { inside, triangles, state: sheet.state });
             }
         }
         if let Some(all) = all.as_mut().filter(|_| is_covered) {
-            overlaps.settle(&self.fill, &pieces, min, all)?;
+            overlaps.settle(&self.fill, &surfaces_in_block, min, all)?;
         }
         Ok(Pyramid::new(all.unwrap_or_else(|| Cells { bits: Bits::new(height), values: None })))
     }

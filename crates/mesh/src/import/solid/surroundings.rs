@@ -83,8 +83,8 @@ impl Surroundings {
     /// Adds the winding field at points of the box. Sets `in_doubt` for points that are on a
     /// triangle or on its edge, up to rounding.
     pub(super) fn add(&self, points: &[[f32; 3]], field: &mut [f32], in_doubt: &mut [bool]) {
-        let places = points.chunks(LANES).zip(field.chunks_mut(LANES)).zip(in_doubt.chunks_mut(LANES));
-        for ((points, field), in_doubt) in places {
+        let batches = points.chunks(LANES).zip(field.chunks_mut(LANES)).zip(in_doubt.chunks_mut(LANES));
+        for ((points, field), in_doubt) in batches {
             let at = lanes(points);
             let (mut angles, mut doubts, mut dipoles) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
             for facet in &self.near {

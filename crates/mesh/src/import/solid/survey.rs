@@ -7,7 +7,7 @@ use super::build::SolidReport;
 use super::inside::State;
 use super::plan::{SolidImport, SolidOptions, plan_in};
 use crate::import::Model;
-use spinney_base::space::{Code, CodeRun};
+use spinney_base::space::{Code, CodeRange};
 use spinney_base::{Progress, Result};
 use spinney_container::Header;
 use spinney_engine::store::TreeWriter;
@@ -76,14 +76,14 @@ impl SolidImport {
         mut self,
         file: &mut TreeWriter,
         level: &dyn Fn(&Header) -> u8,
-        beside: &Path,
+        directory: &Path,
         progress: &dyn Progress,
     ) -> Result<(SolidSurvey, SolidReport)> {
-        let mut read = self.read(&|_| true, beside, progress)?;
+        let mut read = self.read(&|_| true, directory, progress)?;
         let decided = self.inside(&mut read, true, progress)?;
         let report = self.report(&read, &decided);
         let (form, options) = self.tree(&report);
-        file.tell(form, self.extent, &options)?;
+        file.write_layer_header(form, self.extent, &options)?;
         let level = level(&options.header(form, self.extent)?);
         let solid = self.solid(form, decided.surfaces, None, progress)?;
         let (bounds, is_divided) = (self.bounds, decided.is_divided);
@@ -94,10 +94,10 @@ impl SolidImport {
 impl SolidSurvey {
     /// State of a surface at the first point of a node at or above the surveyed level.
     pub(super) fn state(&self, node: Code, surface: usize, outside: State) -> State {
-        let ends = |node: Code| CodeRun::of(node, node).map_or([u64::MAX, 0], CodeRun::ends);
+        let ends = |node: Code| CodeRange::of(node, node).map_or([u64::MAX, 0], CodeRange::ends);
         let [first, _] = ends(node);
-        let behind = self.nodes.partition_point(|other| ends(other.code)[0] <= first);
-        let surveyed = behind.checked_sub(1).map(|number| &self.nodes[number]);
+        let count = self.nodes.partition_point(|other| ends(other.code)[0] <= first);
+        let surveyed = count.checked_sub(1).map(|number| &self.nodes[number]);
         let surveyed = surveyed.filter(|other| first <= ends(other.code)[1]);
         let found =
             surveyed.and_then(|other| other.inside.iter().find(|found| found.surface as usize == surface));

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use super::*;
 use crate::import::{Model, open_all};
 use spinney_base::io::Output;
-use spinney_base::space::{Code, CodeRun, Dimension, EdgeRule};
-use spinney_engine::store::goblin::{Shard, ShardPiece, merge_shards};
+use spinney_base::space::{Code, CodeRange, Dimension, EdgeRule};
+use spinney_engine::store::goblin::{Shard, ShardRange, merge_shards};
 use spinney_engine::store::{Packing, TreeWriter};
 
 /// Vertices, and faces of vertex indices.
@@ -100,9 +100,9 @@ impl Mesh {
     }
 }
 
-struct Place(tempfile::TempDir);
+struct TestDirectory(tempfile::TempDir);
 
-impl Place {
+impl TestDirectory {
     fn models(&self, meshes: &[Mesh]) -> Vec<PathBuf> {
         (0..)
             .zip(meshes)
@@ -112,10 +112,10 @@ impl Place {
 
     /// Compares the bytes of merged shards with those of a single-process build.
     fn compare(&self, meshes: &[Mesh], options: &SolidOptions, is_divided: bool) {
-        let (folder, paths) = (self.0.path(), self.models(meshes));
+        let (directory, paths) = (self.0.path(), self.models(meshes));
         let open = || -> Vec<Box<dyn Model>> { open_all(&paths, 1 << 20).unwrap() };
         let [whole, head, merged] =
-            ["whole", "head", "merged"].map(|name| folder.join(name).with_extension("goblin"));
+            ["whole", "head", "merged"].map(|name| directory.join(name).with_extension("goblin"));
         let import = plan_models(open(), options).unwrap();
         let depth = import.grid.depth;
         let report = import.build(Output::create(&whole).unwrap(), &()).unwrap();
@@ -126,7 +126,7 @@ impl Place {
         let level = depth.saturating_sub(6).min(3);
         let import = plan_models(open(), options).unwrap();
         let (survey, _) =
-            import.survey(&mut file, &|header| header.shape.crown_level(), folder, &()).unwrap();
+            import.survey(&mut file, &|header| header.shape.shard_level(), directory, &()).unwrap();
         file.finish().unwrap();
         assert_eq!(survey.is_divided, is_divided);
         assert!(survey.nodes.is_sorted_by_key(|node| node.code.bits()));
@@ -142,19 +142,19 @@ impl Place {
             let ends: Vec<u64> = cuts.iter().copied().chain([units]).collect();
             let mut shards = Vec::new();
             for (number, pair) in (0..).zip(ends.windows(2)) {
-                let mut run = CodeRun::of(unit(pair[0]), unit(pair[1] - 1)).unwrap();
+                let mut run = CodeRange::of(unit(pair[0]), unit(pair[1] - 1)).unwrap();
                 if pair[1] == units {
-                    run = CodeRun::new(run.ends()[0], CodeRun::ALL.ends()[1]).unwrap();
+                    run = CodeRange::new(run.ends()[0], CodeRange::ALL.ends()[1]).unwrap();
                 }
-                let pieces = vec![ShardPiece { layer: 0, run }];
+                let ranges = vec![ShardRange { layer: 0, run }];
                 let shard =
-                    Shard { folder: folder.into(), job: 1, number, pieces, access: Default::default() };
+                    Shard { directory: directory.into(), job: 1, number, ranges, access: Default::default() };
                 let mut file = TreeWriter::shard(&head, shard.clone()).unwrap();
                 // (A plan stores only these nodes.)
-                let mut told = survey.clone();
-                told.nodes.retain(|node| !node.inside.is_empty());
-                let import = plan_part(open(), options, told).unwrap();
-                import.write(&mut file, folder, &()).unwrap();
+                let mut shard_survey = survey.clone();
+                shard_survey.nodes.retain(|node| !node.inside.is_empty());
+                let import = plan_part(open(), options, shard_survey).unwrap();
+                import.write(&mut file, directory, &()).unwrap();
                 file.finish().unwrap();
                 shards.push(shard);
             }
@@ -174,41 +174,41 @@ fn options(cells: u64, edge: EdgeRule) -> SolidOptions {
 
 #[test]
 fn shards_of_closed_surfaces_make_the_bytes_of_a_build() {
-    let place = Place(tempfile::tempdir().unwrap());
+    let files = TestDirectory(tempfile::tempdir().unwrap());
     // Nested balls, with winding number 2 inside, and a cavity.
     let nested = Mesh::ball([0.0; 3], 40.0).with(Mesh::ball([3.0, 1.0, 0.5], 22.0));
-    place.compare(&[nested], &options(70, EdgeRule::Area), false);
+    files.compare(&[nested], &options(70, EdgeRule::Area), false);
     let hollow = Mesh::ball([0.0; 3], 40.0).with(Mesh::ball([3.0, 1.0, 0.5], 22.0).turned());
-    place.compare(&[hollow], &options(70, EdgeRule::Centre), false);
-    place.compare(&[Mesh::torus()], &options(80, EdgeRule::Touch), false);
+    files.compare(&[hollow], &options(70, EdgeRule::Centre), false);
+    files.compare(&[Mesh::torus()], &options(80, EdgeRule::Touch), false);
     let mut packed = options(130, EdgeRule::Centre);
     packed.packing = Packing::packed();
-    place.compare(&[Mesh::torus()], &packed, false);
-    place.compare(&[Mesh::torus()], &options(50, EdgeRule::Centre), false);
+    files.compare(&[Mesh::torus()], &packed, false);
+    files.compare(&[Mesh::torus()], &options(50, EdgeRule::Centre), false);
     let mut shell = options(80, EdgeRule::Centre);
     shell.shell = true;
-    place.compare(&[Mesh::torus()], &shell, false);
+    files.compare(&[Mesh::torus()], &shell, false);
 }
 
 #[test]
 fn shards_of_cubes_along_cells_make_the_bytes_of_a_build() {
-    let place = Place(tempfile::tempdir().unwrap());
+    let files = TestDirectory(tempfile::tempdir().unwrap());
     for edge in [EdgeRule::Centre, EdgeRule::Area, EdgeRule::Touch] {
         let mut options = options(1, edge);
         options.resolution = Resolution::Cell(1.0);
         // Cubes along walls of units; two of them share a wall.
         let cubes = Mesh::cube([[0.0; 3], [64.0, 128.0, 100.0]])
             .with(Mesh::cube([[64.0, 0.0, 0.0], [128.0, 64.0, 64.0]]));
-        place.compare(&[cubes], &options, false);
+        files.compare(&[cubes], &options, false);
         let mut bar = Mesh::cube([[0.0; 3], [200.0, 3.0, 70.0]]);
         bar.faces[0].reverse();
-        place.compare(&[bar], &options, false);
+        files.compare(&[bar], &options, false);
     }
 }
 
 #[test]
 fn shards_of_several_objects_make_the_bytes_of_a_build() {
-    let place = Place(tempfile::tempdir().unwrap());
+    let files = TestDirectory(tempfile::tempdir().unwrap());
     let balls = || {
         [
             Mesh::ball([0.0; 3], 30.0),
@@ -217,31 +217,31 @@ fn shards_of_several_objects_make_the_bytes_of_a_build() {
         ]
     };
     let mut parts = options(120, EdgeRule::Centre);
-    parts.attribute = Attribute::Part;
-    place.compare(&balls(), &parts, false);
+    parts.attribute = Attribute::PartNumber;
+    files.compare(&balls(), &parts, false);
     parts.edge = EdgeRule::Touch;
-    place.compare(&balls(), &parts, false);
+    files.compare(&balls(), &parts, false);
     // A partly inverted object is distinguished from the others.
     let mut turned = balls();
     turned[1].faces.iter_mut().step_by(7).for_each(|face| face.reverse());
     parts.memory = 1 << 24;
-    place.compare(&turned, &parts, true);
+    files.compare(&turned, &parts, true);
     let mut area = options(120, EdgeRule::Area);
     area.memory = 1 << 24;
-    place.compare(&turned, &area, true);
+    files.compare(&turned, &area, true);
 }
 
 #[test]
 fn parts_of_open_surfaces_are_refused() {
-    let place = Place(tempfile::tempdir().unwrap());
+    let files = TestDirectory(tempfile::tempdir().unwrap());
     let mut torus = Mesh::torus();
     torus.faces.pop();
-    let paths = place.models(&[torus]);
+    let paths = files.models(&[torus]);
     let mut options = options(100, EdgeRule::Centre);
     options.memory = 1 << 24;
     let import = plan_models(open_all(&paths, 1 << 20).unwrap(), &options).unwrap();
-    let head = Output::create(&place.0.path().join("head.goblin")).unwrap();
+    let head = Output::create(&files.0.path().join("head.goblin")).unwrap();
     let mut file = TreeWriter::head(head, (Dimension::Oct, 7), 1).unwrap();
-    let error = import.survey(&mut file, &|_| 1, place.0.path(), &()).unwrap_err();
+    let error = import.survey(&mut file, &|_| 1, files.0.path(), &()).unwrap_err();
     assert!(error.to_string().contains("--shell"), "{error}");
 }

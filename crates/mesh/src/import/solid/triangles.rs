@@ -13,7 +13,7 @@ const WORDS: usize = 11;
 #[derive(Clone, Debug)]
 pub(super) enum Triangles {
     /// Indices into a shared list in memory.
-    Held(Arc<Vec<Triangle>>, Vec<u32>),
+    InMemory(Arc<Vec<Triangle>>, Vec<u32>),
     /// Triangles in the temporary file.
     Spilled(Arc<Spilled>),
 }
@@ -25,7 +25,7 @@ impl Triangles {
 
     pub(super) fn len(&self) -> usize {
         match self {
-            Triangles::Held(_, picked) => picked.len(),
+            Triangles::InMemory(_, picked) => picked.len(),
             Triangles::Spilled(spilled) => spilled.len(),
         }
     }
@@ -33,7 +33,7 @@ impl Triangles {
     /// Visits all triangles in order, with their indices in memory, or 0 if they are spilled.
     pub(super) fn each(&self, mut each: impl FnMut(u32, &Triangle) -> Result<()>) -> Result<()> {
         match self {
-            Triangles::Held(all, picked) => {
+            Triangles::InMemory(all, picked) => {
                 picked.iter().try_for_each(|number| each(*number, &all[*number as usize]))
             }
             Triangles::Spilled(spilled) => spilled.each(|triangle| each(0, triangle)),
@@ -43,13 +43,13 @@ impl Triangles {
     /// List in memory.
     pub(super) fn of(all: Vec<Triangle>) -> Triangles {
         let picked = (0..all.len() as u32).collect();
-        Triangles::Held(Arc::new(all), picked)
+        Triangles::InMemory(Arc::new(all), picked)
     }
 
     /// Loads all triangles into memory, in order. The list must not have been sorted into octants.
     pub(super) fn all(&self) -> Result<Arc<Vec<Triangle>>> {
         match self.clone().held()? {
-            Triangles::Held(all, _) => Ok(all),
+            Triangles::InMemory(all, _) => Ok(all),
             Triangles::Spilled(_) => unreachable!("they were taken to memory"),
         }
     }
@@ -127,14 +127,14 @@ impl TriangleSpill {
 /// Collects triangles in memory up to a limit, and in a spool beyond it.
 pub(super) struct Collector {
     limit: usize,
-    folder: PathBuf,
+    directory: PathBuf,
     held: Vec<Triangle>,
     spill: Option<TriangleSpill>,
 }
 
 impl Collector {
-    pub(super) fn new(limit: usize, folder: &Path) -> Collector {
-        Collector { limit, folder: folder.to_path_buf(), held: Vec::new(), spill: None }
+    pub(super) fn new(limit: usize, directory: &Path) -> Collector {
+        Collector { limit, directory: directory.to_path_buf(), held: Vec::new(), spill: None }
     }
 
     pub(super) fn push(&mut self, triangle: Triangle) -> Result<()> {
@@ -143,7 +143,7 @@ impl Collector {
         }
         self.held.push(triangle);
         if self.held.len() > self.limit {
-            let mut spill = TriangleSpill::new(&Spool::create(&self.folder, WORDS)?);
+            let mut spill = TriangleSpill::new(&Spool::create(&self.directory, WORDS)?);
             std::mem::take(&mut self.held).iter().try_for_each(|triangle| spill.push(triangle))?;
             self.spill = Some(spill);
         }
@@ -160,14 +160,14 @@ impl Collector {
 
 /// Sorts triangles into eight lists that are stored like the source list.
 pub(super) enum OctantSorter {
-    Held(Arc<Vec<Triangle>>, [Vec<u32>; 8]),
+    InMemory(Arc<Vec<Triangle>>, [Vec<u32>; 8]),
     Spilled(Vec<TriangleSpill>),
 }
 
 impl OctantSorter {
     pub(super) fn of(list: &Triangles) -> OctantSorter {
         match list {
-            Triangles::Held(all, _) => OctantSorter::Held(all.clone(), Default::default()),
+            Triangles::InMemory(all, _) => OctantSorter::InMemory(all.clone(), Default::default()),
             Triangles::Spilled(spilled) => {
                 OctantSorter::Spilled((0..8).map(|_| TriangleSpill::new(&spilled.spool)).collect())
             }
@@ -177,7 +177,7 @@ impl OctantSorter {
     #[inline]
     pub(super) fn push(&mut self, child: usize, number: u32, triangle: &Triangle) -> Result<()> {
         match self {
-            OctantSorter::Held(_, picked) => {
+            OctantSorter::InMemory(_, picked) => {
                 picked[child].push(number);
                 Ok(())
             }
@@ -187,8 +187,8 @@ impl OctantSorter {
 
     pub(super) fn finish(self) -> Result<Vec<Triangles>> {
         match self {
-            OctantSorter::Held(all, picked) => {
-                Ok(picked.into_iter().map(|picked| Triangles::Held(all.clone(), picked)).collect())
+            OctantSorter::InMemory(all, picked) => {
+                Ok(picked.into_iter().map(|picked| Triangles::InMemory(all.clone(), picked)).collect())
             }
             OctantSorter::Spilled(spills) => spills.into_iter().map(TriangleSpill::finish).collect(),
         }

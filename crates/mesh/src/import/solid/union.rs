@@ -24,7 +24,7 @@ const HEIGHT: u8 = 2;
 const PARTS: usize = 1 << (3 * HEIGHT);
 
 /// Surface in a block.
-pub(super) struct Piece<'a> {
+pub(super) struct SurfaceInBlock<'a> {
     pub(super) inside: &'a Inside,
     pub(super) triangles: Vec<Triangle>,
     /// State at the block's first lattice point.
@@ -62,7 +62,7 @@ impl Overlaps {
     pub(super) fn settle(
         self,
         fill: &FillOptions<'_>,
-        pieces: &[Piece<'_>],
+        surfaces_in_block: &[SurfaceInBlock<'_>],
         min: [i32; 3],
         all: &mut Cells,
     ) -> Result<()> {
@@ -78,7 +78,7 @@ impl Overlaps {
             let corner = std::array::from_fn(|axis| min[axis] + at[axis] as i32 * fill.cell());
             let found: Vec<InCell> = parts
                 .iter()
-                .map(|(number, _)| InCell::of(fill, &pieces[*number as usize], min, corner))
+                .map(|(number, _)| InCell::of(fill, &surfaces_in_block[*number as usize], min, corner))
                 .collect::<Result<_>>()?;
             let shares = parts.iter().map(|(_, value)| f64::from(*value) / f64::from(FULL));
             let (least, most) = (shares.clone().fold(0.0, f64::max), shares.sum::<f64>().min(1.0));
@@ -109,24 +109,29 @@ enum AtParts<'a> {
 
 impl<'a> InCell<'a> {
     /// Surface of a block that starts at `min`, in the cell that starts at `corner`.
-    fn of(fill: &FillOptions<'_>, piece: &Piece<'a>, min: [i32; 3], corner: [i32; 3]) -> Result<InCell<'a>> {
+    fn of(
+        fill: &FillOptions<'_>,
+        surface: &SurfaceInBlock<'a>,
+        min: [i32; 3],
+        corner: [i32; 3],
+    ) -> Result<InCell<'a>> {
         let (cell, progress) = (fill.cell(), fill.progress);
         let part = cell >> HEIGHT;
         let lattice = Lattice { per_cell: [0; 3], step: [part; 3] };
         let reaches = |triangle: &&Triangle| {
             (0..3).all(|axis| triangle.min(axis) <= corner[axis] + cell && triangle.max(axis) >= corner[axis])
         };
-        let triangles: Vec<Triangle> = piece.triangles.iter().filter(reaches).copied().collect();
-        let Inside::Field(field) = piece.inside else {
+        let triangles: Vec<Triangle> = surface.triangles.iter().filter(reaches).copied().collect();
+        let Inside::Field(field) = surface.inside else {
             let (mut at, first) = (fill.lattice.first(min), lattice.first(corner));
-            let winding = piece.state.winding
-                + change::<0>(&piece.triangles, &mut at, first)
-                + change::<1>(&piece.triangles, &mut at, first)
-                + change::<2>(&piece.triangles, &mut at, first);
-            let winding = if piece.state.by_parity { winding & 1 } else { winding };
-            let state = State { winding, ..piece.state };
+            let winding = surface.state.winding
+                + change::<0>(&surface.triangles, &mut at, first)
+                + change::<1>(&surface.triangles, &mut at, first)
+                + change::<2>(&surface.triangles, &mut at, first);
+            let winding = if surface.state.by_parity { winding & 1 } else { winding };
+            let state = State { winding, ..surface.state };
             let windings = windings_at_centres(&lattice, &triangles, corner, HEIGHT, state, progress)?;
-            return Ok(InCell { triangles, at_parts: AtParts::Windings(windings, piece.inside) });
+            return Ok(InCell { triangles, at_parts: AtParts::Windings(windings, surface.inside) });
         };
         let half = f64::from(cell) / 2.0;
         let middle = wide(corner) + half;

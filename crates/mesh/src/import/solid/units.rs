@@ -104,7 +104,7 @@ impl Units {
         join_by_edges(open.map(|(number, triangle)| (object(triangle.part), number, triangle)), &mut units);
         progress.check()?;
         // In order of triangles, so that units are ordered by their first triangles.
-        let mut places: HashMap<u32, usize> = HashMap::new();
+        let mut list_indices: HashMap<u32, usize> = HashMap::new();
         for ((number, triangle), kind) in
             (0..).zip(triangles).zip(kinds).filter(|((_, triangle), _)| has_area(triangle))
         {
@@ -116,11 +116,11 @@ impl Units {
                 Kind::Even => &mut self.even,
                 Kind::Open => &mut self.open,
             };
-            let place = *places.entry(units.root(number)).or_insert(lists.len());
-            if place == lists.len() {
+            let list_index = *list_indices.entry(units.root(number)).or_insert(lists.len());
+            if list_index == lists.len() {
                 lists.push(Vec::new());
             }
-            lists[place].push(*triangle);
+            lists[list_index].push(*triangle);
         }
         Ok(())
     }
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn objects_and_components_are_told_apart() {
+    fn objects_and_components_are_distinguished() {
         let (a, b) = (tetrahedron([0; 3], 90, 0), tetrahedron([200, 0, 0], 90, 1));
         assert_eq!(counts(&[&a[..], &b].concat()), (8, 0, vec![], 0));
         assert_eq!(counts(&[&a[1..], &b].concat()), (4, 0, vec![3], 0));
@@ -351,7 +351,7 @@ mod tests {
             (4, 0, vec![3], 0),
             "another object"
         );
-        let elsewhere = tetrahedron([2000; 3], 90, 0);
-        assert_eq!(counts(&[&outer[..], &cavity, &elsewhere[1..]].concat()), (8, 0, vec![3], 0));
+        let distant = tetrahedron([2000; 3], 90, 0);
+        assert_eq!(counts(&[&outer[..], &cavity, &distant[1..]].concat()), (8, 0, vec![3], 0));
     }
 }

@@ -55,7 +55,7 @@ pub(in crate::import) fn cell_volume(
     ChosenParts { some, objects, bounds }: ChosenParts,
     (up, crs): (Up, Option<Crs>),
     memory: u64,
-    folder: &Path,
+    directory: &Path,
     progress: &dyn Progress,
 ) -> Result<Option<CellVolume>> {
     let mut options = SolidOptions::new();
@@ -63,7 +63,7 @@ pub(in crate::import) fn cell_volume(
     (options.up, options.crs, options.memory) = (up, crs, memory);
     let mut import = plan_in(std::mem::take(models), &options, bounds)?;
     (import.only, import.objects) = (some, Some(objects));
-    let found = import.cell_volume(folder, &Quiet(progress));
+    let found = import.cell_volume(directory, &Quiet(progress));
     *models = import.models;
     match found {
         Ok(found) => Ok(Some(found)),
@@ -73,8 +73,8 @@ pub(in crate::import) fn cell_volume(
 }
 
 impl SolidImport {
-    fn cell_volume(&mut self, folder: &Path, progress: &dyn Progress) -> Result<CellVolume> {
-        let mut read = self.read(&|_| true, folder, progress)?;
+    fn cell_volume(&mut self, directory: &Path, progress: &dyn Progress) -> Result<CellVolume> {
+        let mut read = self.read(&|_| true, directory, progress)?;
         let is_closed = read.closure.is_closed();
         let mut area = 0.0;
         read.triangles.each(|_, triangle| {

@@ -4,13 +4,13 @@ use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 
 use super::super::bands::select_channels;
-use super::super::build::{Asked, Room, TargetGrid, slabs_for};
-use super::super::plan::{ImportOptions, RasterImport, kind, metadata, tell};
-use super::super::sidecar::Described;
+use super::super::build::{MemoryBudget, RequestedCells, TargetGrid, slabs_for};
+use super::super::plan::{ImportOptions, RasterImport, apply_options, kind, metadata};
+use super::super::sidecar::DescribedRaster;
 use super::super::{Band, Raster, RasterInfo, RasterOptions, RasterSlabs, Transparent, bands, open, spill};
-use super::grid::Place;
-use super::raster::{Masked, OfTree, Padded, Repeated};
-use super::{Picture, StackOptions};
+use super::grid::GridAlignment;
+use super::raster::{Masked, Padded, Repeated, TreeRaster};
+use super::{InputImage, StackOptions};
 use spinney_base::value::{DataKind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result, SubProgress};
 use spinney_container::Metadata;
@@ -51,12 +51,12 @@ pub struct StackLayer {
     pub(super) path: PathBuf,
     pub(super) options: RasterOptions,
     pub(super) page: Option<usize>,
-    parts: Parts,
+    parts: LayerChannels,
     /// Whether the file, or the page, makes several layers.
     pub(super) is_one_of_several: bool,
     transparent: Transparent,
     /// Size of the image: columns, rows and channels.
-    picture: [u64; 3],
+    image: [u64; 3],
     warping: Option<Warping>,
 }
 
@@ -71,24 +71,26 @@ struct Warping {
 
 /// Channels of an image that form one layer.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Parts {
+pub(super) struct LayerChannels {
     pub(super) channels: Vec<usize>,
     /// An extra channel whose zeros make the layer VOID.
     opacity: Option<usize>,
 }
 
 /// Divides an image into layers: one per requested band, or per band. A colour image is one layer.
-pub(super) fn divide(path: &Path, info: &RasterInfo, bands: Option<&[Band]>) -> Result<Vec<Parts>> {
+pub(super) fn divide(path: &Path, info: &RasterInfo, bands: Option<&[Band]>) -> Result<Vec<LayerChannels>> {
     if let Some(bands) = bands {
-        let alone = |band| Ok(Parts { channels: vec![info.channel_of(path, band)?], opacity: None });
+        let alone = |band| Ok(LayerChannels { channels: vec![info.channel_of(path, band)?], opacity: None });
         return bands.iter().map(alone).collect();
     }
     if is_colour(info) {
-        return Ok(vec![Parts { channels: (0..info.channels).collect(), opacity: None }]);
+        return Ok(vec![LayerChannels { channels: (0..info.channels).collect(), opacity: None }]);
     }
     let opacity = info.alpha.filter(|_| info.transparent != Transparent::Plain);
-    let alone =
-        |channel| Parts { channels: vec![channel], opacity: opacity.filter(|other| *other != channel) };
+    let alone = |channel| LayerChannels {
+        channels: vec![channel],
+        opacity: opacity.filter(|other| *other != channel),
+    };
     Ok((0..info.channels).map(alone).collect())
 }
 
@@ -103,67 +105,69 @@ fn is_colour(info: &RasterInfo) -> bool {
     let are = |names: &[String], colours: [&str; 3]| names.iter().eq(colours);
     let names = info.band_names.get(..colours).unwrap_or_default();
     let roles = info.colour_roles.get(..colours).unwrap_or_default();
-    let is_told = are(roles, ["Red", "Green", "Blue"]) || are(names, ["R", "G", "B"]);
-    is_told && ValueType::new(info.sample, info.channels as u8).is_supported()
+    let is_rgb = are(roles, ["Red", "Green", "Blue"]) || are(names, ["R", "G", "B"]);
+    is_rgb && ValueType::new(info.sample, info.channels as u8).is_supported()
 }
 
 impl StackLayer {
     /// Plans the layer of some channels of an image.
     pub(super) fn plan(
-        picture: &Picture,
-        parts: &Parts,
+        image: &InputImage,
+        parts: &LayerChannels,
         several: bool,
-        place: Place,
+        alignment: GridAlignment,
         finest: &Frame,
         import: &ImportOptions,
     ) -> Result<StackLayer> {
-        let mut info = picture.info.of_channels(&parts.channels);
+        let mut info = image.info.of_channels(&parts.channels);
         // Channels may have nodata numbers of their own.
-        tell(&mut info, import, &mut None);
+        apply_options(&mut info, import, &mut None);
         if info.channels == 1 {
             // Opacity as a layer of its own is an ordinary number.
             info.alpha = None;
         }
-        let value = bands::value_type(&picture.path, &info)?;
+        let value = bands::value_type(&image.path, &info)?;
         let missing = info.nodata.filter(|_| info.alpha.is_none());
         let value = match info.transparent {
             Transparent::Masked if info.channels > 1 => value.with_alpha(),
             _ => missing.map_or(value, |nodata| value.with_missing(nodata)),
         };
         let (kind, _) = kind(&info, import);
+        let rule = import.rule.unwrap_or(kind.default_rule());
+        kind.check_rule(rule, &image.path)?;
         let numbers = parts.channels.iter().map(|channel| Band::Number(channel + 1)).collect();
         let said = ImportOptions {
             bands: several.then_some(numbers),
-            page: picture.page.or(import.page),
+            page: image.page.or(import.page),
             ..import.clone()
         };
-        let frame = finest.coarser(place.levels);
-        let [left, top] = place.offset;
-        let (width, height) = (left + info.width * place.repeat, top + info.height * place.repeat);
-        let one = |texts: &[String]| if let [text] = texts { text.clone() } else { String::new() };
+        let frame = finest.coarser(alignment.levels);
+        let [left, top] = alignment.offset;
+        let (width, height) = (left + info.width * alignment.repeat, top + info.height * alignment.repeat);
+        let one = |strings: &[String]| if let [text] = strings { text.clone() } else { String::new() };
         Ok(StackLayer {
             name: String::new(),
             description: one(&info.band_names),
             colour_role: one(&info.colour_roles),
             value,
             kind,
-            rule: import.rule.unwrap_or(kind.default_rule()),
+            rule,
             nodata: info.nodata,
-            metadata: metadata(frame, std::slice::from_ref(&picture.path), &info, &said),
-            coarser: place.levels,
-            repeat: place.repeat,
+            metadata: metadata(frame, std::slice::from_ref(&image.path), &info, &said),
+            coarser: alignment.levels,
+            repeat: alignment.repeat,
             extent: [width, height, 1],
-            offset: place.offset,
-            path: picture.path.clone(),
-            options: picture.options.clone(),
-            page: picture.page,
+            offset: alignment.offset,
+            path: image.path.clone(),
+            options: image.options.clone(),
+            page: image.page,
             parts: parts.clone(),
             is_one_of_several: several,
             transparent: info.transparent,
-            picture: [picture.info.width, picture.info.height, picture.info.channels as u64],
-            warping: (place.repeat == 0).then(|| Warping {
-                frame: picture.info.frame.clone(),
-                grid: WarpGrid { frame: finest.coarser(place.levels), extent: [1; 3] },
+            image: [image.info.width, image.info.height, image.info.channels as u64],
+            warping: (alignment.repeat == 0).then(|| Warping {
+                frame: image.info.frame.clone(),
+                grid: WarpGrid { frame: finest.coarser(alignment.levels), extent: [1; 3] },
                 options: WarpOptions::default(),
             }),
         })
@@ -214,26 +218,26 @@ impl StackLayer {
     /// # Errors
     /// If the file cannot be read or has changed, or the temporary file cannot be written; on
     /// cancellation.
-    pub fn slabs(&self, folder: &Path, memory: u64, progress: &dyn Progress) -> Result<RasterSlabs> {
-        self.slabs_for(Asked::All, (folder, memory), progress)
+    pub fn slabs(&self, directory: &Path, memory: u64, progress: &dyn Progress) -> Result<RasterSlabs> {
+        self.slabs_for(RequestedCells::All, (directory, memory), progress)
     }
 
     /// Yields the requested cells: see [`StackLayer::slabs`].
     pub(super) fn slabs_for(
         &self,
-        asked: Asked,
-        (folder, memory): (&Path, u64),
+        requested: RequestedCells,
+        (directory, memory): (&Path, u64),
         progress: &dyn Progress,
     ) -> Result<RasterSlabs> {
         let raster = select_channels(self.open(memory / 2)?, &self.channels());
-        self.slabs_of(raster, asked, (folder, memory), progress)
+        self.slabs_of(raster, requested, (directory, memory), progress)
     }
 
     /// Opens the file.
     pub(super) fn open(&self, memory: u64) -> Result<Box<dyn Raster>> {
         let raster = open(&self.path, &RasterOptions { memory, ..self.options.clone() })?;
         let found = raster.info();
-        if [found.width, found.height, found.channels as u64] != self.picture {
+        if [found.width, found.height, found.channels as u64] != self.image {
             return Err(Error::Changed { path: self.path.clone(), what: "was overwritten" });
         }
         Ok(raster)
@@ -243,14 +247,14 @@ impl StackLayer {
     pub(super) fn slabs_of(
         &self,
         raster: Box<dyn Raster>,
-        asked: Asked,
-        (folder, memory): (&Path, u64),
+        requested: RequestedCells,
+        (directory, memory): (&Path, u64),
         progress: &dyn Progress,
     ) -> Result<RasterSlabs> {
         let mut info = raster.info().clone();
         info.transparent = self.transparent;
         info.alpha = info.alpha.filter(|_| info.channels > 1);
-        let mut raster: Box<dyn Raster> = Box::new(Described { raster, info });
+        let mut raster: Box<dyn Raster> = Box::new(DescribedRaster { raster, info });
         if self.parts.opacity.is_some() {
             raster = Box::new(Masked::new(raster));
         }
@@ -259,21 +263,21 @@ impl StackLayer {
         {
             return Err(Error::Changed { path: self.path.clone(), what: "was overwritten" });
         }
-        let room = memory / 2;
+        let half = memory / 2;
         if let Some(warping) = &self.warping {
-            raster = self.warped(raster, warping, folder, memory, progress)?;
+            raster = self.warped(raster, warping, directory, memory, progress)?;
         }
         if self.repeat > 1 {
             if !raster.reads_anywhere() {
-                raster = spill(raster, folder, room / 2, progress)?;
+                raster = spill(raster, directory, half / 2, progress)?;
             }
             raster = Box::new(Repeated::new(raster, self.repeat));
         }
         if self.offset != [0; 2] {
             raster = Box::new(Padded::new(raster, self.offset));
         }
-        let room = Room { bands: memory, slabs: room };
-        slabs_for(asked, raster, self.value.size(), (folder, room), progress)
+        let budget = MemoryBudget { bands: memory, slabs: half };
+        slabs_for(requested, raster, self.value.size(), (directory, budget), progress)
     }
 
     /// Warps the raster to the stack's grid, by means of trees in a temporary directory.
@@ -281,7 +285,7 @@ impl StackLayer {
         &self,
         raster: Box<dyn Raster>,
         warping: &Warping,
-        folder: &Path,
+        directory: &Path,
         memory: u64,
         progress: &dyn Progress,
     ) -> Result<Box<dyn Raster>> {
@@ -293,8 +297,8 @@ impl StackLayer {
             .memory(memory / 2)
             .metadata(metadata);
         let import = RasterImport::of(raster, self.value, self.nodata, how, memory);
-        let temporary = tempfile::Builder::new().prefix(".spinney-").tempdir_in(folder);
-        let temporary = temporary.map_err(Error::io(folder, "make a temporary folder in"))?;
+        let temporary = tempfile::Builder::new().prefix(".spinney-").tempdir_in(directory);
+        let temporary = temporary.map_err(Error::io(directory, "create a temporary directory in it"))?;
         let path = temporary.path().join("warped.goblin");
         let cells = self.extent.iter().product();
         let target = TargetGrid::Cells(Box::new(grid.clone()));
@@ -303,7 +307,7 @@ impl StackLayer {
         let output = access.create(&path)?;
         import.build_warped(&target, options, output, &SubProgress::new(progress, 0, cells))?;
         let tree = dataset::open(&path, &access.into())?;
-        Ok(Box::new(OfTree::new(tree, temporary, &self.path, self.nodata)))
+        Ok(Box::new(TreeRaster::new(tree, temporary, &self.path, self.nodata)))
     }
 }
 

@@ -15,7 +15,7 @@ use self::grid::Grid;
 pub use self::layer::StackLayer;
 use self::layer::divide;
 pub use self::write::{write_layers, write_stack};
-use super::plan::{DEFAULT_MEMORY, ImportOptions, depth_of, listed, tell};
+use super::plan::{DEFAULT_MEMORY, ImportOptions, apply_options, depth_of, listed};
 use super::{RasterInfo, RasterOptions, open, tiff};
 use serde::{Deserialize, Serialize};
 use spinney_base::space::Dimension;
@@ -85,7 +85,7 @@ impl Stack {
 }
 
 /// An input image: a file, or a page of one.
-struct Picture {
+struct InputImage {
     path: PathBuf,
     options: RasterOptions,
     /// Number of the page, if each page makes layers.
@@ -110,15 +110,15 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
     let import = &options.import;
     let memory = import.memory.unwrap_or(DEFAULT_MEMORY);
     let mut overruled = None;
-    let (mut pictures, mut remarks) = (Vec::new(), Vec::new());
+    let (mut images, mut remarks) = (Vec::new(), Vec::new());
     for input in inputs {
-        look_at(input, options, memory / 2, &mut pictures)?;
+        read_headers(input, options, memory / 2, &mut images)?;
     }
-    for picture in &mut pictures {
-        tell(&mut picture.info, import, &mut overruled);
-        remarks.extend(picture.info.remark.take().map(|remark| (picture.path.clone(), remark)));
+    for image in &mut images {
+        apply_options(&mut image.info, import, &mut overruled);
+        remarks.extend(image.info.remark.take().map(|remark| (image.path.clone(), remark)));
     }
-    let Some(grid) = Grid::of(&pictures, options.resampling.is_some())? else {
+    let Some(grid) = Grid::of(&images, options.resampling.is_some())? else {
         return Err(Error::invalid("inputs", "none", "at least one raster"));
     };
     let mut frame = grid.frame.clone();
@@ -132,16 +132,16 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
     let [width, height] = grid.extent;
     let extent = [width, height, 1];
     let size = format!("{width} x {height} of the finest cells");
-    let depth = depth_of(Dimension::Quad, extent, &size, import.depth)?;
+    let depth = depth_of(Dimension::Quad, extent, (&images[0].path, &size), import.depth)?;
     let mut layers = Vec::new();
     // There may be many bands: each layer gets its own.
     let of_layers = ImportOptions { bands: None, ..import.clone() };
-    for (picture, place) in pictures.iter().zip(&grid.places) {
-        let divided = divide(&picture.path, &picture.info, import.bands.as_deref())?;
-        let several = picture.info.channels > divided.first().map_or(1, |parts| parts.channels.len());
+    for (image, alignment) in images.iter().zip(&grid.alignments) {
+        let divided = divide(&image.path, &image.info, import.bands.as_deref())?;
+        let several = image.info.channels > divided.first().map_or(1, |parts| parts.channels.len());
         for parts in &divided {
-            let mut layer = StackLayer::plan(picture, parts, several, *place, &frame, &of_layers)?;
-            if place.repeat == 0 {
+            let mut layer = StackLayer::plan(image, parts, several, *alignment, &frame, &of_layers)?;
+            if alignment.repeat == 0 {
                 // In the file's own cells, whatever coordinate system the options declare.
                 layer.warp_to(&grid.frame, extent, options)?;
             }
@@ -152,7 +152,7 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
     if let Some(times) = &options.times {
         time::give(&mut layers, inputs, times)?;
     }
-    let description = describe(inputs, &pictures, &layers, &size, depth, &frame, overruled);
+    let description = describe(inputs, &images, &layers, &size, depth, &frame, overruled);
     let ImportOptions { share, time, packing, .. } = *import;
     Ok(Stack { frame, extent, depth, layers, share, time, packing, memory, remarks, description })
 }
@@ -174,7 +174,12 @@ pub fn needs_layers(inputs: &[PathBuf], options: &ImportOptions) -> Result<bool>
 }
 
 /// Reads the headers of a file's pages.
-fn look_at(path: &Path, options: &StackOptions, memory: u64, pictures: &mut Vec<Picture>) -> Result<()> {
+fn read_headers(
+    path: &Path,
+    options: &StackOptions,
+    memory: u64,
+    images: &mut Vec<InputImage>,
+) -> Result<()> {
     let ImportOptions { layer, page, access, .. } = &options.import;
     let (layer, access) = (layer.clone(), access.clone());
     let how = RasterOptions { memory, layer, page: *page, access, ..RasterOptions::default() };
@@ -182,13 +187,13 @@ fn look_at(path: &Path, options: &StackOptions, memory: u64, pictures: &mut Vec<
     let pages = raster.info().pages;
     if pages < 2 || !options.every_page {
         super::plan::check_pages(&*raster)?;
-        pictures.push(Picture { path: path.into(), options: how, page: None, info: raster.info().clone() });
+        images.push(InputImage { path: path.into(), options: how, page: None, info: raster.info().clone() });
         return Ok(());
     }
     for (number, directory) in tiff::page_directories(path, &how)?.into_iter().enumerate() {
         let how = RasterOptions { page: Some(number), directory: Some(directory), ..how.clone() };
         let info = open(path, &how)?.info().clone();
-        pictures.push(Picture { path: path.into(), options: how, page: Some(number), info });
+        images.push(InputImage { path: path.into(), options: how, page: Some(number), info });
     }
     Ok(())
 }
@@ -196,7 +201,7 @@ fn look_at(path: &Path, options: &StackOptions, memory: u64, pictures: &mut Vec<
 /// Lines of [`Stack::description`].
 fn describe(
     inputs: &[PathBuf],
-    pictures: &[Picture],
+    images: &[InputImage],
     layers: &[StackLayer],
     size: &str,
     depth: u8,
@@ -207,12 +212,12 @@ fn describe(
     let crs = match (&frame.crs, overruled) {
         (None, _) => "none".into(),
         (Some(crs), None) => crs.to_string(),
-        (Some(crs), Some(told)) => format!("{crs}, as you said; the input says {told}"),
+        (Some(crs), Some(input)) => format!("{crs}, as requested; the input has {input}"),
     };
     let affine = frame.affine().map(|number| number.to_string()).join(", ");
     let mut lines = vec![
         ("input", listed(inputs)),
-        ("layout", pictures.first().map_or(String::new(), |picture| picture.info.layout.clone())),
+        ("layout", images.first().map_or(String::new(), |image| image.info.layout.clone())),
         ("size", size.to_string()),
         ("CRS", crs),
         ("transform", if frame.is_identity() { "none".into() } else { affine }),
@@ -222,9 +227,12 @@ fn describe(
     if layers.len() > LISTED {
         lines.push(("layers", format!("{} in all", layers.len())));
     }
-    if let ([picture], true) = (pictures, layers.len() > 1) {
-        let text = format!("a layer of each, as {} bands are no one value", picture.info.channels);
-        if super::bands::value_type(&picture.path, &picture.info).is_err() {
+    if let ([image], true) = (images, layers.len() > 1) {
+        let text = format!(
+            "a layer of each, since one value cannot have {} bands of this type",
+            image.info.channels
+        );
+        if super::bands::value_type(&image.path, &image.info).is_err() {
             lines.push(("bands", text));
         }
     }

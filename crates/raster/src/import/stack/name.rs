@@ -12,7 +12,7 @@ use spinney_base::{Error, Result};
 pub(super) fn give(layers: &mut [StackLayer], names: Option<&[String]>) -> Result<()> {
     if let Some(names) = names {
         if names.len() != layers.len() {
-            let expected = format!("{}, as many as there are layers", layers.len());
+            let expected = format!("{}, one per layer", layers.len());
             return Err(Error::invalid("names", names.len().to_string(), expected));
         }
         layers.iter_mut().zip(names).for_each(|(layer, name)| layer.name.clone_from(name));
@@ -27,13 +27,17 @@ pub(super) fn give(layers: &mut [StackLayer], names: Option<&[String]>) -> Resul
         if layer.name.trim().is_empty() {
             return Err(Error::invalid(
                 "names",
-                format!("none for {}", about(layer)),
+                format!("no name for {}", about(layer)),
                 "a name for each layer",
             ));
         }
         if let Some(other) = seen.insert(&layer.name, layer) {
             let found = format!("`{}` for {} and {}", layer.name, about(other), about(layer));
-            return Err(Error::invalid("names", found, "another name for each layer: say them with --names"));
+            return Err(Error::invalid(
+                "names",
+                found,
+                "a unique name for each layer; set them with --names",
+            ));
         }
     }
     Ok(())
@@ -42,14 +46,14 @@ pub(super) fn give(layers: &mut [StackLayer], names: Option<&[String]>) -> Resul
 /// Derives the name of a layer from its file.
 fn of_file(layer: &StackLayer) -> String {
     let stem = without_query(&layer.path).file_stem().unwrap_or_default().to_string_lossy();
-    let picture = match layer.page {
+    let image = match layer.page {
         None => stem.into_owned(),
         Some(page) => format!("{stem}_{page}"),
     };
     match short_name(&layer.description) {
-        _ if !layer.is_one_of_several => picture,
-        "" => format!("{picture}_{}", layer.channel() + 1),
-        name if layer.page.is_some() => format!("{picture}_{name}"),
+        _ if !layer.is_one_of_several => image,
+        "" => format!("{image}_{}", layer.channel() + 1),
+        name if layer.page.is_some() => format!("{image}_{name}"),
         name => name.into(),
     }
 }

@@ -54,26 +54,26 @@ impl Raster for Masked {
 }
 
 /// The cells of a tree in a temporary directory.
-pub(super) struct OfTree {
+pub(super) struct TreeRaster {
     tree: Dataset,
     info: RasterInfo,
     /// The file that the tree was made from.
     path: PathBuf,
     fill: Number,
     // Dropped last, when no file in it is open.
-    _folder: TempDir,
+    _directory: TempDir,
 }
 
-impl OfTree {
-    pub(super) fn new(tree: Dataset, folder: TempDir, path: &Path, nodata: Option<Number>) -> OfTree {
+impl TreeRaster {
+    pub(super) fn new(tree: Dataset, directory: TempDir, path: &Path, nodata: Option<Number>) -> TreeRaster {
         let header = tree.header();
         let ([width, height, _], value) = (header.extent, header.form.value);
         let info = RasterInfo::plain([width, height], value.sample, usize::from(value.channels));
-        OfTree { info, path: path.into(), fill: nodata.unwrap_or_default(), tree, _folder: folder }
+        TreeRaster { info, path: path.into(), fill: nodata.unwrap_or_default(), tree, _directory: directory }
     }
 }
 
-impl Raster for OfTree {
+impl Raster for TreeRaster {
     fn info(&self) -> &RasterInfo {
         &self.info
     }

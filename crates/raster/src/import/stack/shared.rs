@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::super::build::Asked;
+use super::super::build::RequestedCells;
 use super::super::spill::{SpilledChannels, spill_channels};
 use super::super::{Raster, RasterOptions};
 use super::StackLayer;
@@ -25,20 +25,20 @@ impl SharedRaster {
     /// cancellation.
     pub(super) fn open(
         layers: &[StackLayer],
-        asked: Asked,
-        (folder, memory): (&Path, u64),
+        requested: RequestedCells,
+        (directory, memory): (&Path, u64),
         progress: &dyn Progress,
     ) -> Result<SharedRaster> {
         let raster = layers[0].open(memory / 2)?;
         if raster.separate_channels(&layers[0].channels()).is_some() {
             return Ok(SharedRaster::Separate(raster));
         }
-        let wanted = match asked {
-            Asked::Run(wanted) if layers[0].has_cells_of_file() => Some(wanted),
+        let wanted = match requested {
+            RequestedCells::Range(wanted) if layers[0].has_cells_of_file() => Some(wanted),
             _ => None,
         };
         let groups = layers.iter().map(StackLayer::channels).collect();
-        let spilled = spill_channels(raster, groups, wanted, folder, memory / 2, progress)?;
+        let spilled = spill_channels(raster, groups, wanted, directory, memory / 2, progress)?;
         Ok(SharedRaster::Spilled(Box::new(spilled)))
     }
 
@@ -128,8 +128,8 @@ mod tests {
     /// or is open.
     #[test]
     fn a_file_of_many_bands_is_opened_once() {
-        let folder = tempfile::tempdir().unwrap();
-        let (input, output) = (folder.path().join("a.tif"), folder.path().join("a.goblin"));
+        let directory = tempfile::tempdir().unwrap();
+        let (input, output) = (directory.path().join("a.tif"), directory.path().join("a.goblin"));
         for are_planes in [false, true] {
             write(&input, 300, are_planes);
             let stack = plan_stack(std::slice::from_ref(&input), &StackOptions::new()).unwrap();

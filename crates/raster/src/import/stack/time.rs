@@ -8,7 +8,7 @@ use spinney_base::{Error, Result};
 /// Assigns times to layers: one per layer, or those of the files that they come from.
 pub(super) fn give(layers: &mut [StackLayer], files: &[PathBuf], times: &[String]) -> Result<()> {
     if let Some(time) = times.iter().find(|time| !is_time(time)) {
-        let expected = "dates and times that exist, as ISO 8601 writes them: 2024, 2024-05, 2024-05-31 or 2024-05-31T10:30:00Z";
+        let expected = "valid dates or times in ISO 8601: 2024, 2024-05, 2024-05-31 or 2024-05-31T10:30:00Z";
         return Err(Error::invalid("times", format!("`{time}`"), expected));
     }
     if times.len() == layers.len() {
@@ -16,7 +16,7 @@ pub(super) fn give(layers: &mut [StackLayer], files: &[PathBuf], times: &[String
         return Ok(());
     }
     if times.len() != files.len() {
-        let expected = format!("one for each of {} layers or {} files", layers.len(), files.len());
+        let expected = format!("one for each of {} layers, or of {} files", layers.len(), files.len());
         return Err(Error::invalid("times", times.len().to_string(), expected));
     }
     for layer in layers {
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn dates_and_times_that_do_not_exist_are_refused() {
+    fn invalid_dates_and_times_are_rejected() {
         let good = [
             "2024-02-29",
             "2000-02-29",

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use super::super::build::Asked;
+use super::super::build::RequestedCells;
 use super::shared::{SharedRaster, alike};
 use super::{Stack, StackLayer};
-use spinney_base::io::{Output, folder};
+use spinney_base::io::{Output, directory_of};
 use spinney_base::space::Dimension;
 use spinney_base::{Progress, Result, SubProgress, TreeType};
 use spinney_container::Metadata;
@@ -18,21 +18,21 @@ use spinney_engine::store::{BuildOptions, TreeWriter};
 /// If a file cannot be read or has changed, the output cannot be written, or on cancellation.
 /// Nothing is left then.
 pub fn write_stack(stack: &Stack, output: Output, progress: &dyn Progress) -> Result<()> {
-    let beside = folder(output.path()).to_path_buf();
+    let scratch_directory = directory_of(output.path()).to_path_buf();
     let mut file = TreeWriter::create(output, (Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
-    write_layers(stack, &mut file, &beside, progress)?;
+    write_layers(stack, &mut file, &scratch_directory, progress)?;
     file.finish()
 }
 
 /// Writes the layers of a stack, or the requested range of them, to a file without layers.
-/// Temporary files are created in the directory `beside`.
+/// Temporary files are created in the directory `scratch_directory`.
 ///
 /// # Errors
 /// Those of [`write_stack`].
 pub fn write_layers(
     stack: &Stack,
     file: &mut TreeWriter,
-    beside: &Path,
+    scratch_directory: &Path,
     progress: &dyn Progress,
 ) -> Result<()> {
     stack.remarks.iter().for_each(|(path, remark)| progress.warn(path, remark));
@@ -59,17 +59,17 @@ pub fn write_layers(
             .packing(stack.packing);
         let form = TreeType::new(Dimension::Quad, layer.value);
         if file.run().is_none() {
-            file.tell(form, layer.extent, &options)?;
+            file.write_layer_header(form, layer.extent, &options)?;
             continue;
         }
-        let asked = Asked::by(file, options.depth);
-        let room = (beside, stack.memory / 2);
+        let requested = RequestedCells::by(file, options.depth);
+        let scratch = (scratch_directory, stack.memory / 2);
         if shared.as_ref().is_none_or(|(_, _, left)| *left == 0) {
             let layers = &stack.layers[number..];
             let layers = &layers[..alike(layers)];
             shared = match layers.len() {
                 1 => None,
-                count => Some((SharedRaster::open(layers, asked, room, progress)?, 0, count)),
+                count => Some((SharedRaster::open(layers, requested, scratch, progress)?, 0, count)),
             };
         }
         let raster = shared.as_mut().and_then(|(raster, before, left)| {
@@ -77,8 +77,8 @@ pub fn write_layers(
             raster.of_layer(*before - 1, layer)
         });
         let mut slabs = match raster {
-            Some(raster) => layer.slabs_of(raster, asked, room, progress)?,
-            None => layer.slabs_for(asked, room, progress)?,
+            Some(raster) => layer.slabs_of(raster, requested, scratch, progress)?,
+            None => layer.slabs_for(requested, scratch, progress)?,
         };
         let nodata = layer.nodata.and_then(|number| layer.value.splat(number));
         file.slabs(form, &mut slabs, nodata, &options, progress)?;

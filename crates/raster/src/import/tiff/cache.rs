@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn chunks_not_used_for_longest_go_first() {
+    fn least_recently_used_chunks_are_evicted_first() {
         let mut cache = ChunkCache::new(20);
         let chunk = |byte| Arc::new(vec![byte; 10]);
         let key = |number| (number, None, 10);

@@ -135,7 +135,7 @@ impl Compression {
                     ));
                 }
                 if frame.components != shape.samples {
-                    return Err(format!("a JPEG picture of {} components", frame.components));
+                    return Err(format!("a JPEG image of {} components", frame.components));
                 }
                 same_size(shape, frame.width, frame.rows)?;
                 if !tables.is_empty() && (tables.len() < 4 || raw.len() < 2) {
@@ -193,7 +193,7 @@ fn unzstd(states: &mut States, raw: &[u8], out: &mut [u8]) -> Result<(), String>
     if states.zstd.is_none() {
         states.zstd = Some(zstd::bulk::Decompressor::new().map_err(wrong)?);
     }
-    let state = states.zstd.as_mut().expect("made above");
+    let state = states.zstd.as_mut().expect("created above");
     match state.decompress_to_buffer(raw, out) {
         Ok(written) if written == out.len() => Ok(()),
         Ok(written) => Err(format!("zstd data that end after {written} bytes")),
@@ -240,7 +240,7 @@ fn same_size(shape: ChunkShape, width: usize, rows: usize) -> Result<(), String>
     if width == shape.width && (shape.rows..=shape.max_rows).contains(&rows) {
         return Ok(());
     }
-    Err(format!("a picture of {width}x{rows} in a chunk of {}x{}", shape.width, shape.rows))
+    Err(format!("an image of {width}x{rows} in a chunk of {}x{}", shape.width, shape.rows))
 }
 
 /// A little-endian TIFF file whose only strip is `raw`.

@@ -10,24 +10,27 @@ const GT_RASTER_TYPE: u16 = 1025;
 const RASTER_PIXEL_IS_POINT: u16 = 2;
 
 /// Georeferencing of an image by its tags.
-pub(super) struct Place {
+pub(super) struct Georeferencing {
     /// The identity if there is none.
     pub(super) frame: Frame,
     /// Ground control points, if there is no other georeferencing.
     pub(super) control_points: Option<ControlPoints>,
 }
 
-impl Place {
-    pub(super) fn read(directory: &Directory<'_>) -> Result<Place> {
+impl Georeferencing {
+    pub(super) fn read(directory: &Directory<'_>) -> Result<Georeferencing> {
         let (crs, is_point) = crs(directory)?;
         let Some(mut affine) = affine(directory)? else {
             // Tie points alone are ground control points. No affine map fits them exactly, so the
             // frame is the identity without a coordinate system.
             let points = tie_points(directory, is_point)?;
             return Ok(if points.is_empty() {
-                Place { frame: Frame { crs, ..Frame::identity() }, control_points: None }
+                Georeferencing { frame: Frame { crs, ..Frame::identity() }, control_points: None }
             } else {
-                Place { frame: Frame::identity(), control_points: Some(ControlPoints { crs, points }) }
+                Georeferencing {
+                    frame: Frame::identity(),
+                    control_points: Some(ControlPoints { crs, points }),
+                }
             });
         };
         if is_point {
@@ -37,7 +40,7 @@ impl Place {
             affine[5] -= (d + e) / 2.0;
         }
         let frame = Frame { crs, pixel_is_point: is_point, ..Frame::planar(affine) };
-        Ok(Place { frame, control_points: None })
+        Ok(Georeferencing { frame, control_points: None })
     }
 }
 
@@ -78,10 +81,10 @@ fn crs(directory: &Directory<'_>) -> Result<(Option<Crs>, bool)> {
     let table = directory.numbers(tag::GEO_KEY_DIRECTORY)?.unwrap_or_default();
     let table: Vec<u16> = table.into_iter().map(|number| number as u16).collect();
     let doubles = directory.doubles(tag::GEO_DOUBLE_PARAMS)?;
-    let texts = directory.bytes(tag::GEO_ASCII_PARAMS)?.unwrap_or_default();
+    let strings = directory.bytes(tag::GEO_ASCII_PARAMS)?.unwrap_or_default();
     let mut entries = table.as_chunks::<4>().0.iter().skip(1);
     let is_point = entries.any(|entry| *entry == [GT_RASTER_TYPE, 0, 1, RASTER_PIXEL_IS_POINT]);
-    let crs = GeoKeys::new(&table, &doubles, &texts).map(|keys| {
+    let crs = GeoKeys::new(&table, &doubles, &strings).map(|keys| {
         // Keys that are equivalent to an EPSG code are replaced by it.
         let epsg = Crs::GeoKeys(keys.clone()).numbers();
         match epsg.filter(|epsg| GeoKeys::of_epsg(*epsg).as_ref() == Some(&keys)) {

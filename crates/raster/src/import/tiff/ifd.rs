@@ -8,6 +8,7 @@ use super::spec::field_type as field;
 use crate::import::RasterOptions;
 use spinney_base::io::InputFile;
 use spinney_base::{Error, Result};
+use spinney_container::shell_word;
 
 /// Maximum number of directories of a file; there may be many pages.
 const MAX_DIRECTORIES: usize = 1 << 16;
@@ -60,12 +61,26 @@ impl Input {
 
     /// The error for an unsupported storage of samples.
     pub(super) fn unsupported(&self, found: impl Into<String>) -> Error {
-        Error::unsupported(&self.path, found, "rewrite the file with `gdal_translate -co COMPRESS=ZSTD`")
+        let file = shell_word(&self.path);
+        let advice = format!("rewrite it first (`gdal_translate -co COMPRESS=ZSTD {file} OUT.tif`)");
+        Error::unsupported(&self.path, found, advice)
     }
 
     /// The error for an unsupported sample format.
     pub(super) fn odd_samples(&self, found: impl Into<String>) -> Error {
-        Error::unsupported(&self.path, found, "give the file other samples with `gdal_translate -ot Float64`")
+        let file = shell_word(&self.path);
+        let advice = format!("convert its samples first (`gdal_translate -ot Float64 {file} OUT.tif`)");
+        Error::unsupported(&self.path, found, advice)
+    }
+
+    /// The error for complex numbers.
+    pub(super) fn complex_samples(&self, found: impl Into<String>) -> Error {
+        let file = shell_word(&self.path);
+        let advice = format!(
+            "make a file of each part first (`gdal_translate DERIVED_SUBDATASET:REAL:{file} REAL.tif`, and the same with IMAG, AMPLITUDE or PHASE), \
+                and build a tree with --stack"
+        );
+        Error::unsupported(&self.path, found, advice)
     }
 
     /// The error for data that exceed the memory budget.
@@ -276,7 +291,7 @@ impl Directory<'_> {
             return Err(self.input.corrupt(
                 format!("tag {tag}"),
                 format!("values of type {}", entry.kind),
-                "whole numbers",
+                "integers",
             ));
         }
         let width = width(entry.kind).unwrap_or(1) as usize;

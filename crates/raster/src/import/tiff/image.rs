@@ -86,9 +86,12 @@ impl Image {
                 return Err(input.corrupt(format!("tag {tag}"), format!("{samples} samples"), "1 to 65535"));
             }
         };
+        let format = same(tag::SAMPLE_FORMAT, 1)?;
         let mut sample_format =
-            SampleFormat::new(same(tag::SAMPLE_FORMAT, 1)?, same(tag::BITS_PER_SAMPLE, 1)?)
-                .map_err(|what| input.odd_samples(what))?;
+            SampleFormat::new(format, same(tag::BITS_PER_SAMPLE, 1)?).map_err(|what| match format {
+                5 | 6 => input.complex_samples(what),
+                _ => input.odd_samples(what),
+            })?;
         let codec = Compression::new(first(tag::COMPRESSION, 1)?, directory.bytes(tag::JPEG_TABLES)?)
             .map_err(refuse)?;
         let photometric = first(tag::PHOTOMETRIC_INTERPRETATION, photometric::BLACK_IS_ZERO)?;
@@ -421,7 +424,7 @@ fn colour(
                     return Err(input.corrupt(
                         format!("tag {tag}"),
                         format!("{other:?}"),
-                        "1, 2 or 4, twice",
+                        "two numbers, each 1, 2 or 4",
                     ));
                 }
             };
@@ -438,8 +441,8 @@ fn colour(
             };
             Ok(Colour::Blocks(Yuv::new(shares), h, v))
         }
-        photometric::YCBCR => refuse("luma and chroma other than 3 samples of 8 bits"),
-        photometric::SEPARATED if samples >= 4 && bytes && planar => refuse("inks in planes of their own"),
+        photometric::YCBCR => refuse("YCbCr other than 3 samples of 8 bits"),
+        photometric::SEPARATED if samples >= 4 && bytes && planar => refuse("inks in separate planes"),
         photometric::SEPARATED if samples >= 4 && bytes => Ok(Colour::Cmyk),
         photometric::CIELAB..=photometric::ITULAB => refuse("CIE L*a*b* colour"),
         _ => Ok(Colour::Keep),

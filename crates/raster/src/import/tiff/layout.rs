@@ -7,7 +7,7 @@ use spinney_base::sort;
 use spinney_base::space::Region;
 
 /// Uncompressed strips may be of any size, so they are read in chunks of about this many bytes.
-const PIECE: u64 = 1 << 20;
+const CHUNK_BYTES: u64 = 1 << 20;
 
 /// The grid of chunks of an image.
 pub(super) struct ChunkLayout {
@@ -20,8 +20,8 @@ pub(super) struct ChunkLayout {
     /// Number of planes with chunks of their own: 1, or the samples per pixel.
     pub(super) planes: u64,
     /// Chunks per strip; 1 unless strips are uncompressed and large.
-    pieces: u64,
-    piece_bytes: u64,
+    chunks_per_strip: u64,
+    chunk_bytes: u64,
     offsets: Vec<u64>,
     counts: Option<Vec<u64>>,
     /// Whether several chunks share the same bytes.
@@ -79,7 +79,7 @@ impl ChunkLayout {
         let counts = counts.filter(|counts| offsets.len() > 1 || offsets == [0] || counts != &[0]);
 
         let row_bytes = row_bits(chunk_width).div_ceil(8);
-        let chunk_height = if raw && !tiled { piece_rows(rows, row_bytes, rows == height) } else { rows };
+        let chunk_height = if raw && !tiled { chunk_rows(rows, row_bytes, rows == height) } else { rows };
         let layout = ChunkLayout {
             width,
             height,
@@ -87,8 +87,8 @@ impl ChunkLayout {
             chunk_height,
             tiled,
             planes,
-            pieces: rows.div_ceil(chunk_height),
-            piece_bytes: row_bytes.saturating_mul(chunk_height),
+            chunks_per_strip: rows.div_ceil(chunk_height),
+            chunk_bytes: row_bytes.saturating_mul(chunk_height),
             repeats: repeats(&offsets),
             offsets,
             counts,
@@ -101,7 +101,7 @@ impl ChunkLayout {
                 return Err(input.corrupt(
                     format!("table of chunk {name}"),
                     format!("{} {name}", table.len()),
-                    format!("{chunks}, as {width}x{height} pixels take"),
+                    format!("{chunks}, for {width}x{height} pixels"),
                 ));
             }
         }
@@ -126,14 +126,18 @@ impl ChunkLayout {
 
     /// Location of a chunk in the file.
     pub(super) fn location(&self, plane: u64, across: u64, down: u64) -> ChunkLocation {
-        let strips_down = if self.pieces == 1 { self.down() } else { self.down().div_ceil(self.pieces) };
-        let strip = (plane * strips_down + down / self.pieces) * self.across() + across;
+        let strips_down = if self.chunks_per_strip == 1 {
+            self.down()
+        } else {
+            self.down().div_ceil(self.chunks_per_strip)
+        };
+        let strip = (plane * strips_down + down / self.chunks_per_strip) * self.across() + across;
         let offset = self.offsets[strip as usize];
         let count = self.counts.as_ref().map(|counts| counts[strip as usize]);
         if count == Some(0) || offset == 0 && count.is_none() {
             return ChunkLocation::Hole;
         }
-        let skip = (down % self.pieces).saturating_mul(self.piece_bytes);
+        let skip = (down % self.chunks_per_strip).saturating_mul(self.chunk_bytes);
         ChunkLocation::At(offset.saturating_add(skip), count.map(|count| count.saturating_sub(skip)))
     }
 
@@ -159,11 +163,11 @@ fn repeats(offsets: &[u64]) -> bool {
 
 /// Rows to read at once from strips of `rows` rows. They divide strips evenly, unless there is only
 /// one.
-fn piece_rows(rows: u64, row_bytes: u64, single: bool) -> u64 {
-    let limit = (PIECE / row_bytes.max(1)).max(1);
+fn chunk_rows(rows: u64, row_bytes: u64, single: bool) -> u64 {
+    let limit = (CHUNK_BYTES / row_bytes.max(1)).max(1);
     match limit {
         _ if rows <= limit => rows,
         _ if single => limit,
-        _ => (1..=limit).rev().find(|piece| rows.is_multiple_of(*piece)).unwrap_or(1),
+        _ => (1..=limit).rev().find(|candidate| rows.is_multiple_of(*candidate)).unwrap_or(1),
     }
 }

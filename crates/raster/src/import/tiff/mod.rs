@@ -17,7 +17,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use self::colour::Colour;
-use self::geokeys::Place;
+use self::geokeys::Georeferencing;
 use self::ifd::{Directory, Input};
 use self::image::Image;
 pub(crate) use self::samples::SampleFormat;
@@ -34,8 +34,8 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     if options.layer.is_some() {
         return Err(Error::unsupported(
             path,
-            "a TIFF file",
-            "--layer is for OpenEXR; say --pages for pages, from 0",
+            "--layer for a TIFF file",
+            "it selects a layer of an OpenEXR file; select a page with --pages, from 0",
         ));
     }
     let (directory, next) = match (options.directory, options.page) {
@@ -93,7 +93,7 @@ impl Raster for Tiff {
             return Err(Error::invalid(
                 "region",
                 format!("{region:?}"),
-                format!("a part of {}x{} pixels", self.info.width, self.info.height),
+                format!("a region within {}x{} pixels", self.info.width, self.info.height),
             ));
         }
         self.resize(&mut pixels.bytes, region, self.info.pixel_bytes())?;
@@ -138,12 +138,12 @@ impl Tiff {
     /// Resizes a buffer for a region, if there is enough memory.
     fn resize(&self, bytes: &mut Vec<u8>, region: Region, pixel: usize) -> Result<()> {
         let needed = region.area().saturating_mul(pixel as u64);
-        let room = usize::try_from(needed)
+        let length = usize::try_from(needed)
             .ok()
             .filter(|needed| bytes.try_reserve_exact(needed.saturating_sub(bytes.len())).is_ok());
-        let room = room.ok_or_else(|| self.file.input.too_large("the region asked for", needed))?;
+        let length = length.ok_or_else(|| self.file.input.too_large("the requested region", needed))?;
         // Remaining content is overwritten later.
-        bytes.resize(room, 0);
+        bytes.resize(length, 0);
         Ok(())
     }
 }
@@ -201,7 +201,7 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
     } else {
         "strips".into()
     };
-    let Place { frame, control_points } = Place::read(directory)?;
+    let Georeferencing { frame, control_points } = Georeferencing::read(directory)?;
     let format = if frame.is_identity() && frame.crs.is_none() { "TIFF" } else { "GeoTIFF" };
     let mut info = RasterInfo {
         stored_sample: sample_format.name(),
@@ -327,8 +327,8 @@ mod tests {
 
     #[test]
     fn tiles_of_the_same_bytes_are_decoded_once() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("t.tif");
+        let temporary = tempfile::tempdir().unwrap();
+        let path = temporary.path().join("t.tif");
         let tiles = 200;
         std::fs::write(&path, repeated(tiles)).unwrap();
         let (input, first) = Input::open(&path, &RasterOptions::new()).unwrap();

@@ -35,7 +35,7 @@ pub(super) fn find(input: &Input, first: u64, page: usize) -> Result<LinkedDirec
         }
     }
     let last = found.saturating_sub(1);
-    let expected = format!("a page of {}, by its number: 0 to {last}", input.path.display());
+    let expected = format!("a page number of {}: 0 to {last}", input.path.display());
     Err(Error::invalid("pages", page.to_string(), expected))
 }
 

@@ -19,8 +19,8 @@ impl SampleFormat {
             (1 | 4, 1..=32 | 64) => Ok(SampleFormat::Uint(bits as u8)),
             (2, 8 | 16 | 32 | 64) => Ok(SampleFormat::Int(bits as u8)),
             (3, 16 | 24 | 32 | 64) => Ok(SampleFormat::Float(bits as u8)),
-            (5 | 6, _) => Err(format!("complex samples of {bits} bits")),
-            _ => Err(format!("samples of {bits} bits in format {format}")),
+            (5 | 6, _) => Err(format!("a raster of complex samples ({bits} bits)")),
+            _ => Err(format!("a raster of samples of {bits} bits in format {format}")),
         }
     }
 

@@ -12,6 +12,7 @@ use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
 use spinney_base::space::Region;
 use spinney_base::value::{SampleType, ValueType};
 use spinney_base::{Error, Result};
+use spinney_container::shell_word;
 
 /// Maximum nesting of virtual rasters.
 const MAX_NESTED: u8 = 4;
@@ -38,15 +39,14 @@ impl Nesting {
     fn inside(&self, path: &Path) -> Result<Nesting> {
         let depth = self.depth + 1;
         if depth > MAX_NESTED {
-            let found =
-                format!("virtual rasters of each other, more than {MAX_NESTED} deep, or of themselves");
+            let found = format!("a virtual raster that is nested more than {MAX_NESTED} deep, or in itself,");
             return Err(unsupported(path, found));
         }
         Ok(Nesting { depth, left: Arc::clone(&self.left) })
     }
 
     /// Returns this nesting level with a fresh source budget.
-    pub(super) fn anew(&self) -> Nesting {
+    pub(super) fn with_fresh_budget(&self) -> Nesting {
         Nesting { depth: self.depth, ..Nesting::default() }
     }
 
@@ -57,7 +57,8 @@ impl Nesting {
     /// Deducts sources from the budget.
     fn spend(&self, path: &Path, sources: u64) -> Result<()> {
         let left = self.left().checked_sub(sources).ok_or_else(|| {
-            let found = format!("more than {MAX_SOURCES} sources, with those of virtual rasters among them");
+            let found =
+                format!("a virtual raster of more than {MAX_SOURCES} sources, including nested ones,");
             unsupported(path, found)
         })?;
         self.left.store(left, Ordering::Relaxed);
@@ -67,7 +68,7 @@ impl Nesting {
 
 /// The error for an unsupported feature of virtual rasters.
 fn unsupported(path: &Path, found: impl Into<String>) -> Error {
-    let advice = format!("convert it to GeoTIFF first (`gdal_translate {} OUT.tif`)", path.display());
+    let advice = format!("convert it to GeoTIFF first (`gdal_translate {} OUT.tif`)", shell_word(path));
     Error::unsupported(path, found, advice)
 }
 
@@ -228,9 +229,9 @@ impl Source {
             let row = (y as i64 - self.origin[1]) as u64 / self.factor[1] - from.y;
             let row = &part.bytes[(row * from.width) as usize * size..][..from.width as usize * size];
             let start = ((y - region.y) * region.width + wanted.x - region.x) as usize;
-            let places = start..start + wanted.width as usize;
-            let covered = &mut plane.covered[places.clone()];
-            let target = &mut plane.bytes[places.start * wide..places.end * wide];
+            let range = start..start + wanted.width as usize;
+            let covered = &mut plane.covered[range.clone()];
+            let target = &mut plane.bytes[range.start * wide..range.end * wide];
             let samples = if sample == to {
                 row
             } else {

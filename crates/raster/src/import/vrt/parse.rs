@@ -45,16 +45,16 @@ struct Reader<'a> {
 pub(super) fn read(path: &Path, options: &RasterOptions) -> Result<Vrt> {
     let file = options.access.input(path)?;
     let length = file.len();
-    options.check_memory(path, "the text of the virtual raster", length)?;
+    options.check_memory(path, "the XML of the virtual raster", length)?;
     let mut bytes = Vec::new();
     file.take(length).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
     let text = String::from_utf8(bytes)
-        .map_err(|_| Error::corrupt(path, "the whole file", "bytes that are no UTF-8", "XML in UTF-8"))?;
+        .map_err(|_| Error::corrupt(path, "the whole file", "bytes that are not UTF-8", "XML in UTF-8"))?;
     let Some(root) = XmlElement::document(&text).named("VRTDataset").next() else {
         return Err(Error::corrupt(
             path,
             "the whole file",
-            "XML without an end",
+            "no such element, or not its end",
             "<VRTDataset>...</VRTDataset>",
         ));
     };
@@ -170,7 +170,7 @@ impl Reader<'_> {
             return Ok(());
         }
         let [width, height] = self.size;
-        self.refuse(format!("{width} x {height} pixels, of which sources make {made} at most"))
+        self.refuse(format!("a raster of {width} x {height} pixels, of which sources cover at most {made},"))
     }
 
     fn band(&mut self, band: &XmlElement<'_>, channel: usize, info: &mut RasterInfo) -> Result<Band> {
@@ -262,13 +262,13 @@ impl Reader<'_> {
             ));
         };
         if name.starts_with("/vsi") || name.contains(['"', '<']) {
-            return self.refuse(format!("{name}, which is no file,"));
+            return self.refuse(format!("a source {name}, which is not a file,"));
         }
-        let folder = self.path.parent().filter(|_| relative).unwrap_or(Path::new(""));
-        let mut raster = self.open(&folder.join(&name))?;
+        let directory = self.path.parent().filter(|_| relative).unwrap_or(Path::new(""));
+        let mut raster = self.open(&directory.join(&name))?;
         let info = raster.info();
         if !(1..=info.channels).contains(&channel) {
-            let expected = format!("1 to {}, as {} has", info.channels, raster.path().display());
+            let expected = format!("1 to {}, the bands of {}", info.channels, raster.path().display());
             return Err(Error::corrupt(self.path, of("SourceBand"), channel.to_string(), expected));
         }
         let [width, height] = [info.width, info.height];
@@ -279,7 +279,7 @@ impl Reader<'_> {
         if common_type([found, sample].into_iter()) != sample {
             let path = raster.path().display();
             return self.refuse(format!(
-                "{} samples of {path} in band {band} of {}",
+                "a source of {} samples ({path}) in band {band} of {}",
                 found.name(),
                 sample.name()
             ));
@@ -294,7 +294,7 @@ impl Reader<'_> {
             along(from[axis], from[axis + 2], to[axis], to[axis + 2], side, self.size[axis])
         });
         let [Ok(x), Ok(y)] = axes else {
-            let found = axes.into_iter().find_map(std::result::Result::err).unwrap_or("rectangles");
+            let found = axes.into_iter().find_map(std::result::Result::err).unwrap_or("a rectangle");
             return self
                 .refuse(format!("{found} (SrcRect {from:?}, DstRect {to:?}) in a source of band {band}"));
         };
@@ -355,14 +355,14 @@ fn along(
 ) -> std::result::Result<Along, &'static str> {
     let whole = |number: f64| Some(number.round()).filter(|whole| (number - whole).abs() <= TOLERANCE);
     let [Some(from), Some(wide), Some(to), Some(long)] = [from, wide, to, long].map(whole) else {
-        return Err("rectangles of fractions of pixels");
+        return Err("a rectangle with fractions of pixels");
     };
     if wide < 1.0 || long < 1.0 {
-        return Err("rectangles without pixels");
+        return Err("a rectangle without pixels");
     }
     let factor = long / wide;
     if factor.fract() != 0.0 || !(1.0..=MAX_REPEATED).contains(&factor) {
-        return Err("rectangles whose sizes are not 1 to 1000 times, as whole numbers, those of the source");
+        return Err("a scaling by other factors than integers from 1 to 1000");
     }
     let [from, wide, to, factor] = [from, wide, to, factor].map(|number| number as i64);
     // Clipped to the pixels of both the source and the band.

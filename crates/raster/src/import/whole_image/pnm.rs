@@ -134,7 +134,7 @@ impl Header {
         for (index, sample) in samples.chunks_exact_mut(size).enumerate() {
             let value = sample.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte));
             if value > self.maximum {
-                return Err(format!("a sample of {value}, more than the maximum {}", self.maximum));
+                return Err(format!("a sample of {value}, above the maximum {}", self.maximum));
             }
             if info.alpha == Some(index % info.channels) {
                 let opacity = (value * full + self.maximum / 2) / self.maximum;

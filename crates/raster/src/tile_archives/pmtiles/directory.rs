@@ -45,7 +45,7 @@ pub(super) fn to_bytes(entries: &[DirectoryEntry]) -> Vec<u8> {
 /// Decodes a directory, or returns what is wrong with it.
 pub(super) fn from_bytes(bytes: &[u8]) -> Result<Vec<DirectoryEntry>, &'static str> {
     let bytes =
-        gunzip(bytes, MAX_BYTES).ok_or("a directory that cannot be unpacked, or has more than 64 MiB")?;
+        gunzip(bytes, MAX_BYTES).ok_or("a directory that cannot be decompressed, or exceeds 64 MiB")?;
     let mut rest = bytes.as_slice();
     let mut number = || pull(&mut rest).ok_or("a directory that ends too early");
     let count = number()?;
@@ -58,9 +58,9 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Vec<DirectoryEntry>, &'static s
     for (index, entry) in entries.iter_mut().enumerate() {
         let step = number()?;
         if index > 0 && step == 0 {
-            return Err("entries that are not in order");
+            return Err("entries out of order");
         }
-        first = first.checked_add(step).ok_or("a number of a tile that is too large")?;
+        first = first.checked_add(step).ok_or("a tile number that is too large")?;
         entry.first = first;
     }
     for entry in &mut entries {
@@ -85,7 +85,7 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Vec<DirectoryEntry>, &'static s
 pub(super) fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::new(6));
     let written = encoder.write_all(bytes).and_then(|()| encoder.finish());
-    written.expect("memory takes all that is written")
+    written.expect("writing to memory cannot fail")
 }
 
 /// Decompresses bytes, or returns `None` if the result exceeds `most` bytes.
@@ -107,8 +107,8 @@ fn push(bytes: &mut Vec<u8>, mut number: u64) {
 fn pull(rest: &mut &[u8]) -> Option<u64> {
     let mut number = 0;
     for shift in (0..64).step_by(7) {
-        let (byte, behind) = rest.split_first()?;
-        *rest = behind;
+        let (byte, after) = rest.split_first()?;
+        *rest = after;
         let bits = u64::from(byte & 0x7f);
         if shift == 63 && bits > 1 {
             return None;
@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn directories_come_back() {
+    fn directories_survive_a_round_trip() {
         let entries: Vec<_> = (0..1000u64)
             .map(|at| DirectoryEntry {
                 first: at * at * 1_000_003,
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn hostile_directories_are_refused() {
+    fn malicious_directories_are_rejected() {
         let refused = |numbers: &[u64]| {
             let mut bytes = Vec::new();
             numbers.iter().for_each(|number| push(&mut bytes, *number));

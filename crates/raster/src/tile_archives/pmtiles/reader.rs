@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use super::directory::{self, DirectoryEntry, gunzip};
 use super::header::{ByteRange, HEADER, Header};
 use crate::tile_archives::encode::TileFormat;
-use crate::tile_archives::provenance::{Digest, Own};
+use crate::tile_archives::provenance::{Digest, SpinneyMetadata};
 use spinney_base::io::open_input;
 use spinney_base::io::platform::read_exact_at;
 use spinney_base::{Error, Progress, Result};
@@ -49,11 +49,12 @@ impl Pmtiles {
             return Err(Error::corrupt(path, "header", format!("{length} bytes"), "at least 127"));
         }
         read_exact_at(&file, &mut bytes, 0).map_err(Error::io(path, "read"))?;
-        let header = Header::from_bytes(&bytes)
-            .ok_or_else(|| Error::corrupt(path, "header", "another beginning", "PMTiles and version 3"))?;
+        let header = Header::from_bytes(&bytes).ok_or_else(|| {
+            Error::corrupt(path, "header", "another file type or version", "PMTiles version 3")
+        })?;
         if header.compression > 2 || header.compression == 0 {
             let found = format!("compression {} of directories", header.compression);
-            return Err(Error::unsupported(path, found, "make an archive with gzip"));
+            return Err(Error::unsupported(path, found, "create the archive with gzip"));
         }
         let mut archive = Pmtiles {
             path: path.to_path_buf(),
@@ -82,7 +83,7 @@ impl Pmtiles {
         let end = part.offset.checked_add(part.length);
         if part.length > most || end.is_none_or(|end| end > self.length) {
             let found = format!("{} bytes at {}", part.length, part.offset);
-            return Err(self.bad(what, found, "a part of the file, not too long"));
+            return Err(self.bad(what, found, "a byte range in the file, within the size limit"));
         }
         let mut bytes = vec![0; part.length as usize];
         read_exact_at(&self.file, &mut bytes, part.offset).map_err(Error::io(&self.path, "read"))?;
@@ -93,8 +94,9 @@ impl Pmtiles {
         if self.header.compression == 1 {
             return Ok(bytes.to_vec());
         }
-        gunzip(bytes, most)
-            .ok_or_else(|| self.bad(what, "bytes that cannot be unpacked", "gzip, not too long"))
+        gunzip(bytes, most).ok_or_else(|| {
+            self.bad(what, "bytes that cannot be decompressed", "gzip data within the size limit")
+        })
     }
 
     fn directory(&self, part: ByteRange) -> Result<Vec<DirectoryEntry>> {
@@ -111,7 +113,7 @@ impl Pmtiles {
             entry.offset.checked_add(entry.length.into()).is_some_and(|end| end <= self.header.leaves.length);
         let offset = offset.filter(|_| is_inside);
         let offset = offset
-            .ok_or_else(|| self.bad("directory", "a leaf directory outside of their part", "one in it"))?;
+            .ok_or_else(|| self.bad("directory", "a leaf directory outside of its section", "one inside"))?;
         self.directory(ByteRange { offset, length: entry.length.into() })
     }
 
@@ -120,8 +122,8 @@ impl Pmtiles {
         if end.is_none_or(|end| end > self.header.tiles.length) {
             return Err(self.bad(
                 &format!("tile {}", entry.first),
-                "bytes outside of the tiles",
-                "bytes of theirs",
+                "bytes outside of the tile section",
+                "bytes inside",
             ));
         }
         let offset = self.header.tiles.offset.saturating_add(entry.offset);
@@ -148,7 +150,7 @@ impl Pmtiles {
             let Some(below) = below else { return Ok(None) };
             entry = below;
         }
-        Err(self.bad("directory", "directories below directories without an end", "at most four"))
+        Err(self.bad("directory", "leaf directories that are nested too deep", "at most four levels"))
     }
 
     /// Returns the number of the first tile, if there is one.
@@ -157,7 +159,7 @@ impl Pmtiles {
     }
 
     /// Returns Spinney's own metadata, if Spinney wrote the archive.
-    pub(in crate::tile_archives) fn own(&self) -> Option<Own> {
+    pub(in crate::tile_archives) fn own(&self) -> Option<SpinneyMetadata> {
         serde_json::from_value(self.metadata.get("spinney")?.clone()).ok()
     }
 
@@ -191,8 +193,8 @@ impl Pmtiles {
 
 /// Finds the last entry that is not after a tile.
 fn found(entries: &[DirectoryEntry], number: u64) -> Option<DirectoryEntry> {
-    let behind = entries.partition_point(|entry| entry.first <= number);
-    behind.checked_sub(1).map(|index| entries[index])
+    let after = entries.partition_point(|entry| entry.first <= number);
+    after.checked_sub(1).map(|index| entries[index])
 }
 
 /// State of a verification.
@@ -218,7 +220,7 @@ const MAX_REMEMBERED: usize = 1 << 16;
 const MAX_FINDINGS: usize = 100;
 
 impl Check<'_> {
-    fn tell(&mut self, place: String, problem: &str) {
+    fn report(&mut self, place: String, problem: &str) {
         if self.findings.len() < MAX_FINDINGS {
             self.findings.push(Finding { place, problem: problem.into() });
         }
@@ -227,12 +229,12 @@ impl Check<'_> {
     fn header(&mut self) {
         let Header { zooms: [least, most], tile_type, .. } = self.archive.header;
         if least > most || most > MAX_ZOOM {
-            self.tell("header".into(), "zooms that are none");
+            self.report("header".into(), "an invalid range of zooms");
         }
         let format =
             self.archive.metadata.get("format").and_then(|name| name.as_str()?.parse::<TileFormat>().ok());
         if format.is_some_and(|format| super::header::tile_type(format) != tile_type) {
-            self.tell("header".into(), "another kind of tiles than the metadata say");
+            self.report("header".into(), "a tile type that differs from the metadata");
         }
     }
 
@@ -240,18 +242,18 @@ impl Check<'_> {
         for entry in entries {
             if entry.run == 0 {
                 if step >= MAX_STEPS {
-                    self.tell(
-                        format!("tile {}", entry.first),
-                        "directories below directories without an end",
-                    );
+                    self.report(format!("tile {}", entry.first), "leaf directories that are nested too deep");
                     return Ok(());
                 }
                 match self.archive.leaf(entry) {
                     Ok(leaf) if leaf.first().is_some_and(|first| first.first == entry.first) => {
                         self.directory(&leaf, step + 1, progress)?;
                     }
-                    Ok(_) => self.tell(format!("tile {}", entry.first), "a directory that starts elsewhere"),
-                    Err(Error::Corrupt { place, found, .. }) => self.tell(place, &found),
+                    Ok(_) => self.report(
+                        format!("tile {}", entry.first),
+                        "a leaf directory that starts with another tile",
+                    ),
+                    Err(Error::Corrupt { location: place, found, .. }) => self.report(place, &found),
                     Err(error) => return Err(error),
                 }
                 // Do not read on if corruption repeats.
@@ -272,17 +274,17 @@ impl Check<'_> {
         let [least, most] = self.archive.header.zooms.map(|zoom| zoom.min(MAX_ZOOM));
         let end = entry.first.saturating_add(entry.run.into());
         if entry.first < self.next {
-            self.tell(place.clone(), "a tile that comes twice, or in the wrong order");
+            self.report(place.clone(), "a duplicate tile, or one out of order");
         }
         if entry.first < first_number(least) || end > first_number(most + 1) {
-            self.tell(place.clone(), "a zoom that the header does not have");
+            self.report(place.clone(), "a zoom outside of the header's range");
         }
         self.next = self.next.max(end);
         if entry.offset == self.ends {
             self.ends += u64::from(entry.length);
             self.totals[2] += 1;
         } else if entry.offset > self.ends && self.archive.header.is_clustered {
-            self.tell(place.clone(), "bytes that are not in the order of tiles");
+            self.report(place.clone(), "bytes out of tile order");
         }
         self.totals[0] += u64::from(entry.run);
         self.totals[1] += 1;
@@ -290,7 +292,7 @@ impl Check<'_> {
         let hash = match self.known.get(&at) {
             Some(hash) => *hash,
             None if self.budget < entry.length.into() => {
-                self.tell(place, "bytes that far too many tiles have parts of");
+                self.report(place, "bytes that overlap those of too many tiles");
                 return Ok(());
             }
             None => match self.archive.content(entry) {
@@ -299,7 +301,7 @@ impl Check<'_> {
                     xxhash_rust::xxh3::xxh3_128(&bytes)
                 }
                 Err(Error::Corrupt { found, .. }) => {
-                    self.tell(place, &found);
+                    self.report(place, &found);
                     return Ok(());
                 }
                 Err(error) => return Err(error),
@@ -317,16 +319,16 @@ impl Check<'_> {
         for (at, what) in ["tiles", "entries", "contents"].into_iter().enumerate() {
             // 0 means unknown.
             if counts[at] != 0 && counts[at] != self.totals[at] {
-                self.tell(
+                self.report(
                     "header".into(),
-                    &format!("{} {what}, and there are {}", counts[at], self.totals[at]),
+                    &format!("{} {what}, but there are {}", counts[at], self.totals[at]),
                 );
             }
         }
         if let Some(own) = self.archive.own()
             && (own.tiles != self.totals[0] || Digest::parse(&own.digest) != Some(self.digest))
         {
-            self.tell("tiles".into(), "not the bytes that were written: their hash is another one");
+            self.report("tiles".into(), "the hash of their bytes differs from that of the export");
         }
     }
 }

@@ -8,10 +8,10 @@ use super::directory::{self, DirectoryEntry};
 use super::header::{ByteRange, HEADER, Header, START, tile_type};
 use crate::tile_archives::encode::Encoded;
 use crate::tile_archives::journal::{Checkpoint, Entry, Journal, not_ours, other_export};
-use crate::tile_archives::provenance::{About, Digest};
+use crate::tile_archives::provenance::{Digest, TilesetMetadata};
 use crate::tile_archives::sink::{TileArchiveSummary, TileSink};
-use crate::tile_archives::walk::TileRun;
-use spinney_base::io::{Output, folder, partial_of};
+use crate::tile_archives::walk::TileSpan;
+use spinney_base::io::{Output, directory_of, partial_of};
 use spinney_base::{Error, Result};
 use spinney_tiles::TileId;
 
@@ -36,12 +36,12 @@ impl PmtilesSink {
     pub(in crate::tile_archives) fn create(output: Output, provenance: Option<&str>) -> Result<PmtilesSink> {
         let path = output.path().to_path_buf();
         if !output.is_file() {
-            let advice = "give the name of a file: the start of an archive is written last";
+            let advice = "give a file name, since the start of an archive is written last";
             return Err(Error::unsupported(path, "writing an archive of tiles to a stream", advice));
         }
         let mut known = HashMap::new();
         let Some(provenance) = provenance else {
-            let journal = Journal::temporary(folder(&path))?;
+            let journal = Journal::temporary(directory_of(&path))?;
             let mut sink = PmtilesSink { output, journal, at: Checkpoint::default(), known };
             sink.start()?;
             return Ok(sink);
@@ -119,14 +119,14 @@ impl PmtilesSink {
         let (mut root, mut leaf, mut written) = (Vec::new(), Vec::new(), 0);
         let output_path = self.output.path().to_path_buf();
         let mut pending = Vec::new();
-        let mut file = tempfile::tempfile_in(folder(&output_path))
-            .map_err(Error::io(&output_path, "make a temporary file"))?;
+        let mut file = tempfile::tempfile_in(directory_of(&output_path))
+            .map_err(Error::io(&output_path, "create a temporary file next to it"))?;
         let mut flush = |leaf: &mut Vec<DirectoryEntry>| -> Result<()> {
             let Some(first) = leaf.first().map(|entry| entry.first) else { return Ok(()) };
             let bytes = directory::to_bytes(leaf);
             root.push(DirectoryEntry { first, offset: written, length: bytes.len() as u32, run: 0 });
             written += bytes.len() as u64;
-            file.write_all(&bytes).map_err(Error::io(&output_path, "use a temporary file"))?;
+            file.write_all(&bytes).map_err(Error::io(&output_path, "use a temporary file next to it"))?;
             leaf.clear();
             Ok(())
         };
@@ -139,7 +139,7 @@ impl PmtilesSink {
         if HEADER + root.len() > START {
             return Ok(None);
         }
-        let failed = || Error::io(&output_path, "use a temporary file");
+        let failed = || Error::io(&output_path, "use a temporary file next to it");
         std::io::Seek::rewind(&mut file).map_err(failed())?;
         pending.resize(1 << 16, 0);
         loop {
@@ -157,7 +157,7 @@ impl TileSink for PmtilesSink {
         self.at.runs
     }
 
-    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()> {
+    fn push(&mut self, run: &TileSpan, tile: Option<&Encoded>) -> Result<()> {
         self.at.runs += 1;
         let Some(tile) = tile else { return Ok(()) };
         let (offset, length) = match self.known.get(&tile.hash) {
@@ -180,7 +180,7 @@ impl TileSink for PmtilesSink {
         self.journal.checkpoint(self.at)
     }
 
-    fn finish(mut self: Box<Self>, about: &About) -> Result<TileArchiveSummary> {
+    fn finish(mut self: Box<Self>, about: &TilesetMetadata) -> Result<TileArchiveSummary> {
         let mut stored = TileArchiveSummary::default();
         let mut digest = Digest::default();
         let (mut entries, mut few, mut next) = (0u64, Vec::new(), 0);
@@ -239,7 +239,7 @@ impl TileSink for PmtilesSink {
         self.output.overwrite(0, &head).map_err(Error::io(&path, "write"))?;
         stored.bytes = metadata.offset + metadata.length;
         self.output.commit()?;
-        self.journal.remove().map_err(Error::io(&path, "remove the journal of"))?;
+        self.journal.remove().map_err(Error::io(&path, "remove the journal"))?;
         Ok(stored)
     }
 }

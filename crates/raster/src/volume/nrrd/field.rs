@@ -37,12 +37,12 @@ pub(super) fn words(text: &str, count: usize) -> Option<Vec<&str>> {
 
 /// Parses `count` quoted strings.
 pub(super) fn quoted(text: &str, count: usize) -> Option<Vec<String>> {
-    let (mut texts, mut own, mut is_inside) = (Vec::new(), String::new(), false);
+    let (mut strings, mut own, mut is_inside) = (Vec::new(), String::new(), false);
     let mut letters = text.chars();
     while let Some(letter) = letters.next() {
         match letter {
             '\\' if is_inside => own.push(letters.next()?),
-            '"' if is_inside => texts.push(std::mem::take(&mut own)),
+            '"' if is_inside => strings.push(std::mem::take(&mut own)),
             _ if is_inside => own.push(letter),
             '"' => {}
             _ if letter.is_whitespace() => continue,
@@ -52,7 +52,7 @@ pub(super) fn quoted(text: &str, count: usize) -> Option<Vec<String>> {
             is_inside = !is_inside;
         }
     }
-    (!is_inside && texts.len() == count).then_some(texts)
+    (!is_inside && strings.len() == count).then_some(strings)
 }
 
 /// Parses `count` vectors of `axes` numbers, as in `(1,0,0)`; `None` for `none`.
@@ -60,15 +60,15 @@ pub(super) fn vectors(text: &str, count: usize, axes: usize) -> Option<Vec<Optio
     let mut found = Vec::new();
     let mut rest = text.trim();
     while !rest.is_empty() {
-        if let Some(behind) = rest.strip_prefix("none") {
+        if let Some(after) = rest.strip_prefix("none") {
             found.push(None);
-            rest = behind.trim_start();
+            rest = after.trim_start();
             continue;
         }
-        let (inside, behind) = rest.strip_prefix('(')?.split_once(')')?;
+        let (inside, after) = rest.strip_prefix('(')?.split_once(')')?;
         let numbers: Option<Vec<f64>> = inside.split(',').map(|number| number.trim().parse().ok()).collect();
         found.push(Some(numbers.filter(|numbers| numbers.len() == axes)?));
-        rest = behind.trim_start();
+        rest = after.trim_start();
     }
     (found.len() == count).then_some(found)
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::super::array::ArrayLayout;
 use super::MAGIC;
 use super::field;
-use super::place;
+use super::frame_fields;
 use spinney_base::{Error, Result};
 use spinney_container::{Metadata, TagScope};
 
@@ -68,7 +68,7 @@ impl Fields<'_> {
     /// Removes and returns a required field.
     fn needed(&mut self, name: &str) -> Result<(u64, String)> {
         self.take(&[name])
-            .ok_or_else(|| Error::corrupt(self.path, "the head", "an end", format!("the field `{name}`")))
+            .ok_or_else(|| Error::corrupt(self.path, "header", "the end", format!("the field `{name}`")))
     }
 
     /// The error for an invalid field.
@@ -80,7 +80,7 @@ impl Fields<'_> {
 
 impl Header {
     /// The data file, if there is one. `path` is that of the header.
-    pub(super) fn data_beside(&self, path: &Path) -> Option<PathBuf> {
+    pub(super) fn detached_data(&self, path: &Path) -> Option<PathBuf> {
         match &self.data {
             DataLocation::Here => None,
             DataLocation::File(name) => Some(path.parent().unwrap_or(Path::new("")).join(name)),
@@ -101,7 +101,7 @@ impl Header {
             return Err(match &*kind_words {
                 "block" => unsupported(
                     "samples of type block".into(),
-                    "they have no numbers: convert them to another type",
+                    "they are not numbers; convert them to another type",
                 ),
                 other => fields.wrong(line, other, "a type, as in `type: unsigned short`"),
             });
@@ -122,8 +122,8 @@ impl Header {
             [channels @ 1..=4, x, y, z] => (channels as u8, [x, y, z]),
             _ => {
                 let sizes = sizes.iter().map(u64::to_string).collect::<Vec<_>>().join(" x ");
-                let advice = "volumes have three axes, or one of up to 4 channels before these: `unu permute` changes their order, `unu slice` takes a \
-                              part, pictures become PNG or TIFF";
+                let advice = "volumes have three axes, or one of up to 4 channels before these: `unu permute` changes their order, `unu slice` selects a \
+                              part; convert images to PNG or TIFF";
                 return Err(unsupported(format!("an array of {sizes} samples"), advice));
             }
         };
@@ -134,7 +134,7 @@ impl Header {
         if let ([_, _, _, _], Some(kinds)) = (&sizes[..], kinds)
             && kinds.split_ascii_whitespace().next().is_some_and(is_place)
         {
-            let advice = "only channels may stand before three axes of space: `unu permute` changes the order of axes, `unu slice` takes a volume";
+            let advice = "only channels may precede three spatial axes: `unu permute` changes the order of axes, `unu slice` selects a volume";
             return Err(unsupported(format!("four axes that are {kinds}"), advice));
         }
 
@@ -143,7 +143,7 @@ impl Header {
             "raw" => Encoding::Raw,
             "gz" | "gzip" => Encoding::Gzip,
             "txt" | "text" | "ascii" | "hex" | "bz2" | "bzip2" => {
-                let advice = "write it anew: `unu save -f nrrd -e gzip -i IN -o OUT.nrrd`";
+                let advice = "convert it: `unu save -f nrrd -e gzip -i IN -o OUT.nrrd`";
                 return Err(unsupported(format!("the encoding {text}"), advice));
             }
             _ => return Err(fields.wrong(line, &text, "an encoding: raw or gzip")),
@@ -158,9 +158,9 @@ impl Header {
             (None, _) => {
                 return Err(Error::corrupt(
                     path,
-                    "the head",
-                    "an end",
-                    "the field `endian`, of samples of several bytes",
+                    "header",
+                    "the end",
+                    "the field `endian`, since samples have several bytes",
                 ));
             }
         };
@@ -168,11 +168,11 @@ impl Header {
             None => DataLocation::Here,
             // A list of files, or a pattern of names with a first and a last number.
             Some((_, text)) if text == "LIST" || text.starts_with("LIST ") || text.contains('%') => {
-                let advice = "join them to one: `unu save -f nrrd -i IN.nhdr -o OUT.nrrd`";
+                let advice = "join them into one: `unu save -f nrrd -i IN.nhdr -o OUT.nrrd`";
                 return Err(unsupported("samples in several files".into(), advice));
             }
             Some((line, text)) if text.is_empty() => {
-                return Err(fields.wrong(line, &text, "the name of a file"));
+                return Err(fields.wrong(line, &text, "a file name"));
             }
             Some((_, text)) => DataLocation::File(text),
         };
@@ -190,7 +190,7 @@ impl Header {
         };
 
         let mut metadata = Metadata { tags, ..Metadata::default() };
-        place::tell(&mut fields, dimension, usize::from(dimension == 4), size, &mut metadata)?;
+        frame_fields::read_frame(&mut fields, dimension, usize::from(dimension == 4), size, &mut metadata)?;
         if let Some((_, unit)) = fields.take(&["sample units", "sampleunits"]) {
             metadata.units = vec![unit; usize::from(channels)];
         }
@@ -216,9 +216,9 @@ fn read_fields<'a>(
     loop {
         line.clear();
         number += 1;
-        let count = input.read_until(b'\n', &mut line).map_err(Error::io(path, "read the head"))?;
+        let count = input.read_until(b'\n', &mut line).map_err(Error::io(path, "read the header"))?;
         if count == 0 && input.limit() == 0 {
-            return Err(Error::corrupt(path, "the head", "more than 1 MiB", "an empty line behind the head"));
+            return Err(Error::corrupt(path, "header", "more than 1 MiB", "an empty line after it"));
         }
         while line.last().is_some_and(|byte| matches!(byte, b'\n' | b'\r')) {
             line.pop();
@@ -254,9 +254,9 @@ fn read_fields<'a>(
                 tags.insert(field::unescaped(&text[..key]), field::unescaped(&text[key + 2..]));
             }
             [_, Some(field)] => {
-                let (name, told) =
+                let (name, value) =
                     (text[..field].trim().to_ascii_lowercase(), text[field + 1..].trim().to_owned());
-                if fields.fields.insert(name.clone(), (number, told)).is_some() {
+                if fields.fields.insert(name.clone(), (number, value)).is_some() {
                     return Err(fields.wrong(number, &name, "each field once"));
                 }
             }

@@ -2,8 +2,8 @@
 //! separate data file.
 
 mod field;
+mod frame_fields;
 mod header;
-mod place;
 #[cfg(test)]
 mod tests;
 mod write;
@@ -18,7 +18,7 @@ use self::header::{Encoding, Header};
 pub(crate) use self::write::nrrd_head;
 use super::array::{Array, ArrayLayout};
 use super::spill::BoxSpill;
-use super::{Samples, Told};
+use super::{OpenedVolume, Samples};
 use spinney_base::io::{FileAccess, open_input};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
@@ -43,10 +43,10 @@ pub(super) fn is_one(path: &Path) -> bool {
 /// # Errors
 /// If the file cannot be read, is no volume, violates the format, uses an unsupported feature or is
 /// too short, or if it has a data file and `access` refuses that.
-pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Told> {
+pub(super) fn open(path: &Path, access: &FileAccess) -> Result<OpenedVolume> {
     let mut file = BufReader::new(open_input(path)?);
     let header = Header::read(&mut file, path)?;
-    let (data, mut input) = match header.data_beside(path) {
+    let (data, mut input) = match header.detached_data(path) {
         None => (path.to_path_buf(), file),
         Some(data) => {
             access.check_external(path, &data)?;
@@ -59,7 +59,7 @@ pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Told> {
     let [x, y, z] = layout.size;
     let text = format!("{x} x {y} x {z} cells of {} samples of {}", layout.channels, layout.format.name());
     let Some(bytes) = layout.bytes() else {
-        return Err(Error::corrupt(path, "the head", text, "as many bytes as some file has room for"));
+        return Err(Error::corrupt(path, "header", text, "a size in bytes that is a 64-bit number"));
     };
     let failed = || Error::io(&data, "read");
     for line in 0..header.line_skip {
@@ -69,12 +69,12 @@ pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Told> {
                 &data,
                 "the whole file",
                 found,
-                format!("{} lines to be skipped", header.line_skip),
+                format!("{} lines to skip", header.line_skip),
             ));
         }
     }
     let start = input.stream_position().map_err(failed())?;
-    let length = input.get_ref().metadata().map_err(Error::io(&data, "read the size of"))?.len();
+    let length = input.get_ref().metadata().map_err(Error::io(&data, "read its size"))?.len();
     let there = length.saturating_sub(start);
     let (samples, encoding) = match header.encoding {
         Encoding::Raw => {
@@ -84,7 +84,7 @@ pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Told> {
                 .checked_add(skip)
                 .filter(|start| start.checked_add(bytes).is_some_and(|end| end <= length))
             else {
-                let found = format!("{there} bytes behind the head");
+                let found = format!("{there} bytes after the header");
                 let expected = format!("{bytes} for {text}, and {skip} before them");
                 return Err(Error::corrupt(&data, "the samples", found, expected));
             };
@@ -94,7 +94,7 @@ pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Told> {
             let skip = header.byte_skip.unwrap_or(0);
             if bytes.checked_add(skip).is_none_or(|whole| whole / MAX_GROWTH > there) {
                 let found = format!("{there} compressed bytes");
-                let expected = format!("enough for {bytes} bytes of {text}, and {skip} before them");
+                let expected = format!("data for {bytes} bytes of {text}, and {skip} before them");
                 return Err(Error::corrupt(&data, "the samples", found, expected));
             }
             (
@@ -110,7 +110,7 @@ pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Told> {
             )
         }
     };
-    Ok(Told {
+    Ok(OpenedVolume {
         words: format!("NRRD of {}, {encoding}", header.kind_words),
         stored: layout.format.name(),
         layout,
@@ -126,7 +126,7 @@ pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Told> {
 /// If the header cannot be read or violates the format.
 pub(super) fn data_file(path: &Path) -> Result<Option<PathBuf>> {
     let header = Header::read(&mut BufReader::new(open_input(path)?), path)?;
-    Ok(header.data_beside(path))
+    Ok(header.detached_data(path))
 }
 
 /// Samples in a compressed stream.
@@ -147,8 +147,13 @@ impl Packed {
     ///
     /// # Errors
     /// If the stream is corrupt or too short, or, if the box includes the last sample, too long.
-    pub(super) fn unpack(mut self, cells: Bounds, folder: &Path, progress: &dyn Progress) -> Result<Array> {
-        let damaged = |error: std::io::Error| match error.kind() {
+    pub(super) fn unpack(
+        mut self,
+        cells: Bounds,
+        directory: &Path,
+        progress: &dyn Progress,
+    ) -> Result<Array> {
+        let corrupt = |error: std::io::Error| match error.kind() {
             std::io::ErrorKind::Interrupted | std::io::ErrorKind::PermissionDenied => {
                 Error::io(&self.path, "read")(error)
             }
@@ -156,7 +161,7 @@ impl Packed {
         };
         self.file.seek(SeekFrom::Start(self.start)).map_err(Error::io(&self.path, "read"))?;
         let mut stream = MultiGzDecoder::new(BufReader::with_capacity(1 << 16, &self.file));
-        let mut out = BoxSpill::new(self.layout, cells, folder)?;
+        let mut out = BoxSpill::new(self.layout, cells, directory)?;
         let mut part = vec![0; PART];
         // One byte more than declared, to detect a longer stream.
         let is_last = out.end() == self.bytes;
@@ -164,7 +169,7 @@ impl Packed {
         while at < end {
             progress.check()?;
             let most = (end - at).min(PART as u64) as usize;
-            let count = stream.read(&mut part[..most]).map_err(damaged)?;
+            let count = stream.read(&mut part[..most]).map_err(corrupt)?;
             if count == 0 {
                 break;
             }
@@ -176,7 +181,7 @@ impl Packed {
         }
         if at + u64::from(is_last) != end {
             let found = if at == end { "more bytes".into() } else { format!("{at} bytes") };
-            let expected = format!("{} for what the head tells of", self.skip + self.bytes);
+            let expected = format!("{} bytes, as declared by the header", self.skip + self.bytes);
             return Err(Error::corrupt(&self.path, "the samples", found, expected));
         }
         out.finish(&self.path)

@@ -27,8 +27,8 @@ fn head(lines: &str) -> String {
     format!("NRRD0004\n# A comment.\ntype: unsigned short\ndimension: 3\nsizes: 5 4 3\n{lines}")
 }
 
-fn build(folder: &Path, head: &str, data: &[u8]) -> Result<Dataset> {
-    let (input, out) = (folder.join("a.nrrd"), folder.join("a.goblin"));
+fn build(directory: &Path, head: &str, data: &[u8]) -> Result<Dataset> {
+    let (input, out) = (directory.join("a.nrrd"), directory.join("a.goblin"));
     std::fs::write(&input, [head.as_bytes(), b"\n", data].concat()).unwrap();
     plan(&input, &VolumeOptions::new())?.build(Output::create(&out)?, &())?;
     dataset::open(&out, &Default::default())
@@ -49,39 +49,43 @@ fn check(tree: &Dataset) {
 }
 
 #[test]
-fn samples_come_from_where_they_are() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+fn samples_are_read_from_any_location() {
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
     for order in ["little", "big"] {
         let plain = samples(order);
         let raw = |more: &str| head(&format!("endian: {order}\nencoding: raw\n{more}"));
         let packed = |more: &str| head(&format!("encoding: gzip\nendian: {order}\n{more}"));
-        check(&build(folder, &raw(""), &plain).unwrap());
-        check(&build(folder, &packed(""), &gzip(&plain)).unwrap());
+        check(&build(directory, &raw(""), &plain).unwrap());
+        check(&build(directory, &packed(""), &gzip(&plain)).unwrap());
         // In several gzip members, as written by programs that append to a file.
-        check(&build(folder, &packed(""), &[gzip(&plain[..33]), gzip(&plain[33..])].concat()).unwrap());
+        check(&build(directory, &packed(""), &[gzip(&plain[..33]), gzip(&plain[33..])].concat()).unwrap());
         // After lines and bytes to be skipped.
-        let behind = |data: &[u8]| [b"one\ntwo\n".as_slice(), data].concat();
+        let after_lines = |data: &[u8]| [b"one\ntwo\n".as_slice(), data].concat();
         check(
-            &build(folder, &raw("line skip: 2\nbyte skip: 3\n"), &behind(&[b"xyz", &plain[..]].concat()))
-                .unwrap(),
+            &build(
+                directory,
+                &raw("line skip: 2\nbyte skip: 3\n"),
+                &after_lines(&[b"xyz", &plain[..]].concat()),
+            )
+            .unwrap(),
         );
-        check(&build(folder, &raw("byte skip: -1\n"), &behind(&plain)).unwrap());
+        check(&build(directory, &raw("byte skip: -1\n"), &after_lines(&plain)).unwrap());
         let skipped = gzip(&[b"xyz", &plain[..]].concat());
-        check(&build(folder, &packed("lineskip: 2\nbyteskip: 3\n"), &behind(&skipped)).unwrap());
+        check(&build(directory, &packed("lineskip: 2\nbyteskip: 3\n"), &after_lines(&skipped)).unwrap());
         // In data files.
-        std::fs::create_dir_all(folder.join("data")).unwrap();
-        std::fs::write(folder.join("data/a b.raw"), &plain).unwrap();
-        std::fs::write(folder.join("a.raw.gz"), gzip(&plain)).unwrap();
-        check(&build(folder, raw("data file: data/a b.raw").trim_end(), b"").unwrap());
-        check(&build(folder, packed("datafile: a.raw.gz").trim_end(), b"").unwrap());
+        std::fs::create_dir_all(directory.join("data")).unwrap();
+        std::fs::write(directory.join("data/a b.raw"), &plain).unwrap();
+        std::fs::write(directory.join("a.raw.gz"), gzip(&plain)).unwrap();
+        check(&build(directory, raw("data file: data/a b.raw").trim_end(), b"").unwrap());
+        check(&build(directory, packed("datafile: a.raw.gz").trim_end(), b"").unwrap());
     }
     // With CR LF line ends and extra spaces.
     let lines = head("endian: little\nencoding:   RAW  ").replace('\n', "\r\n");
     let input = [lines.as_bytes(), b"\r\n\r\n", &samples("little")].concat();
-    std::fs::write(folder.join("crlf.nrrd"), input).unwrap();
-    let out = folder.join("crlf.goblin");
-    plan(&folder.join("crlf.nrrd"), &VolumeOptions::new())
+    std::fs::write(directory.join("crlf.nrrd"), input).unwrap();
+    let out = directory.join("crlf.goblin");
+    plan(&directory.join("crlf.nrrd"), &VolumeOptions::new())
         .unwrap()
         .build(Output::create(&out).unwrap(), &())
         .unwrap();
@@ -89,10 +93,10 @@ fn samples_come_from_where_they_are() {
 }
 
 #[test]
-fn places_units_and_tags_are_kept() {
-    let folder = tempfile::tempdir().unwrap();
+fn positions_units_and_tags_are_kept() {
+    let directory = tempfile::tempdir().unwrap();
     let made = |lines: &str| {
-        build(folder.path(), &head(&format!("endian: little\nencoding: raw\n{lines}")), &samples("little"))
+        build(directory.path(), &head(&format!("endian: little\nencoding: raw\n{lines}")), &samples("little"))
             .unwrap()
     };
     let tree = made(
@@ -132,11 +136,11 @@ fn places_units_and_tags_are_kept() {
 
 #[test]
 fn channels_are_samples_of_a_cell() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let head = "NRRD0005\ntype: uint8_t\ndimension: 4\nsizes: 3 2 2 1\nkinds: RGB-color domain domain domain\nspacings: nan 1 1 3\n\
                 space directions: none (1,0,0) (0,1,0) (0,0,3)\nencoding: raw\n";
     let bytes: Vec<u8> = (0..12).collect();
-    let tree = build(folder.path(), head, &bytes).unwrap();
+    let tree = build(directory.path(), head, &bytes).unwrap();
     assert_eq!((tree.header().form.value.channels, tree.header().extent), (3, [2, 2, 1]));
     let mut found = [Number::default(); 4];
     assert!(tree.point([1, 1, 0], tree.depth(), &mut found).unwrap());
@@ -144,18 +148,18 @@ fn channels_are_samples_of_a_cell() {
 }
 
 #[test]
-fn heads_that_lie_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+fn false_headers_are_rejected() {
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
     let plain = samples("little");
     let refuse = |head: &str, data: &[u8], expected: &str| {
         let error =
-            build(folder, head, data).err().unwrap_or_else(|| panic!("{head}: {expected}")).to_string();
+            build(directory, head, data).err().unwrap_or_else(|| panic!("{head}: {expected}")).to_string();
         assert!(error.contains(expected), "{head}\n{error}\nexpected: {expected}");
     };
     let raw = head("endian: little\nencoding: raw\n");
     let packed = head("endian: little\nencoding: gz\n");
-    refuse(&raw, &plain[1..], "119 bytes behind the head, expected 120 for 5 x 4 x 3 cells");
+    refuse(&raw, &plain[1..], "119 bytes after the header, expected 120 for 5 x 4 x 3 cells");
     refuse(&packed, &gzip(&plain[1..]), "found 119 bytes, expected 120");
     refuse(&packed, &gzip(&[&plain[..], b"x"].concat()), "found more bytes, expected 120");
     refuse(&packed, &plain, "a compressed stream (gzip)");
@@ -164,17 +168,17 @@ fn heads_that_lie_are_refused() {
     // More cells than any file has, more than the compressed bytes can expand to, and a stream that
     // expands too much.
     let sizes = |sizes: &str| raw.replace("5 4 3", sizes);
-    refuse(&sizes("4294967296 4294967296 4294967296"), &plain, "as many bytes as some file has room for");
+    refuse(&sizes("4294967296 4294967296 4294967296"), &plain, "a size in bytes that is a 64-bit number");
     refuse(&sizes("18446744073709551616 1 1"), &plain, "3 numbers of samples");
     refuse(&sizes("0 4 3"), &plain, "at least 1 each");
-    refuse(&packed.replace("5 4 3", "500000 500000 400"), &whole, "compressed bytes, expected enough for");
+    refuse(&packed.replace("5 4 3", "500000 500000 400"), &whole, "compressed bytes, expected data for");
     refuse(&packed, &gzip(&vec![0; 50 << 20]), "found more bytes, expected 120");
     refuse(
         &raw.replace("\nencoding", "\nbyte skip: 18446744073709551615\nencoding"),
         &plain,
         "and 18446744073709551615 before them",
     );
-    refuse(&raw.replace("\nencoding", "\nline skip: 9\nencoding"), &[b'a'; 30], "9 lines to be skipped");
+    refuse(&raw.replace("\nencoding", "\nline skip: 9\nencoding"), &[b'a'; 30], "9 lines to skip");
     for (from, to, expected) in [
         ("NRRD0004", "NRRD0009", "`NRRD0001` to `NRRD0005`"),
         ("unsigned short", "block", "samples of type block"),
@@ -193,16 +197,16 @@ fn heads_that_lie_are_refused() {
         ("encoding: raw", "encoding: raw\ndata file: x%02d.raw 1 9 1", "samples in several files"),
         ("encoding: raw", "encoding: raw\ndata file: missing.raw", "missing.raw: cannot open"),
         ("encoding: raw", "encoding: raw\nspace directions: (1,0,0) (0,1,0)", "3 vectors of three numbers"),
-        ("encoding: raw", "encoding: raw\nspace directions: (1,0,0) (1,0,0) (0,0,1)", "has an inverse"),
+        ("encoding: raw", "encoding: raw\nspace directions: (1,0,0) (1,0,0) (0,0,1)", "an invertible map"),
         (
             "encoding: raw",
             "encoding: raw\nspace directions: (1,0,0) none (0,0,1)",
             "3 vectors of three numbers",
         ),
-        ("encoding: raw", "encoding: raw\nspacings: 0 1 1", "has an inverse"),
+        ("encoding: raw", "encoding: raw\nspacings: 0 1 1", "an invertible map"),
         ("encoding: raw", "encoding: raw\nspacings: 1 1", "3 numbers"),
-        ("encoding: raw", "encoding: raw\naxis mins: 1 1 1\naxis maxs: 2 1 2", "has an inverse"),
-        ("encoding: raw", "encoding: raw\nspace units: mm", "3 texts between quotation marks"),
+        ("encoding: raw", "encoding: raw\naxis mins: 1 1 1\naxis maxs: 2 1 2", "an invertible map"),
+        ("encoding: raw", "encoding: raw\nspace units: mm", "3 strings in quotation marks"),
         ("encoding: raw", "encoding: raw\nwhat", "a field, as in `sizes: 64 64 32`"),
     ] {
         refuse(&raw.replace(from, to), &plain, expected);
@@ -219,7 +223,7 @@ fn heads_that_lie_are_refused() {
         for byte in [b'\n', b'9', b'"', 0xff] {
             let mut changed = bytes.clone();
             changed[place] = byte;
-            let input = folder.join("changed.nrrd");
+            let input = directory.join("changed.nrrd");
             std::fs::write(&input, changed).unwrap();
             let _ = plan(&input, &VolumeOptions::new());
         }

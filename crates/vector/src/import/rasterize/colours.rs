@@ -33,8 +33,8 @@ pub(super) fn palette(classes: usize) -> Option<Palette> {
     let table = COLOURS.iter().copied().collect::<BTreeSet<[u8; 3]>>();
     // The stride is coprime to the number of colours, so it visits each of them once.
     let step = |number: u64| number.wrapping_mul(2_654_435_761) % LEVELS.pow(3);
-    let channel = |code: u64, place: u32| (LEAST + code / LEVELS.pow(place) % LEVELS) as u8;
-    let others = (1..).map(step).map(|code| [0, 1, 2].map(|place| channel(code, place)));
+    let channel = |code: u64, channel_index: u32| (LEAST + code / LEVELS.pow(channel_index) % LEVELS) as u8;
+    let others = (1..).map(step).map(|code| [0, 1, 2].map(|channel_index| channel(code, channel_index)));
     let others = others.filter(|colour| !table.contains(colour));
     let colours = COLOURS.into_iter().chain(others).take(classes);
     let opaque = colours.map(|[red, green, blue]| [red, green, blue, 255]);
@@ -77,14 +77,15 @@ mod tests {
     }
 
     #[test]
-    fn colours_are_told_apart_by_everybody() {
+    fn colours_are_distinct_for_all_colour_vision() {
         for (by, of) in [(&NORMAL, "all"), (&NO_RED, "no red"), (&NO_GREEN, "no green")] {
             let seen: Vec<[f64; 3]> = COLOURS.map(|colour| seen(by, colour)).to_vec();
             for (count, least) in [(7, 0.075), (16, 0.07), (32, 0.055)] {
                 for (number, one) in seen[..count].iter().enumerate() {
                     for other in &seen[..number] {
-                        let apart = (0..3).map(|axis| (one[axis] - other[axis]).powi(2)).sum::<f64>().sqrt();
-                        assert!(apart > least, "{of}: {number} of {count}: {apart}");
+                        let distance =
+                            (0..3).map(|axis| (one[axis] - other[axis]).powi(2)).sum::<f64>().sqrt();
+                        assert!(distance > least, "{of}: {number} of {count}: {distance}");
                     }
                 }
             }

@@ -10,7 +10,7 @@ use crate::import::feature::FeatureGeometry;
 
 /// Shapes under construction.
 pub(super) struct Loader {
-    places: CellLocator,
+    locator: CellLocator,
     pub(super) shapes: Shapes,
     /// Values of the shapes, by value number.
     pub(super) values: Vec<Number>,
@@ -26,10 +26,10 @@ pub(super) struct Loader {
 }
 
 impl Loader {
-    /// Creates a loader without shapes; `places` converts coordinates to the tree's cells.
-    pub(super) fn new(places: CellLocator, extent: [u64; 3]) -> Loader {
+    /// Creates a loader without shapes; `locator` converts coordinates to the tree's cells.
+    pub(super) fn new(locator: CellLocator, extent: [u64; 3]) -> Loader {
         let (shapes, values) = (Shapes::default(), Vec::new());
-        Loader { places, shapes, values, lost: 0, extent, beyond: 0, outside: 0, invalid: 0 }
+        Loader { locator, shapes, values, lost: 0, extent, beyond: 0, outside: 0, invalid: 0 }
     }
 
     /// Adds the shape of a geometry with the last value, or returns an error message.
@@ -61,7 +61,7 @@ impl Loader {
             }
             FeatureGeometry::Polygons(parts) => {
                 let OrientedRings { rings, displacement } =
-                    oriented_rings(&self.places.parts(parts)).map_err(|error| error.to_string())?;
+                    oriented_rings(&self.locator.parts(parts)).map_err(|error| error.to_string())?;
                 self.invalid += u64::from(displacement.is_some());
                 for ring in &rings {
                     add_ring(ring, &mut edges)?;
@@ -100,7 +100,7 @@ impl Loader {
 
     /// Converts a point to grid units; `None` outside the domain of the tree's coordinate system.
     fn point(&mut self, [x, y]: [f64; 2]) -> Result<Option<Point>, String> {
-        let Some([x, y, _]) = self.places.cell([x, y, 0.0]) else {
+        let Some([x, y, _]) = self.locator.cell([x, y, 0.0]) else {
             self.lost += 1;
             return Ok(None);
         };
@@ -111,7 +111,7 @@ impl Loader {
 /// Rounds a point to grid units.
 fn rounded(cell: [f64; 2]) -> Result<Point, String> {
     match cell.iter().find(|at| at.abs() > MAX_CELLS) {
-        Some(at) => Err(format!("a corner {at:e} cells from the tree's")),
+        Some(at) => Err(format!("a vertex {at:e} cells from the tree's origin")),
         None => Ok(cell.map(|at| (at * PARTS as f64).round() as i64)),
     }
 }

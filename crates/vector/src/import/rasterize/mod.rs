@@ -4,9 +4,9 @@
 mod colours;
 mod coverage;
 mod edge;
-mod ladder;
 mod load;
 mod mask;
+mod node_cache;
 mod options;
 mod plan;
 mod shapes;

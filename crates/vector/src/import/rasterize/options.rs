@@ -40,7 +40,7 @@ impl FromStr for FeatureValue {
     /// Parses a number or an attribute name.
     fn from_str(text: &str) -> Result<FeatureValue> {
         if text.is_empty() {
-            return Err(Error::invalid("value", "nothing", "a number, or the name of an attribute"));
+            return Err(Error::invalid("value", "an empty string", "a number, or the name of an attribute"));
         }
         Ok(text.parse().map_or_else(|_| FeatureValue::Attribute(text.into()), FeatureValue::Number))
     }
@@ -244,7 +244,7 @@ impl RasterizeOptions {
         coordinates: Option<Coordinates>,
     ) -> Result<RasterizeOptions> {
         if header.form.axes() != 2 {
-            return Err(Error::invalid("tree", "an octree", "a quadtree, over which features can be laid"));
+            return Err(Error::invalid("tree", "an octree", "a quadtree to rasterize features on"));
         }
         let grid = FeatureGrid::Like(WarpGrid { frame: metadata.frame.clone(), extent: header.extent });
         let ground = Ground { header: header.clone(), metadata: metadata.clone(), coordinates };
@@ -281,31 +281,36 @@ impl RasterizeOptions {
     /// Fails if options contradict each other.
     pub(super) fn check(&self) -> Result<()> {
         if (self.fractions || self.edge == EdgeRule::Area) && self.overlaps != Overlaps::Last {
-            let expected = "nothing: the value with the largest share of a cell wins, and shares of all features are added up";
-            let found = format!("{}, with shares of cells", self.overlaps);
+            let expected =
+                "no overlap rule: cells get the value with the largest share, or the sum of all shares";
+            let found = format!("{} together with shares of cells", self.overlaps);
             return Err(Error::invalid("overlaps", found, expected));
         }
         if self.width.is_some() && (self.fractions || self.edge == EdgeRule::Area) {
-            let expected = "cells by their centres, as the only ones that a line of some width has";
-            return Err(Error::invalid("width", "a width of lines, with shares of cells", expected));
+            let expected = "no width: shares are not computed for lines with a width";
+            return Err(Error::invalid("width", "one together with shares of cells", expected));
         }
         if self.fractions && self.value != FeatureValue::default() {
             return Err(Error::invalid(
                 "value",
-                "one, with fractions",
-                "nothing: cells get the share of them that features have",
+                "one together with fractions",
+                "no value: cells get the share that features cover",
             ));
         }
         if self.sample.is_some() && (self.fractions || self.overlaps.is_computed()) {
-            let expected = "none: numbers that are computed have one of their own";
-            return Err(Error::invalid("type", "one, with fractions, sums, counts or means", expected));
+            let expected = "no type: computed values have a fixed type";
+            return Err(Error::invalid(
+                "type",
+                "one together with fractions, sums, counts or means",
+                expected,
+            ));
         }
         let Some(ground) = &self.ground else {
             if let (FeatureValue::Number(number), Some(sample)) = (&self.value, self.sample)
                 && !sample.can_hold(*number)
             {
-                let found = format!("{}, which cannot hold {number}", sample.name());
-                return Err(Error::invalid("type", found, "one that holds the value"));
+                let found = format!("{}, which cannot represent {number}", sample.name());
+                return Err(Error::invalid("type", found, "a type that can represent the value"));
             }
             return match &self.value {
                 FeatureValue::Samples(_) => {
@@ -321,15 +326,17 @@ impl RasterizeOptions {
             FeatureValue::Samples(numbers) if numbers.len() == channels => numbers,
             FeatureValue::Samples(numbers) => {
                 let found = format!("{} numbers", numbers.len());
-                return Err(Error::invalid("value", found, format!("1 number, or {channels}")));
+                return Err(Error::invalid("value", found, format!("1 number or {channels} numbers")));
             }
             FeatureValue::Attribute(_) => &[],
         };
         let is_fit = |number: &Number| value_type.sample.is_float() || value_type.sample.can_hold(*number);
         match numbers.iter().find(|number| !is_fit(number)) {
-            Some(number) => {
-                Err(Error::invalid("value", number.to_string(), format!("what {value_type} can hold")))
-            }
+            Some(number) => Err(Error::invalid(
+                "value",
+                number.to_string(),
+                format!("a number that {value_type} can represent"),
+            )),
             None => Ok(()),
         }
     }

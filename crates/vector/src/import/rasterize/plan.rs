@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney_base::io::Output;
+use spinney_base::io::{Output, shown};
 use spinney_base::space::{Dimension, EdgeRule};
 use spinney_base::value::{DataKind, Number, Palette, ValueType};
 use spinney_base::{Error, Progress, Result, TreeType};
@@ -15,8 +15,8 @@ use spinney_engine::store::{build, depth_for};
 
 use super::colours;
 use super::edge::{MAX_CELLS, PARTS};
-use super::ladder::Ladder;
 use super::load::Loader;
+use super::node_cache::NodeCache;
 use super::options::{FeatureGrid, FeatureValue, LineWidth, Overlaps, RasterizeOptions};
 use super::shapes::Shapes;
 use super::source::{Paint, ShapeTree};
@@ -55,7 +55,7 @@ pub struct FeatureTree {
 
 /// Shapes as a tree, with the numbers of all geometries, of those that extend beyond its raster,
 /// and of those outside of it.
-struct Loaded {
+struct LoadedShapes {
     tree: ShapeTree,
     geometries: u64,
     beyond: u64,
@@ -109,16 +109,19 @@ pub fn plan_features(
     }
     let name = inputs.first().cloned().unwrap_or_default();
     if survey.features == 0 || !survey.bounds[0][0].is_finite() {
-        return Err(Error::corrupt(name, "features", "none with a geometry and a value", "at least one"));
+        let (found, expected) =
+            ("no feature with a geometry and a value", "at least one; check layer and conditions");
+        return Err(Error::invalid(shown(&name), found, expected));
     }
-    let needed = survey.corners * BYTES_EACH;
+    let needed = survey.vertices * BYTES_EACH;
     if needed > options.memory / 2 {
         return Err(Error::TooLarge {
             path: name,
-            what: format!("the edges of {} corners", survey.corners),
+            what: format!("geometry with {} vertices", survey.vertices),
             needed: 2 * needed,
             limit: options.memory,
-            advice: "allow more, or choose features with --where and combine the trees".into(),
+            advice: "allow more memory, or build trees of selected features (--where) and combine them"
+                .into(),
         });
     }
     let (frame, extent, depth) = fit(&survey, options, (&name, crs.as_ref()))?;
@@ -127,6 +130,11 @@ pub fn plan_features(
         _ => Frame { crs: crs.clone(), ..frame },
     };
     let (value_type, kind) = values.form(options);
+    if options.ground.is_none()
+        && let Some(rule) = options.rule
+    {
+        kind.check_rule(rule, &name)?;
+    }
     let mut import = FeatureImport {
         inputs: inputs.to_vec(),
         options: options.clone(),
@@ -153,7 +161,15 @@ fn feature_options(options: &RasterizeOptions) -> FeatureOptions {
     if let Some(LineWidth::Attribute(name)) = &options.width {
         attributes.push(name.clone());
     }
-    FeatureOptions { attributes: Some(attributes), memory: options.memory / 2, ..options.features.clone() }
+    // The system of the files is not used if another one is given, or the grid has none.
+    let is_given = match (&options.ground, &options.grid) {
+        (Some(ground), _) => ground.coordinates.is_some() || ground.metadata.frame.crs.is_none(),
+        (None, FeatureGrid::Like(grid) | FeatureGrid::Extended(grid)) => grid.frame.crs.is_none(),
+        (None, FeatureGrid::Cells(_) | FeatureGrid::Cell(_)) => false,
+    };
+    let check_degrees = options.features.check_degrees && options.crs.is_none() && !is_given;
+    let (attributes, memory) = (Some(attributes), options.memory / 2);
+    FeatureOptions { attributes, memory, check_degrees, ..options.features.clone() }
 }
 
 /// Rejects a cell that is larger than all features if coordinates are in degrees: it was probably
@@ -166,18 +182,18 @@ fn check_degrees(cell: f64, [min, max]: [[f64; 2]; 2], (name, crs): (&Path, Opti
     }
     /// Number of cells along the longer side in the suggestion.
     const PROPOSED: f64 = 256.0;
-    let found = format!("{cell} degrees, of features that are {:.6} x {:.6} degrees", size[0], size[1]);
+    let found = format!("{cell} degrees for features of {:.6} x {:.6} degrees", size[0], size[1]);
     let stem = name.file_stem().unwrap_or_default().to_string_lossy();
     let digits = -((longest / PROPOSED).log10().floor());
     let proposed = (longest / PROPOSED * 10f64.powf(digits)).round() / 10f64.powf(digits);
     let middle = [(min[0] + max[0]) / 2.0, (min[1] + max[1]) / 2.0];
     let expected = format!(
-        "a width in degrees, such as --cell {proposed}; for metres bring them to a system in metres first: \
+        "a width in degrees, such as --cell {proposed}; for metres, transform the features first: \
          `spinney transform {} warp=EPSG:{} -o {stem}_metres.geojson`",
         name.display(),
         utm_zone(middle)
     );
-    Err(Error::invalid("width of a cell", found, expected))
+    Err(Error::invalid("cell width", found, expected))
 }
 
 /// Returns the EPSG code of the UTM zone (WGS 84) for a longitude and latitude.
@@ -232,7 +248,7 @@ fn fit(
         }
         FeatureGrid::Cell(cell) => {
             if !(cell.is_finite() && *cell > 0.0) {
-                return Err(Error::invalid("cell", cell.to_string(), "a width above zero"));
+                return Err(Error::invalid("cell width", cell.to_string(), "a number above zero"));
             }
             check_degrees(*cell, survey.bounds, (name, crs))?;
             (*cell, [(min[0] / cell + TOUCH).floor() * cell, (max[1] / cell - TOUCH).ceil() * cell])
@@ -241,12 +257,8 @@ fn fit(
     let reach = [max[0] - origin[0], origin[1] - min[1]];
     let extent = reach.map(|reach| (reach / cell - TOUCH).ceil().clamp(1.0, 1e18) as u64);
     if let Some(cells) = extent.iter().find(|cells| **cells > most) {
-        let found = format!("{cell:e}, which makes {cells} cells along a side");
-        return Err(Error::invalid(
-            "width of a cell",
-            found,
-            format!("one that makes at most {most} (2^29)"),
-        ));
+        let found = format!("{cell:e}, which gives {cells} cells along an axis");
+        return Err(Error::invalid("cell width", found, format!("at most {most} (2^29) cells")));
     }
     // A point on the right or lower side is in an additional cell.
     let frame = Frame::planar([cell, 0.0, origin[0], 0.0, -cell, origin[1]]);
@@ -261,10 +273,10 @@ impl FeatureImport {
     }
 
     fn describe(&self) -> Vec<(&'static str, String)> {
-        let Survey { features, empty, valueless, corners, .. } = &self.survey;
+        let Survey { features, empty, valueless, vertices, .. } = &self.survey;
         let mut lines: Vec<(&'static str, String)> =
             self.inputs.iter().take(20).map(|input| ("input", input.display().to_string())).collect();
-        lines.push(("features", format!("{features} of {corners} corners")));
+        lines.push(("features", format!("{features} with {vertices} vertices")));
         for (count, what) in [(empty, "no geometry"), (valueless, "no value")] {
             if *count > 0 {
                 lines.push(("left out", format!("{count} features with {what}")));
@@ -277,7 +289,7 @@ impl FeatureImport {
         let edge = match self.options.edge {
             _ if self.options.fractions => "shares of cells",
             EdgeRule::Centre => "cells whose centre is inside",
-            EdgeRule::Touch => "cells of which something is inside",
+            EdgeRule::Touch => "cells that features touch",
             EdgeRule::Area => "cells by the largest share",
         };
         lines.push(("fill", edge.into()));
@@ -292,7 +304,7 @@ impl FeatureImport {
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
         let depth = self.depth;
         if self.extent.iter().any(|cells| *cells > 1 << depth) {
-            let expected = format!("at least {}, which holds the cells", depth_for(self.extent));
+            let expected = format!("at least {} for this extent", depth_for(self.extent));
             return Err(Error::invalid("depth", depth.to_string(), expected));
         }
         let tree = self.load(progress)?.tree;
@@ -304,7 +316,7 @@ impl FeatureImport {
             ..Metadata::default()
         };
         let RasterizeOptions { rule, memory, share, time, packing, .. } = &self.options;
-        let used = self.survey.corners * BYTES_EACH;
+        let used = self.survey.vertices * BYTES_EACH;
         let options = BuildOptions::new(self.kind, depth)
             .rule(rule.unwrap_or(self.kind.default_rule()))
             .memory(memory.saturating_sub(used).max(memory / 4))
@@ -335,9 +347,9 @@ impl FeatureImport {
     /// If the options are not those of [`RasterizeOptions::over`].
     pub fn tree(&self, progress: &dyn Progress) -> Result<FeatureTree> {
         let ground = self.options.ground.as_ref().expect("options for features over a tree");
-        let Loaded { tree, geometries, beyond, outside } = self.load(progress)?;
+        let LoadedShapes { tree, geometries, beyond, outside } = self.load(progress)?;
         if outside == geometries {
-            progress.warn(&self.inputs[0], "all features lie outside of the tree");
+            progress.warn(&self.inputs[0], "all features are outside the tree");
         }
         let tree =
             Blockwise::new(Box::new(tree), &self.inputs[0], ground.header.clone(), ground.metadata.clone());
@@ -355,14 +367,14 @@ impl FeatureImport {
     }
 
     /// Reads all shapes.
-    fn load(&self, progress: &dyn Progress) -> Result<Loaded> {
+    fn load(&self, progress: &dyn Progress) -> Result<LoadedShapes> {
         let own = self.crs.clone().map_or(Coordinates::World, Coordinates::System);
         let own = if self.frame.crs.is_none() { Coordinates::World } else { own };
-        let asked = self.options.ground.as_ref().and_then(|ground| ground.coordinates.clone());
-        let coordinates = asked.unwrap_or(own);
-        let places = CellLocator::new(&coordinates, &self.frame, self.extent)?;
-        places.remarks().iter().for_each(|remark| progress.warn(&self.inputs[0], remark));
-        let mut loader = Loader::new(places, self.extent);
+        let requested = self.options.ground.as_ref().and_then(|ground| ground.coordinates.clone());
+        let coordinates = requested.unwrap_or(own);
+        let locator = CellLocator::new(&coordinates, &self.frame, self.extent)?;
+        locator.remarks().iter().for_each(|remark| progress.warn(&self.inputs[0], remark));
+        let mut loader = Loader::new(locator, self.extent);
         for input in &self.inputs {
             let mut reader = open_features(input, &feature_options(&self.options))?;
             self.load_file(input, &mut *reader, &mut loader, progress)?;
@@ -370,7 +382,7 @@ impl FeatureImport {
         if loader.lost > 0 {
             progress.warn(
                 &self.inputs[0],
-                &format!("{} points of features lie nowhere in the tree's coordinate system", loader.lost),
+                &format!("{} vertices have no position in the tree's coordinate system", loader.lost),
             );
         }
         if loader.invalid > 0 {
@@ -388,15 +400,15 @@ impl FeatureImport {
             Overlaps::Last | Overlaps::First | Overlaps::Min | Overlaps::Max => Paint::Top,
         };
         let (value_type, extent, depth) = (self.value_type, self.extent, self.depth);
-        let ladder = Ladder::new((self.options.memory / 8) as usize);
+        let node_cache = NodeCache::new((self.options.memory / 8) as usize);
         let fixed = match &self.options.value {
             FeatureValue::Samples(numbers) => Some(value_type.nearest_numbers(|channel| numbers[channel])),
             _ => None,
         };
         let edge = self.options.edge;
         shapes.centres_alone = paint.needs_centres_alone(edge);
-        let tree = ShapeTree { shapes, values, value_type, fixed, paint, edge, extent, depth, ladder };
-        Ok(Loaded { tree, geometries, beyond, outside })
+        let tree = ShapeTree { shapes, values, value_type, fixed, paint, edge, extent, depth, node_cache };
+        Ok(LoadedShapes { tree, geometries, beyond, outside })
     }
 
     fn load_file(
@@ -429,19 +441,17 @@ impl FeatureImport {
             };
             let Some(value) = value else { continue };
             loader.values.push(value);
-            let wrong = |found: String| {
-                Error::corrupt(input, format!("feature {number}"), found, "a width of zero or more")
-            };
+            let name = || format!("{}: feature {number}", shown(input));
+            let wrong = |found: String| Error::invalid(name(), found, "a line width of zero or more");
             let radius = self
                 .options
                 .half_width(&feature)
                 .map_err(wrong)?
                 .map(|half| self.radius(half))
                 .transpose()?;
-            loader.add(geometry, radius).map_err(|found| {
-                Error::corrupt(input, format!("feature {number}"), found, "coordinates near the cells")
-            })?;
-            if loader.shapes.edges.len() as u64 > 2 * self.survey.corners + (1 << 20)
+            let far = |found: String| Error::invalid(name(), found, "coordinates near the cells");
+            loader.add(geometry, radius).map_err(far)?;
+            if loader.shapes.edges.len() as u64 > 2 * self.survey.vertices + (1 << 20)
                 && !matches!(self.options.grid, FeatureGrid::Like(_) | FeatureGrid::Extended(_))
             {
                 return Err(Error::Changed { path: input.into(), what: "was overwritten" });
@@ -456,12 +466,12 @@ impl FeatureImport {
         let (side, other) = (a.hypot(c), b.hypot(d));
         const ROUNDING: f64 = 1e-9;
         if (side - other).abs() > ROUNDING * side || (a * b + c * d).abs() > ROUNDING * side * other {
-            let expected = "none: lines have a width on trees of square cells";
-            return Err(Error::invalid("width", "one, on cells that are not square", expected));
+            let expected = "square cells, which line widths require";
+            return Err(Error::invalid("width", "one for cells that are not square", expected));
         }
         let cells = half / side;
         if cells > MAX_CELLS / 4.0 {
-            return Err(Error::invalid("width", format!("one of {:e} cells", 2.0 * cells), "a smaller one"));
+            return Err(Error::invalid("width", format!("{:e} cells", 2.0 * cells), "a smaller width"));
         }
         Ok((cells * PARTS as f64).round() as i64)
     }

@@ -48,7 +48,7 @@ pub(super) struct Shapes {
 
 /// Part of a shape in a node.
 #[derive(Clone, Debug)]
-pub(super) struct Part {
+pub(super) struct ClippedShape {
     /// Index of the shape.
     pub(super) shape: u32,
     /// Winding number of a polygon at the centre of the node's first cell.
@@ -57,7 +57,7 @@ pub(super) struct Part {
     pub(super) edges: Range<usize>,
 }
 
-impl Part {
+impl ClippedShape {
     /// Returns whether the shape covers the entire node.
     pub(super) fn is_whole(&self) -> bool {
         self.edges.is_empty()
@@ -71,8 +71,8 @@ impl Part {
 
 /// Parts of all shapes in a node, in the order of the shapes.
 #[derive(Debug, Default)]
-pub(super) struct Parts {
-    pub(super) parts: Vec<Part>,
+pub(super) struct ClippedShapes {
+    pub(super) parts: Vec<ClippedShape>,
     edges: Vec<u32>,
 }
 
@@ -90,8 +90,8 @@ impl Shapes {
     }
 
     /// Returns the parts of a root with these bounds.
-    pub(super) fn root(&self, space: &Bounds) -> Parts {
-        let (first, mut root) = (first_centre(space), Parts::default());
+    pub(super) fn root(&self, space: &Bounds) -> ClippedShapes {
+        let (first, mut root) = (first_centre(space), ClippedShapes::default());
         for (number, shape) in self.shapes.iter().enumerate() {
             let edges = shape.edges.clone();
             let winding = match shape.kind {
@@ -105,8 +105,13 @@ impl Shapes {
 
     /// Returns the parts of a node's four children; `space` is the node's box. Cost: four tests per
     /// edge of the node.
-    pub(super) fn children(&self, parts: &Parts, space: &Bounds, children: &[Bounds; 4]) -> [Parts; 4] {
-        let mut found: [Parts; 4] = Default::default();
+    pub(super) fn children(
+        &self,
+        parts: &ClippedShapes,
+        space: &Bounds,
+        children: &[Bounds; 4],
+    ) -> [ClippedShapes; 4] {
+        let mut found: [ClippedShapes; 4] = Default::default();
         let [first, last] = [first_centre(space), first_centre(&children[3])];
         for part in &parts.parts {
             // The paths from the node's first centre to those of its children lead right, up, or up
@@ -131,7 +136,7 @@ impl Shapes {
     /// Adds the part of a shape in a node, given candidate edges.
     fn add_part(
         &self,
-        parts: &mut Parts,
+        parts: &mut ClippedShapes,
         (shape, winding): (u32, i32),
         edges: impl Iterator<Item = u32>,
         space: &Bounds,
@@ -156,7 +161,7 @@ impl Shapes {
                 parts.edges.truncate(start);
             }
         }
-        let part = Part { shape, winding, edges: start..parts.edges.len() };
+        let part = ClippedShape { shape, winding, edges: start..parts.edges.len() };
         if !part.is_whole() || (is_polygon && part.is_inside()) {
             parts.parts.push(part);
         }
@@ -166,10 +171,10 @@ impl Shapes {
     /// cell.
     pub(super) fn each_cell(
         &self,
-        parts: &Parts,
+        parts: &ClippedShapes,
         cell: Point,
         wanted: &[bool],
-        each: &mut dyn FnMut(usize, &Parts, Point),
+        each: &mut dyn FnMut(usize, &ClippedShapes, Point),
     ) {
         let side = wanted.len().isqrt();
         let block = Block { cell, side, wanted };
@@ -180,10 +185,10 @@ impl Shapes {
 
     fn each_cell_below(
         &self,
-        parts: &Parts,
+        parts: &ClippedShapes,
         block: &Block<'_>,
         (at, side): ([usize; 2], usize),
-        each: &mut dyn FnMut(usize, &Parts, Point),
+        each: &mut dyn FnMut(usize, &ClippedShapes, Point),
     ) {
         if side == 1 {
             let cell = [0, 1].map(|axis| block.cell[axis] + at[axis] as i64);
@@ -202,7 +207,13 @@ impl Shapes {
     }
 
     /// Sets the cells that a shape covers by the edge rule.
-    pub(super) fn mask(&self, mask: &mut Mask, (parts, part): (&Parts, &Part), cell: Point, edge: EdgeRule) {
+    pub(super) fn mask(
+        &self,
+        mask: &mut Mask,
+        (parts, part): (&ClippedShapes, &ClippedShape),
+        cell: Point,
+        edge: EdgeRule,
+    ) {
         let edges = || self.edges_of(parts, part);
         match self.shapes[part.shape as usize].kind {
             ShapeKind::Polygon if part.is_whole() => mask.fill(true),
@@ -230,8 +241,8 @@ impl Shapes {
     /// Returns the edges of a part.
     pub(super) fn edges_of<'a>(
         &'a self,
-        parts: &'a Parts,
-        part: &Part,
+        parts: &'a ClippedShapes,
+        part: &ClippedShape,
     ) -> impl Iterator<Item = &'a Edge> + Clone {
         parts.edges[part.edges.clone()].iter().map(|edge| &self.edges[*edge as usize])
     }
@@ -252,17 +263,17 @@ impl Block<'_> {
     }
 }
 
-impl Parts {
+impl ClippedShapes {
     /// Returns the memory size in bytes.
     pub(super) fn bytes(&self) -> usize {
-        size_of::<Parts>()
-            + self.parts.capacity() * size_of::<Part>()
+        size_of::<ClippedShapes>()
+            + self.parts.capacity() * size_of::<ClippedShape>()
             + self.edges.capacity() * size_of::<u32>()
     }
 
     /// Drops the parts below the last shape that covers the entire node.
-    pub(super) fn uncovered(mut self) -> Parts {
-        if let Some(top) = self.parts.iter().rposition(Part::is_whole) {
+    pub(super) fn uncovered(mut self) -> ClippedShapes {
+        if let Some(top) = self.parts.iter().rposition(ClippedShape::is_whole) {
             self.parts.drain(..top);
         }
         self

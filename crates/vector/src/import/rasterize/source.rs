@@ -11,9 +11,9 @@ use spinney_engine::tree::{CellBlock, Child};
 
 use super::coverage::{Coverage, Shares};
 use super::edge::Point;
-use super::ladder::Ladder;
 use super::mask::{Mask, index_of};
-use super::shapes::{Part, Parts, ShapeKind, Shapes};
+use super::node_cache::NodeCache;
+use super::shapes::{ClippedShape, ClippedShapes, ShapeKind, Shapes};
 
 /// Rule for a cell's value from its shapes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +53,7 @@ pub(super) struct ShapeTree {
     pub(super) extent: [u64; 3],
     pub(super) depth: u8,
     /// Cache of the parts of nodes.
-    pub(super) ladder: Ladder,
+    pub(super) node_cache: NodeCache,
 }
 
 /// Numbers of a block's cells during painting.
@@ -67,8 +67,8 @@ enum Painted {
 }
 
 impl ShapeTree {
-    fn picture(&self) -> Bounds {
-        Bounds::picture(self.extent)
+    fn raster_bounds(&self) -> Bounds {
+        Bounds::of_extent(self.extent)
     }
 
     fn value_of(&self, number: Number) -> Value {
@@ -76,7 +76,7 @@ impl ShapeTree {
     }
 
     /// Returns the value of cells that all of these shapes cover entirely; `None` is VOID.
-    fn uniform(&self, parts: &[Part]) -> Option<Value> {
+    fn uniform(&self, parts: &[ClippedShape]) -> Option<Value> {
         let numbers = || parts.iter().map(|part| self.number(part));
         let sum = || numbers().map(Number::to_f64).sum::<f64>();
         let number = match self.paint {
@@ -90,24 +90,24 @@ impl ShapeTree {
         Some(self.value_of(number))
     }
 
-    fn value_number(&self, part: &Part) -> usize {
+    fn value_number(&self, part: &ClippedShape) -> usize {
         self.shapes.shapes[part.shape as usize].value as usize
     }
 
-    fn number(&self, part: &Part) -> Number {
+    fn number(&self, part: &ClippedShape) -> Number {
         self.values[self.value_number(part)]
     }
 
-    fn kind(&self, part: &Part) -> ShapeKind {
+    fn kind(&self, part: &ClippedShape) -> ShapeKind {
         self.shapes.shapes[part.shape as usize].kind
     }
 
     /// Returns the parts of a node, computed from those of its nearest cached ancestor.
-    fn parts(&self, code: Code) -> Arc<Parts> {
-        let (mut at, mut parts) = self.ladder.nearest(code).unwrap_or_else(|| {
+    fn parts(&self, code: Code) -> Arc<ClippedShapes> {
+        let (mut at, mut parts) = self.node_cache.nearest(code).unwrap_or_else(|| {
             let root = Code::root(Dimension::Quad);
             let parts = Arc::new(self.seen(self.shapes.root(&root.bounds(self.depth))));
-            self.ladder.keep(root, &parts);
+            self.node_cache.insert(root, &parts);
             (root, parts)
         });
         while at.level() < code.level() {
@@ -115,7 +115,7 @@ impl ShapeTree {
             let bounds = codes.map(|code| code.bounds(self.depth));
             let children = self.shapes.children(&parts, &at.bounds(self.depth), &bounds);
             let children = children.map(|parts| Arc::new(self.seen(parts)));
-            codes.iter().zip(&children).for_each(|(code, parts)| self.ladder.keep(*code, parts));
+            codes.iter().zip(&children).for_each(|(code, parts)| self.node_cache.insert(*code, parts));
             let step = code.step(at.level());
             (at, parts) = (codes[step], children[step].clone());
         }
@@ -123,12 +123,12 @@ impl ShapeTree {
     }
 
     /// Drops hidden parts.
-    fn seen(&self, parts: Parts) -> Parts {
+    fn seen(&self, parts: ClippedShapes) -> ClippedShapes {
         if self.paint == Paint::Top { parts.uncovered() } else { parts }
     }
 
     /// Paints the cells of a node with this number of levels below it.
-    fn paint(&self, code: Code, parts: &Parts, levels: u8) -> CellBlock {
+    fn paint(&self, code: Code, parts: &ClippedShapes, levels: u8) -> CellBlock {
         let side = 1usize << levels;
         let bounds = code.bounds(self.depth);
         let cell = [bounds.min[0] as i64, bounds.min[1] as i64];
@@ -141,7 +141,7 @@ impl ShapeTree {
         self.cells(&painted, &bounds, side)
     }
 
-    fn tops(&self, parts: &Parts, cell: Point, side: usize) -> Painted {
+    fn tops(&self, parts: &ClippedShapes, cell: Point, side: usize) -> Painted {
         let (mut tops, mut mask) = (vec![0; side * side], Mask::new(side));
         for part in &parts.parts {
             let number = self.value_number(part) as u32 + 1;
@@ -155,7 +155,7 @@ impl ShapeTree {
         Painted::Tops(tops)
     }
 
-    fn sums(&self, parts: &Parts, cell: Point, side: usize) -> Painted {
+    fn sums(&self, parts: &ClippedShapes, cell: Point, side: usize) -> Painted {
         let (mut sums, mut counts) = (vec![0.0; side * side], vec![0; side * side]);
         let mut mask = Mask::new(side);
         for part in &parts.parts {
@@ -180,7 +180,7 @@ impl ShapeTree {
     /// they touch entirely.
     fn add_shares(
         &self,
-        (parts, part): (&Parts, &Part),
+        (parts, part): (&ClippedShapes, &ClippedShape),
         cell: Point,
         (coverage, mask): (&mut Coverage, &mut Mask),
         shares: &mut Shares,
@@ -201,7 +201,7 @@ impl ShapeTree {
         }
     }
 
-    fn shares(&self, parts: &Parts, cell: Point, side: usize) -> Painted {
+    fn shares(&self, parts: &ClippedShapes, cell: Point, side: usize) -> Painted {
         let mut shares = Shares::new(side * side);
         let (mut coverage, mut mask) = (Coverage::new(side), Mask::new(side));
         for part in &parts.parts {
@@ -220,7 +220,7 @@ impl ShapeTree {
         Painted::Shares(shares)
     }
 
-    fn largest_shares(&self, parts: &Parts, cell: Point, side: usize) -> Painted {
+    fn largest_shares(&self, parts: &ClippedShapes, cell: Point, side: usize) -> Painted {
         let (mut tops, mut best) = (vec![0; side * side], vec![0.0; side * side]);
         // The sum of the shares of all values, and whether any value has several polygons in a
         // cell.
@@ -228,7 +228,7 @@ impl ShapeTree {
         let mut several = vec![false; side * side];
         let mut shares = Shares::new(side * side);
         let (mut coverage, mut mask) = (Coverage::new(side), Mask::new(side));
-        let same = |a: &Part, b: &Part| self.number(a) == self.number(b);
+        let same = |a: &ClippedShape, b: &ClippedShape| self.number(a) == self.number(b);
         for alike in parts.parts.chunk_by(same) {
             for part in alike {
                 self.add_shares((parts, part), cell, (&mut coverage, &mut mask), &mut shares);
@@ -319,13 +319,13 @@ impl ShapeTree {
 impl BlockSource for ShapeTree {
     fn node(&self, code: Code) -> Result<Child<Code>> {
         let cells = code.bounds(self.depth);
-        if cells.intersect(&self.picture()).is_empty() {
+        if cells.intersect(&self.raster_bounds()).is_empty() {
             return Ok(Child::Void);
         }
         let parts = self.parts(code);
-        if parts.parts.iter().all(Part::is_whole) {
+        if parts.parts.iter().all(ClippedShape::is_whole) {
             let value = self.uniform(&parts.parts);
-            if value.is_none() || self.picture().contains(&cells) {
+            if value.is_none() || self.raster_bounds().contains(&cells) {
                 return Ok(Child::uniform(value));
             }
         }

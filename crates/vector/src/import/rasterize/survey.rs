@@ -18,14 +18,14 @@ pub(super) struct Survey {
     /// Number of features with a geometry and without a value.
     pub(super) valueless: u64,
     /// Number of vertices of all features with both.
-    pub(super) corners: u64,
+    pub(super) vertices: u64,
 }
 
 impl Survey {
     /// Creates an empty survey.
     pub(super) fn new() -> Survey {
         let bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
-        Survey { bounds, features: 0, empty: 0, valueless: 0, corners: 0 }
+        Survey { bounds, features: 0, empty: 0, valueless: 0, vertices: 0 }
     }
 
     /// Adds a feature and its value.
@@ -39,8 +39,8 @@ impl Survey {
         options: &RasterizeOptions,
     ) -> Result<()> {
         let half = options.half_width(feature).unwrap_or(None).unwrap_or(0.0);
-        let corners = feature.geometry.as_ref().map_or(0, |geometry| self.widen(geometry, half));
-        if corners == 0 {
+        let vertices = feature.geometry.as_ref().map_or(0, |geometry| self.widen(geometry, half));
+        if vertices == 0 {
             self.empty += 1;
             return Ok(());
         }
@@ -52,7 +52,7 @@ impl Survey {
             }
             values.add(attribute)?;
         }
-        (self.features, self.corners) = (self.features + 1, self.corners + corners);
+        (self.features, self.vertices) = (self.features + 1, self.vertices + vertices);
         Ok(())
     }
 
@@ -61,10 +61,10 @@ impl Survey {
     fn widen(&mut self, geometry: &FeatureGeometry, half: f64) -> u64 {
         let mut count = 0;
         let around = if let FeatureGeometry::Lines(_) = geometry { half } else { 0.0 };
-        let mut add = |corners: &[[f64; 2]]| {
-            count += corners.len() as u64;
-            for corner in corners {
-                for (axis, at) in corner.iter().enumerate() {
+        let mut add = |vertices: &[[f64; 2]]| {
+            count += vertices.len() as u64;
+            for vertex in vertices {
+                for (axis, at) in vertex.iter().enumerate() {
                     self.bounds[0][axis] = self.bounds[0][axis].min(*at - around);
                     self.bounds[1][axis] = self.bounds[1][axis].max(*at + around);
                 }

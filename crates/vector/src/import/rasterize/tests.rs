@@ -7,7 +7,7 @@ use spinney_engine::tree::Child;
 use spinney_overlay::{Crossings, FULL_SHARE, Polygon};
 
 use super::edge::{Edge, PARTS};
-use super::ladder::Ladder;
+use super::node_cache::NodeCache;
 use super::shapes::{ShapeKind, Shapes};
 use super::source::{Paint, ShapeTree};
 
@@ -83,7 +83,7 @@ fn tree(
         edge,
         extent: [extent[0], extent[1], 1],
         depth,
-        ladder: Ladder::new(1 << 14),
+        node_cache: NodeCache::new(1 << 14),
     }
 }
 

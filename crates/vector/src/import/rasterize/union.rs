@@ -10,7 +10,7 @@ use spinney_base::space::EdgeRule;
 use super::coverage::settled;
 use super::edge::{Edge, PARTS, Point, centre};
 use super::mask::Mask;
-use super::shapes::{Part, Parts, ShapeKind, Shapes};
+use super::shapes::{ClippedShape, ClippedShapes, ShapeKind, Shapes};
 
 /// Maximum number of edges whose pairs are compared.
 const MAX_EDGES: usize = 64;
@@ -29,7 +29,7 @@ struct Square {
 }
 
 /// Edge of one of the polygons.
-type Of = (usize, Edge);
+type PolygonEdge = (usize, Edge);
 
 /// Segment of an edge right of a square's left side, in units of the square's side.
 struct Segment {
@@ -55,9 +55,9 @@ impl Shapes {
     /// that cross all of it.
     pub(super) fn union_share<'a>(
         &self,
-        parts: &Parts,
+        parts: &ClippedShapes,
         cell: Point,
-        some: impl Iterator<Item = &'a Part>,
+        some: impl Iterator<Item = &'a ClippedShape>,
     ) -> f64 {
         let square = Square { low: cell.map(|at| at * PARTS), side: PARTS };
         let (mut edges, mut inside) = (Vec::new(), Vec::new());
@@ -99,7 +99,7 @@ impl Square {
     /// crossing, and its side of the middle is decided exactly. The inside state along a row thus
     /// stays consistent: it starts with the state on the left and changes at every segment that the
     /// row crosses. An inexact crossing only affects the slab between it and the exact one.
-    fn segment(self, (polygon, edge): Of) -> (Option<Segment>, Option<Crossing>) {
+    fn segment(self, (polygon, edge): PolygonEdge) -> (Option<Segment>, Option<Crossing>) {
         let local = |at: Point| [0, 1].map(|axis| (at[axis] - self.low[axis]) as f64 / self.side as f64);
         let is_right = |at: Point| at[0] > self.low[0];
         let rising = edge.rising(1);
@@ -131,7 +131,7 @@ impl Segment {
 
 /// Returns the share of a square that polygons cover, given their edges in it, and which of them
 /// contain the middle of its left side.
-fn covered(square: Square, mut edges: Vec<Of>, mut inside: Vec<bool>, divisions: u32) -> f64 {
+fn covered(square: Square, mut edges: Vec<PolygonEdge>, mut inside: Vec<bool>, divisions: u32) -> f64 {
     let mut has_edges = vec![false; inside.len()];
     edges.iter().for_each(|(polygon, _)| has_edges[*polygon] = true);
     // Polygons that cover the entire square.
@@ -170,7 +170,7 @@ fn covered(square: Square, mut edges: Vec<Of>, mut inside: Vec<bool>, divisions:
     square.quarters().map(share).iter().sum()
 }
 
-fn covered_in_slabs(square: Square, edges: &[Of], inside: &[bool]) -> f64 {
+fn covered_in_slabs(square: Square, edges: &[PolygonEdge], inside: &[bool]) -> f64 {
     let (mut segments, mut crossings) = (Vec::with_capacity(edges.len()), Vec::new());
     for edge in edges {
         let (segment, crossing) = square.segment(*edge);

@@ -18,7 +18,7 @@ pub(super) struct Values {
     /// Minimum and maximum of all integers, including integral floating-point numbers.
     range: Option<[i128; 2]>,
     /// Strings, with their classes once all are known.
-    texts: BTreeMap<String, Number>,
+    strings: BTreeMap<String, Number>,
     /// A number that is not an integer, if there is one.
     fraction: Option<f64>,
 }
@@ -51,11 +51,11 @@ impl Values {
                 }
             }
             FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => {
-                if !self.texts.contains_key(text) {
-                    self.texts.insert(text.clone(), Number::default());
+                if !self.strings.contains_key(text) {
+                    self.strings.insert(text.clone(), Number::default());
                 }
-                if self.texts.len() > MAX_CLASSES {
-                    let found = format!("more than {MAX_CLASSES} different texts");
+                if self.strings.len() > MAX_CLASSES {
+                    let found = format!("more than {MAX_CLASSES} different strings");
                     return Err(Error::invalid("value", found, "an attribute with fewer, or with numbers"));
                 }
             }
@@ -76,37 +76,37 @@ impl Values {
     /// a number.
     pub(super) fn finish(&mut self, name: &str, options: &RasterizeOptions) -> Result<()> {
         let has_numbers = self.has_reals || self.has_integers || self.has_booleans;
-        if has_numbers && !self.texts.is_empty() {
-            let text = self.texts.keys().next().cloned().unwrap_or_default();
-            let found = format!("`{name}`, which has numbers and texts, such as `{text}`");
-            return Err(Error::invalid("value", found, "an attribute that is one of both"));
+        if has_numbers && !self.strings.is_empty() {
+            let text = self.strings.keys().next().cloned().unwrap_or_default();
+            let found = format!("`{name}`, which has numbers and strings, such as `{text}`");
+            return Err(Error::invalid("value", found, "an attribute with either numbers or strings"));
         }
         let Some(ground) = &options.ground else {
-            for (class, number) in self.texts.values_mut().zip(1u64..) {
+            for (class, number) in self.strings.values_mut().zip(1u64..) {
                 *class = number.into();
             }
-            let classes = self.texts.values().next_back().copied();
+            let classes = self.strings.values().next_back().copied();
             return match options.sample.and_then(|sample| self.unfit(sample, classes)) {
                 Some(number) => {
-                    let found = format!("one that cannot hold {number}, which `{name}` has");
-                    Err(Error::invalid("type", found, "one that holds all values"))
+                    let found = format!("a type that cannot represent {number}, a value of `{name}`");
+                    Err(Error::invalid("type", found, "a type that can represent all values"))
                 }
                 None => Ok(()),
             };
         };
         let classes = &ground.metadata.class_names;
-        for (text, class) in &mut self.texts {
+        for (text, class) in &mut self.strings {
             let found = classes.iter().find(|(_, name)| *name == text);
             *class = *found.ok_or_else(|| unknown_class(text, classes))?.0;
         }
         let sample = ground.header.form.value.sample;
         match self.unfit(sample, None).filter(|_| !options.overlaps.is_computed()) {
             Some(number) => {
-                let found = format!("`{name}`, which has {number}");
+                let found = format!("`{name}`, which has the value {number}");
                 Err(Error::invalid(
                     "value",
                     found,
-                    format!("an attribute whose values {} can hold", ground.header.form.value),
+                    format!("an attribute whose values {} can represent", ground.header.form.value),
                 ))
             }
             None => Ok(()),
@@ -130,13 +130,13 @@ impl Values {
                 (*number as i64).into()
             }
             FeatureAttribute::Number(number) => (*number).into(),
-            FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => *self.texts.get(text)?,
+            FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => *self.strings.get(text)?,
         })
     }
 
     /// Returns the names of the classes made from strings.
     pub(super) fn class_names(&self) -> impl Iterator<Item = (Number, String)> {
-        self.texts.iter().map(|(text, class)| (*class, text.clone()))
+        self.strings.iter().map(|(text, class)| (*class, text.clone()))
     }
 
     /// Returns type and kind of the cells. The type for an attribute depends as little as possible
@@ -157,7 +157,9 @@ impl Values {
                     (if is_single { SampleType::F32 } else { SampleType::F64 }, DataKind::Continuous)
                 }
             },
-            _ if !self.texts.is_empty() => (of_range([0, self.texts.len() as i128]), DataKind::Categorical),
+            _ if !self.strings.is_empty() => {
+                (of_range([0, self.strings.len() as i128]), DataKind::Categorical)
+            }
             _ if self.has_reals => (SampleType::F64, DataKind::Continuous),
             _ if self.has_booleans && !self.has_integers => (SampleType::U8, DataKind::Categorical),
             _ => {
@@ -199,5 +201,5 @@ fn of_range([low, high]: [i128; 2]) -> SampleType {
     let types = if low < 0 { [I8, I16, I32, I64] } else { [U8, U16, U32, U64] };
     let signs = i128::from(low < 0);
     let fits = |bits: i128| low >= -(1 << (bits - 1)) * signs && high < 1 << (bits - signs);
-    [8, 16, 32].iter().position(|bits| fits(*bits)).map_or(types[3], |place| types[place])
+    [8, 16, 32].iter().position(|bits| fits(*bits)).map_or(types[3], |index| types[index])
 }

@@ -12,7 +12,7 @@ use spinney_base::value::Number;
 
 /// Table entry of a label.
 #[derive(Debug, PartialEq)]
-struct Told {
+struct TableEntry {
     label: Number,
     class: Option<Number>,
     cells: u64,
@@ -23,16 +23,16 @@ struct Told {
 
 impl Model {
     /// Table of cells with labels; cells with `None` have no label.
-    fn table(&self, labels: &[Option<Number>], class: impl Fn(Value) -> Option<Number>) -> Vec<Told> {
+    fn table(&self, labels: &[Option<Number>], class: impl Fn(Value) -> Option<Number>) -> Vec<TableEntry> {
         let cell = |path: usize| {
             Code::from_path(self.form.dimension, self.depth, path as u64).unwrap().cell().map(u64::from)
         };
-        let mut table: BTreeMap<Number, Told> = BTreeMap::new();
+        let mut table: BTreeMap<Number, TableEntry> = BTreeMap::new();
         let mut touches: BTreeMap<(Number, Number), u64> = BTreeMap::new();
         for (path, label) in labels.iter().enumerate() {
             let (Some(label), Some(value)) = (*label, self.cells[path]) else { continue };
             let bounds = Bounds { min: cell(path), max: cell(path).map(|cell| cell + 1) };
-            let told = table.entry(label).or_insert_with(|| Told {
+            let entry = table.entry(label).or_insert_with(|| TableEntry {
                 label,
                 class: class(value),
                 cells: 0,
@@ -40,8 +40,8 @@ impl Model {
                 first: cell(path),
                 neighbours: Vec::new(),
             });
-            told.cells += 1;
-            told.bounds = told.bounds.hull(&bounds);
+            entry.cells += 1;
+            entry.bounds = entry.bounds.hull(&bounds);
             for other in self.around(path, 0).into_iter().filter_map(|other| labels[other]) {
                 if other != label {
                     *touches.entry((label, other)).or_default() += 1;
@@ -55,14 +55,14 @@ impl Model {
     }
 }
 
-fn told(cells: &Cells, request: &LabelRequest) -> Vec<Told> {
+fn entries_of(cells: &Cells, request: &LabelRequest) -> Vec<TableEntry> {
     let mut table = Vec::new();
     let summary = table_of(cells, request, &(), &mut |label| {
         let mut neighbours = Vec::new();
         while let Some(neighbour) = label.next_neighbour()? {
             neighbours.push((neighbour.label, neighbour.faces));
         }
-        table.push(Told {
+        table.push(TableEntry {
             label: label.label(),
             class: label.class().map(|class| class[0]),
             cells: label.cells(),
@@ -74,7 +74,7 @@ fn told(cells: &Cells, request: &LabelRequest) -> Vec<Told> {
     })
     .unwrap();
     assert_eq!(summary.count, table.len() as u64);
-    assert_eq!(summary.cells, table.iter().map(|told| told.cells).sum::<u64>());
+    assert_eq!(summary.cells, table.iter().map(|entry| entry.cells).sum::<u64>());
     table
 }
 
@@ -99,7 +99,7 @@ fn tables_are_those_of_all_cells() {
         let number = |value: Value| model.form.value.first_number(value);
         let values: Vec<_> = model.cells.iter().map(|value| value.map(number)).collect();
         let cells = Cells { block_levels, ..Cells::values(model.view(), 0) };
-        assert_eq!(told(&cells, &request), model.table(&values, |_| None), "{}", model.form);
+        assert_eq!(entries_of(&cells, &request), model.table(&values, |_| None), "{}", model.form);
 
         let reach = round as u32 / 3 % 2;
         request.connect = Some(crate::ops::Connectivity::of(dimension, reach > 0));
@@ -108,12 +108,17 @@ fn tables_are_those_of_all_cells() {
         let components: Vec<_> =
             components.into_iter().map(|label| (label > 0).then_some(Number::Unsigned(label))).collect();
         let expected = model.table(&components, |value| Some(number(value)));
-        assert_eq!(told(&cells, &request), expected, "{} reach {reach} levels {block_levels}", model.form);
+        assert_eq!(
+            entries_of(&cells, &request),
+            expected,
+            "{} reach {reach} levels {block_levels}",
+            model.form
+        );
     }
 }
 
 #[test]
-fn labels_without_neighbours_and_neighbours_nobody_asks_for() {
+fn labels_without_neighbours_and_neighbours_that_are_not_requested() {
     let mut random = Random(8);
     let model = Model::new(form(QUAD, SampleType::U8), 6, &mut |_| {
         let class = random.below(4) as u8;
@@ -121,7 +126,7 @@ fn labels_without_neighbours_and_neighbours_nobody_asks_for() {
     });
     let mut request = LabelRequest::new();
     request.connect = Some("4".parse().unwrap());
-    let all = told(&Cells::values(model.view(), 0), &request);
+    let all = entries_of(&Cells::values(model.view(), 0), &request);
     let mut next = all.iter();
     find_labels(&model.view(), &request, &(), &mut |label| {
         let expected = next.next().unwrap();
@@ -134,9 +139,9 @@ fn labels_without_neighbours_and_neighbours_nobody_asks_for() {
     })
     .unwrap();
     request.neighbours = false;
-    let alone = told(&Cells::values(model.view(), 0), &request);
-    assert!(all.iter().any(|told| !told.neighbours.is_empty()));
-    assert!(alone.iter().all(|told| told.neighbours.is_empty()));
+    let alone = entries_of(&Cells::values(model.view(), 0), &request);
+    assert!(all.iter().any(|entry| !entry.neighbours.is_empty()));
+    assert!(alone.iter().all(|entry| entry.neighbours.is_empty()));
     assert_eq!(alone.len(), all.len());
 }
 
@@ -179,10 +184,10 @@ impl Row for Count {
 
 #[test]
 fn rows_beyond_memory_are_added_up() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let mut random = Random(12);
     for (memory, keys) in [(0, 50_000), (1 << 12, 500), (1 << 24, 50_000), (1 << 10, 1)] {
-        let mut rows = Rows::new(folder.path(), memory);
+        let mut rows = Rows::new(directory.path(), memory);
         let mut expected: BTreeMap<u64, u64> = BTreeMap::new();
         for _ in 0..100_000 {
             let (key, count) = (random.below(keys), random.below(9));
@@ -197,5 +202,5 @@ fn rows_beyond_memory_are_added_up() {
         }
         assert!(sorted.peek().is_none() && sorted.next().unwrap().is_none());
     }
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
 }

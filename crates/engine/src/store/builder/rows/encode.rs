@@ -3,7 +3,7 @@
 
 use zerocopy::{FromBytes, IntoBytes};
 
-use super::super::encode::{Places, dense_sizes};
+use super::super::encode::{SubtreeSlots, dense_sizes};
 use super::{RowLevel, reduce};
 use crate::store::records::{Record, RecordHead};
 use spinney_base::array;
@@ -19,7 +19,7 @@ struct Encoder<'a, R: Record> {
     /// Maximum number of levels of dense blocks.
     most_dense: u8,
     /// For each level from the lowest one that has nodes which are not uniform.
-    places: Vec<Vec<Places>>,
+    slots: Vec<Vec<SubtreeSlots>>,
     layout: std::marker::PhantomData<R>,
 }
 
@@ -31,16 +31,11 @@ pub(super) fn encode<R: Record>(levels: &[RowLevel], bottom: usize, most_dense: 
         return Vec::new();
     }
     let layout = std::marker::PhantomData;
-    let mut encoder = Encoder::<R> {
-        levels: &levels[bottom..],
-        is_cut: bottom > 0,
-        most_dense,
-        places: Vec::new(),
-        layout,
-    };
+    let mut encoder =
+        Encoder::<R> { levels: &levels[bottom..], is_cut: bottom > 0, most_dense, slots: Vec::new(), layout };
     encoder.count();
     let up = encoder.levels.len() - 1;
-    let mut bytes = vec![0; encoder.places(up, [0; 3]).0 * size_of::<R>()];
+    let mut bytes = vec![0; encoder.slots(up, [0; 3]).0 * size_of::<R>()];
     encoder.node(up, [0; 3], <[R]>::mut_from_bytes(&mut bytes).expect("whole records"));
     bytes
 }
@@ -59,40 +54,40 @@ impl<R: Record> Encoder<'_, R> {
 
     /// Counts the record slots of all nodes above the bottom.
     fn count(&mut self) {
-        let leaf = Places::of_state(LEAF);
+        let leaf = SubtreeSlots::of_state(LEAF);
         // The lowest level with nodes that are not uniform, and the slots of each of these.
         let (lowest, other) = if self.is_cut {
-            (0, Places::of_state(CUT))
+            (0, SubtreeSlots::of_state(CUT))
         } else {
             let together = (1..R::CHILDREN).fold(leaf, |together, _| together.join(leaf));
             (1, together.parent(&dense_sizes::<R>(1, self.most_dense)))
         };
-        self.places = vec![Vec::new(); lowest];
+        self.slots = vec![Vec::new(); lowest];
         let of = |uniform: &u8| if *uniform == 1 { leaf } else { other };
-        self.places.push(self.levels[lowest].uniform.iter().map(of).collect());
+        self.slots.push(self.levels[lowest].uniform.iter().map(of).collect());
         for (up, level) in self.levels.iter().enumerate().skip(lowest + 1) {
             let sizes = dense_sizes::<R>(up as u8, self.most_dense);
             let mut here = vec![leaf; level.uniform.len()];
-            let below = &self.places[up - 1];
-            reduce(R::AXES, self.side(up - 1), below, &mut here, |places| places, Places::join);
+            let below = &self.slots[up - 1];
+            reduce(R::AXES, self.side(up - 1), below, &mut here, |slots| slots, SubtreeSlots::join);
             for (here, uniform) in here.iter_mut().zip(&level.uniform) {
                 *here = if *uniform == 1 { leaf } else { here.parent(&sizes) };
             }
-            self.places.push(here);
+            self.slots.push(here);
         }
     }
 
     /// Returns the number of slots of an INNER node, and the kind of its dense block if it is one.
     #[inline]
-    fn places(&self, up: usize, at: [usize; 3]) -> (usize, Option<DenseKind>) {
-        let places = self.places[up][self.index(up, at)];
-        (places.count() as usize, places.dense())
+    fn slots(&self, up: usize, at: [usize; 3]) -> (usize, Option<DenseKind>) {
+        let slots = self.slots[up][self.index(up, at)];
+        (slots.count() as usize, slots.dense())
     }
 
     /// Writes an INNER node of a level to the first slots of `records`; returns the number of
     /// slots.
     fn node(&self, up: usize, at: [usize; 3], records: &mut [R]) -> usize {
-        let (count, dense) = self.places(up, at);
+        let (count, dense) = self.slots(up, at);
         let records = &mut records[..count];
         let below = &self.levels[up - 1];
         let mut values = [R::ZERO; 8];

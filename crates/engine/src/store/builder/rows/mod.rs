@@ -14,7 +14,7 @@ mod tests;
 
 use zerocopy::FromBytes;
 
-use super::part::Part;
+use super::encoded_subtree::EncodedSubtree;
 use super::sink::BuiltBlock;
 use super::tally;
 use crate::store::records::{Record, RecordLayout, with_record_type};
@@ -96,7 +96,7 @@ impl RowBlock {
         // the nodes below it.)
         let total = below.records() + u64::from(child.is_inner());
         let records = self.encode(0, most_dense);
-        let mut part = Part { code: self.code, child, total, records, tally };
+        let mut part = EncodedSubtree { code: self.code, child, total, records, tally };
         let sealed = part
             .seal_with(shape, |_, levels| self.encode(self.height.saturating_sub(levels.into()), most_dense));
         (part, sealed, counts)

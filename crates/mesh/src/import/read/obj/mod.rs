@@ -20,7 +20,7 @@ use self::statements::{Statement, Statements, vertex};
 use super::colour_range::ColourRange;
 use super::corners::{Corners, MAX_CORNERS, WHITE};
 use super::model_file::ModelFile;
-use super::parts::Parts;
+use super::parts::PartNames;
 use super::vertices::{Coordinates, VertexBounds, Vertices, VerticesBuilder};
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::{Error, Result};
@@ -54,7 +54,7 @@ const NO_PART: &[u8] = b"mesh";
 pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let mut vertices = VerticesBuilder::new(source.path(), Coordinates::F64, true, memory / 2);
     let mut faces = FaceListBuilder::new(source.path(), memory / 2);
-    let (mut parts, mut materials) = (Parts::new(memory), Parts::new(memory));
+    let (mut parts, mut materials) = (PartNames::new(memory), PartNames::new(memory));
     let (mut bounds, mut libraries) = (VertexBounds::new(), Vec::new());
     let (mut vertex_count, mut max_vertex) = (0, None);
     let (mut is_coloured, mut has_materials, mut has_objects) = (false, false, false);
@@ -70,7 +70,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
                 let Some((point, colour)) = vertex(words.clone()) else {
                     let found: Cow<'_, [u8]> = words.take(8).collect::<Vec<_>>().join(&b' ').into();
                     let place = format!("vertex {}, line {line}", vertex_count + 1);
-                    let expected = "three finite numbers, perhaps a weight or a colour";
+                    let expected = "three finite numbers, optionally followed by a weight or a colour";
                     return Err(source.corrupt(place, shown(&found), expected));
                 };
                 vertex_count += 1;
@@ -90,7 +90,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
                     }
                 };
                 read_corners(words, vertex_count, u64::MAX, &mut corners).map_err(|word| {
-                    let expected = "at most 2^20 corners, each of which is a vertex's number";
+                    let expected = "at most 2^20 corners, each a vertex number";
                     source.corrupt(format!("face {}, line {line}", faces.count()), shown(word), expected)
                 })?;
                 max_vertex = max_vertex.max(corners.iter().copied().max());
@@ -99,7 +99,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
             Statement::Object(name) => {
                 if !has_objects {
                     // If there are objects, groups are not parts.
-                    (has_objects, parts) = (true, Parts::new(memory));
+                    (has_objects, parts) = (true, PartNames::new(memory));
                     faces.drop_parts();
                     if faces.count() > 0 {
                         parts.number(&source, NO_PART)?;
@@ -182,7 +182,7 @@ fn index(word: &[u8], known: u64) -> Option<u64> {
 /// Error for a face that uses a missing vertex. Vertices may come after faces, so the file is
 /// searched again from its start once their number is known.
 fn missing_vertex(source: &ModelFile, count: u64) -> Error {
-    let expected = format!("at most 2^20 corners that are one of {count} vertices");
+    let expected = format!("at most 2^20 corners, each one of the {count} vertices");
     let (mut known, mut number, mut corners) = (0, 0u64, Vec::new());
     let mut statements = Statements::new(source);
     loop {

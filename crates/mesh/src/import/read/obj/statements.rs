@@ -49,7 +49,7 @@ impl<'a> Statements<'a> {
                 self.count += 1;
                 if self.joined.len() > MAX_BYTES {
                     let found = format!("a statement of more than {MAX_BYTES} bytes");
-                    return Err(self.source.corrupt(format!("line {}", self.count), found, "a shorter one"));
+                    return Err(self.source.corrupt(format!("line {}", self.count), found, "at most that"));
                 }
             }
             let mut rest = words(line);

@@ -87,8 +87,8 @@ fn by_tobj(text: &str) -> Vec<Face> {
 }
 
 fn by_open(text: &str, memory: u64) -> Vec<Face> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.obj");
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.obj");
     std::fs::write(&path, text).unwrap();
     let mut model = open(ModelFile::open(&path, &Default::default()).unwrap(), memory).unwrap();
     let parts = model.info().parts.clone();

@@ -1,3 +1,0 @@
-#![no_main]
-
-spinney_fuzz::fuzz!(rounds);
