@@ -79,7 +79,7 @@ def test_arrays_without_a_free_number_are_masked(tmp_path: Path) -> None:
         with pytest.raises(ValueError, match="masked=True"):
             ds.read(1)
         assert ds.read(1, masked=True).mask.sum() == 1 and ds.read(1, fill=7)[0, 0] == 7
-        with pytest.raises(ValueError, match="every number of u8 is a value"):
+        with pytest.raises(ValueError, match="every number of type u8 is a value"):
             ds.save(tmp_path / "a.npy")
 
 

@@ -41,6 +41,7 @@ mod verify;
 #[cfg(test)]
 mod vocabulary;
 
+use std::io::{self, IsTerminal as _};
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -162,7 +163,7 @@ fn program() -> clap::Command {
 /// Runs the program with its command-line arguments.
 pub(crate) fn main() -> ExitCode {
     let words: Vec<_> = words().collect();
-    if let Some(page) = help::page(&words) {
+    if let Some(page) = help::page(&words, io::stdout().is_terminal()) {
         return match page {
             Ok(page) => report::print_help(&page),
             Err(error) => report::explain_usage(&error),

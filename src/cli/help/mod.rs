@@ -80,6 +80,9 @@ impl Topics {
     }
 }
 
+/// Maximum width of a page.
+const COLUMNS: usize = 100;
+
 /// Kinds of pages.
 #[derive(Clone, Copy)]
 enum Page<'a> {
@@ -89,14 +92,19 @@ enum Page<'a> {
     Topic(&'a Topic),
 }
 
-/// Returns the help page that the command line requests. clap reports unknown commands.
+/// Returns the help page that the command line requests. clap reports unknown commands. Lines are
+/// as wide as the terminal, or [`COLUMNS`] if there is none.
 ///
 /// # Errors
 /// If the command has no such topic.
-pub(super) fn page(words: &[OsString]) -> Option<Result<StyledStr, clap::Error>> {
+pub(super) fn page(words: &[OsString], is_terminal: bool) -> Option<Result<StyledStr, clap::Error>> {
     let words: Vec<&str> = words.iter().skip(1).map_while(|word| word.to_str()).collect();
     let words = words.split(|word| *word == "--").next().unwrap_or_default();
     let mut command = super::program();
+    if !is_terminal {
+        // (Otherwise clap uses the variable COLUMNS.)
+        command = command.term_width(COLUMNS);
+    }
     command.build();
     let is_short = words.contains(&"-h");
     let (is_help, mut rest) = match words {
@@ -239,15 +247,14 @@ mod tests {
     use std::ffi::OsString;
 
     use super::super::program;
-    use super::{page, topics_of};
+    use super::{COLUMNS, page, topics_of};
 
     const SHORT_LINES: usize = 40;
     const FULL_LINES: usize = 70;
-    const COLUMNS: usize = 100;
 
     fn text(words: &[&str]) -> String {
         let words: Vec<OsString> = ["spinney"].iter().chain(words).map(OsString::from).collect();
-        page(&words).unwrap_or_else(|| panic!("no page: {words:?}")).expect("a topic").to_string()
+        page(&words, false).unwrap_or_else(|| panic!("no page: {words:?}")).expect("a topic").to_string()
     }
 
     /// Returns the names of all commands, and of nested ones.
@@ -311,7 +318,7 @@ mod tests {
 
     #[test]
     fn only_requests_for_help_have_a_page() {
-        let page = |words: &[&str]| page(&words.iter().map(OsString::from).collect::<Vec<_>>());
+        let page = |words: &[&str]| page(&words.iter().map(OsString::from).collect::<Vec<_>>(), false);
         for words in [
             &["spinney"][..],
             &["spinney", "info", "x.goblin"],
