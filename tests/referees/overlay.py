@@ -46,7 +46,7 @@ def written(name, geometries):
 def combined(operation, *paths, options=()):
     output = directory / "out.geojson"
     process = subprocess.run([program, "combine", operation, *map(str, paths), "-o", str(output), *options], check=True, capture_output=True, text=True)
-    bound = next(float(line.split()[-3]) for line in process.stderr.splitlines() if line.startswith("grid"))
+    bound = next(float(line.split()[-1]) for line in process.stderr.splitlines() if line.startswith("grid"))
     return json.loads(output.read_text())["features"], bound
 
 

@@ -21,7 +21,7 @@ pub enum ModelNodeState {
     Void,
     /// Inside of the body.
     Full,
-    /// Divided: see [`ExactModel::children`].
+    /// Divided: see [`ExactModel::children`](crate::ExactModel::children).
     Inner,
     /// Cut by faces: see [`ModelNode::faces`].
     Leaf {
