@@ -34,7 +34,7 @@ struct Topic {
 
 /// A command's topics. Options that are in none of them are on the command's page.
 struct Topics {
-    /// What topics are, in the plural.
+    /// Noun for the topics, in the plural: "Kinds of input".
     heading: &'static str,
     topics: &'static [Topic],
     /// Options that the command shares with another one, and refuses.

@@ -33,7 +33,7 @@
 //! an operand like any other model. In the octree, on-grid faces represent an exact face: its
 //! proxies. Files do not store the exact face of a proxy, but both have the same part and source.
 //!
-//! What becomes of an operand's faces. "Stage 1": it is kept, reversed or dropped as a whole.
+//! Fates of an operand's faces. "Stage 1": it is kept, reversed or dropped as a whole.
 //! "Stage 2": the same, or it is divided, and each region is kept, reversed or dropped.
 //!
 //! | face             | decided by     | what represents it in the result's octree               |
