@@ -33,6 +33,7 @@ const BOXES: usize = 300;
 const BOX_SIDE: u64 = 4096;
 
 fn main() -> Outcome<()> {
+    spinney::raw::register();
     let mut listed = None;
     let mut only = None;
     let mut is_cold = false;

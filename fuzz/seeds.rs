@@ -13,6 +13,7 @@ use spinney::raw::ops::add_layer;
 use spinney::raw::store::autumnal::{CompactOptions, Keep, compact};
 use spinney::raw::store::{Packing, build_tree, depth_for};
 use spinney::tree::MemTree;
+use spinney_fuzz::targets::indexes::small_index;
 use spinney_fuzz::targets::seal;
 
 use reference::Cut;
@@ -56,6 +57,8 @@ fn main() -> Result<()> {
     let directory = tempfile::tempdir().unwrap();
     let project = root.join("..");
     goblins(&put, &project, directory.path())?;
+    put("index_sections", "small", &small_index().input());
+    put("goblin_read", "index", &small_index().bytes);
     autumnals(&put, &project, directory.path())?;
     layers(&put, directory.path())?;
     images(&put, &project, directory.path())?;

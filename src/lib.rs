@@ -73,6 +73,7 @@
 //! | feature | what it adds |
 //! | --- | --- |
 //! | `raster` | rasters, volumes, lists of cells; styles, tiles, cloud-optimized GeoTIFF |
+//! | `indexes` | reader of indexes, whose cells are in TIFF files (part of `raster`) |
 //! | `brep` | exact models, bintrees and BSP trees |
 //! | `mesh` | readers and writers of meshes, solids, glTF and 3D Tiles (with `brep`) |
 //! | `shards` | trees that many processes build (with `mesh` and `raster`) |
@@ -308,6 +309,7 @@ pub fn open(path: impl AsRef<Path>) -> Result<Dataset> {
 /// # Errors
 /// The errors of [`open`].
 pub fn open_with(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
+    raw::register();
     spinney_engine::dataset::open(path.as_ref(), options)
 }
 

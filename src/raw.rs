@@ -2,6 +2,14 @@
 //! tests of Spinney use and that is not in the library's public interface. Any version may change
 //! names in this module.
 
+/// Lets this process read the cells of indexes from the files that have them. [`open`](crate::open)
+/// does it; call this before other functions that open files. Without the feature `indexes` it has
+/// no effect.
+pub fn register() {
+    #[cfg(feature = "indexes")]
+    spinney_references::register();
+}
+
 /// Node codes and boxes, and the georeferencing of cells.
 pub mod space {
     pub use spinney_base::space::{Cell, CodeRange, Cover, Up};
@@ -24,7 +32,7 @@ pub mod io {
     pub use spinney_base::io::{
         CachedBytes, CompletionRecord, DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileStat, FileVersion,
         Mapped, OutputDirectory, Positioned, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter,
-        WriteBackend, any_file, redacted, shown, url_of, without_query,
+        Warn, WriteBackend, any_file, listed_path, redacted, shown, url_of, without_query,
     };
 
     /// Restartable, batched queries of remote files.
@@ -292,10 +300,14 @@ pub mod import {
     /// Raster files.
     #[cfg(feature = "raster")]
     pub mod raster {
+        pub use spinney_raster::assets_of;
         pub use spinney_raster::import::{
             Band, BandInfo, DEFAULT_MEMORY, Order, Pixels, Raster, RasterInfo, RasterOptions, RasterSlabs,
             StackLayer, TargetGrid, WarpedBuilt, mosaic, needs_layers, open, select, spill, value_type,
             write_stack,
+        };
+        pub use spinney_raster::index::{
+            IndexUpdate, SourceRecorder, SourceWindow, UpdateReport, update_index,
         };
     }
 

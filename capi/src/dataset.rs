@@ -155,6 +155,7 @@ pub unsafe extern "C" fn spinney_open(
         if flags & SPINNEY_POSITIONED != 0 {
             options.access = options.access.positioned(None);
         }
+        engine::raw::register();
         let mut opened = dataset::open(&path, &options)?;
         let mut chain: Vec<ViewOperation> = Vec::new();
         for step in 0..step_count {

@@ -114,6 +114,7 @@ pub unsafe extern "C" fn spinney_open_parts(
                 DEFAULT_GAP,
             )))
         });
+        engine::raw::register();
         let opened = dataset::open(&path, &OpenOptions::new().source(source))?;
         // SAFETY: `dataset` is not NULL, and points to the caller's pointer.
         unsafe { spinney_dataset::write_handle(opened, dataset) };

@@ -9,6 +9,7 @@ pub mod edits;
 mod features;
 mod files;
 mod importers;
+pub mod indexes;
 pub mod layers;
 pub mod lines;
 pub mod models;
@@ -23,6 +24,7 @@ pub use importers::{
     bmp, cells, chain_code, cityjson, exr, gif, hdr, hgt, jpeg, npy, nrrd, obj, off, ply, png, pnm, qoi,
     sidecar, stl, tga, tiff, vrt, webp, world_file,
 };
+pub use indexes::index_sections;
 pub use layers::{autumnal_layers, goblin_layers};
 pub use lines::lines_read;
 pub use models::model_read;
@@ -33,7 +35,7 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their directories in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 44] = [
+pub const TARGETS: [(&str, Target); 45] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_layers", autumnal_layers),
@@ -57,6 +59,7 @@ pub const TARGETS: [(&str, Target); 44] = [
     ("goblin_read", goblin_read),
     ("hdr", hdr),
     ("hgt", hgt),
+    ("index_sections", index_sections),
     ("jpeg", jpeg),
     ("lines_read", lines_read),
     ("model_read", model_read),

@@ -79,6 +79,9 @@ pub fn trailer(file: &[u8]) -> Option<usize> {
 const CONTENT: usize = 13;
 const MODEL: u8 = 2;
 const LINES: u8 = 4;
+/// Offset of the codec in a layer, and its value for an index.
+const CODEC: usize = 4;
+const REFERENCE: u8 = 2;
 /// Sizes of an entry in an exact model's lists, and in lists of blocks of lines, in bytes.
 const MODEL_ENTRY: usize = 24;
 const LINE_ENTRY: usize = 44;
@@ -167,7 +170,9 @@ pub fn goblin(file: &mut [u8]) {
     for layer in layers(file) {
         let (size, run) = (entry_size(file, layer), long(file, layer + 88));
         let levels = index(file, layer);
-        for (_, page) in levels.last().into_iter().flatten() {
+        // (Entries of an index are packed, with their checksums.)
+        let segments = if file[layer + CODEC] == REFERENCE { None } else { levels.last() };
+        for (_, page) in segments.into_iter().flatten() {
             for entry in entries(file, page, size) {
                 let start = run.saturating_add(long(file, entry + 8));
                 if let Some(segment) = part(file, start, long(file, entry + 16)) {

@@ -51,6 +51,7 @@ pub fn goblin_read(bytes: &[u8]) {
 
 /// Runs all queries of a Goblin file.
 pub fn query_goblin(file: Vec<u8>) {
+    spinney::raw::register();
     let Ok(file) = Goblin::from_backend(Path::new("(fuzz)"), backend(file), &OpenOptions::new()) else {
         return;
     };

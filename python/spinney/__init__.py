@@ -48,6 +48,7 @@ from ._dataset import Dataset, Level, open
 from ._edit import Edit, edit
 from ._exact import ExactModel, build_brep, object_contacts, open_brep
 from ._files import add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, set_cache_memory, transform, verify
+from ._index import IndexUpdate, index, update_index
 from ._lines import BuiltLines, LineCrossings, LineLevel, LineTree, build_lines, open_lines
 from ._native import version as __version__
 from ._points import BuiltPoints, PointColumn, PointTree, build_points, open_points
@@ -106,6 +107,7 @@ __all__ = [
     "Faces",
     "Finding",
     "Hits",
+    "IndexUpdate",
     "Labels",
     "Level",
     "LevelCounts",
@@ -145,6 +147,7 @@ __all__ = [
     "diff",
     "drop_layer",
     "edit",
+    "index",
     "log",
     "object_contacts",
     "open",
@@ -155,5 +158,6 @@ __all__ = [
     "restricted",
     "set_cache_memory",
     "transform",
+    "update_index",
     "verify",
 ]

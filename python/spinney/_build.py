@@ -230,6 +230,7 @@ def build(
         for_import |= {"stack": stack, "names": None if names is None else names_of(names), "times": seen}
         for_import["bands"] = None if bands is None else list(bands)
         for_import["sample"] = None if dtype is None else np.dtype(dtype).name
+        for_import["referenced"] = None
         with working(progress, threads, max_bytes) as terms:
             return _native.build_files(paths or [], meshes, path_of(out), for_import, terms)
     if isinstance(source, list | tuple) and any(isinstance(part, Dataset) for part in source):

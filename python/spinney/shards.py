@@ -56,6 +56,8 @@ def plan(
     keep_transparent: bool = False,
     codec: Codec = "plain",
     max_error: float | None = None,
+    index: bool = False,
+    stored_level: Literal[1, 2, 4] | None = None,
     threads: int | None = None,
     progress: Progress = None,
 ) -> Job:
@@ -66,8 +68,10 @@ def plan(
     the directory may be a URL, too, such as s3://bucket/job. The options are those of
     `spinney.build` for rasters. By default there is one of the `shards` per GiB of input. The same
     plan can be made again. If the directory has another plan, it is left unchanged, and that is an
-    error.
+    error. With `index`, the shards are those of an index, as by `spinney.index`.
     """
+    if stored_level is not None and not index:
+        raise ValueError("stored_level: is for index=True")
     given: dict[str, Any] = {
         "kind": kind,
         "rule": rule,
@@ -86,6 +90,7 @@ def plan(
     }
     of_others = dict.fromkeys(_OTHERS) | {"shell": False, "fractions": False, "allow_ballpark": False}
     options = given | of_others | {"memory": memory_of(MEMORY), "share": False, "time": None}
+    options["referenced"] = (stored_level or 2) if index else None
     with working(progress, threads) as terms:
         _native.plan_shards(_files_of(sources), path_of(job), options, shards, terms)
     return Job(job)

@@ -341,6 +341,8 @@ pub(crate) struct FileOptions {
     pub(crate) shell: bool,
     pub(crate) up: Option<String>,
     pub(crate) unit: Option<String>,
+    /// Levels between the cells and the finest stored level of an index.
+    pub(crate) referenced: Option<u8>,
 }
 
 impl FileOptions {
@@ -364,6 +366,10 @@ impl FileOptions {
         (options.keep_transparent, options.share) = (self.keep_transparent, self.share);
         (options.memory, options.time) = (Some(self.memory), self.time);
         options.packing = self.packing.0;
+        if let Some(levels) = self.referenced.filter(|levels| ![1, 2, 4].contains(levels)) {
+            return Err(invalid(format!("stored_level: got {levels}, expected 1, 2 or 4 levels")));
+        }
+        options.referenced = self.referenced;
         Ok(options)
     }
 

@@ -14,6 +14,7 @@ mod features;
 mod features_over;
 mod files;
 mod index;
+mod indexes;
 mod jobs;
 mod labels;
 mod lines;
@@ -59,6 +60,8 @@ mod _native {
         transform, verify,
     };
     #[pymodule_export]
+    use super::indexes::{build_index, update_index};
+    #[pymodule_export]
     use super::jobs::refuse;
     #[pymodule_export]
     use super::lines::{Lines, build_line_file};
@@ -92,6 +95,7 @@ mod _native {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         super::jobs::remember_process();
+        spinney::raw::register();
         module.add("version", env!("CARGO_PKG_VERSION"))
     }
 }

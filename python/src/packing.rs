@@ -18,7 +18,7 @@ impl<'py> FromPyObject<'_, 'py> for Packing {
         let (codec, max_error): (String, Option<f64>) = given.extract()?;
         let packing = match codec.parse().or_raise()? {
             Codec::Plain => store::Packing::default(),
-            Codec::Packed => store::Packing::packed(),
+            Codec::Packed | Codec::Reference => store::Packing::packed(),
         };
         Ok(Packing(packing.max_error(max_error)))
     }

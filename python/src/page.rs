@@ -4,14 +4,17 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use spinney::export::{PageFile, PageRequest, export_page};
+use spinney::raw::dataset;
 use spinney::raw::export::page::{
     PageConfiguration, PageContent, PageSource, PageStart, PageSummary, inline_page,
 };
+use spinney::raw::io::url_of;
+use spinney::raw::store::file_is_tree;
 use spinney::style::Style;
 
 use crate::error::OrRaise;
 use crate::files::check_output;
-use crate::jobs::{self, Terms};
+use crate::jobs::{self, Terms, access};
 
 /// Initial layer, commit and style of a page.
 #[derive(FromPyObject)]
@@ -42,6 +45,9 @@ pub(crate) fn write_page(
     terms: Terms,
 ) -> PyResult<u64> {
     check_output(std::slice::from_ref(&file), &path)?;
+    if url_of(&file).is_none() && file_is_tree(&file, access()).or_raise()? {
+        py.detach(|| dataset::open(&file, &access().into())?.check_movable()).or_raise()?;
+    }
     let files = vec![PageFile { path: file, start: start.page_start()? }];
     let request = PageRequest { title, files, is_self_contained: self_contained };
     let made: PageSummary = jobs::run(py, terms, |work| export_page(&request, &path, work))?;

@@ -175,8 +175,12 @@ fn as_json(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
     let epsg = metadata.frame.crs.as_ref().and_then(Crs::numbers);
     let levels = levels.map(|levels| levels.iter().enumerate().map(row).collect::<Vec<_>>());
     let of_level = |of: &LevelBytes| {
-        let LevelBytes { level, segments, packed, bytes, plain } = of;
-        json!({ "level": level, "segments": segments, "packed": packed, "bytes": bytes, "plain_bytes": plain })
+        let LevelBytes { level, segments, packed, references, bytes, plain } = of;
+        let mut json = json!({ "level": level, "segments": segments, "packed": packed, "bytes": bytes, "plain_bytes": plain });
+        if *references > 0 {
+            json["references"] = json!(references);
+        }
+        json
     };
     let segments = segments.map(|levels| levels.iter().map(of_level).collect::<Vec<_>>());
     let [low, high] = metadata.frame.world_box(&header.extent_bounds());
@@ -240,7 +244,27 @@ fn as_json(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
     if let Some(files) = listed_as_json(tree) {
         json["files"] = files.into();
     }
+    if let Some(sources) = indexed_sources(tree) {
+        let (number, some) = sources?;
+        let json_of = |(name, bytes): &(String, u64)| json!({ "path": name, "bytes": bytes });
+        json["source_count"] = json!(number);
+        json["sources"] = some.iter().map(json_of).collect::<Vec<_>>().into();
+    }
     Ok(json)
+}
+
+/// Maximum number of listed sources of an index.
+const MAX_SOURCES: usize = 32;
+
+/// Number of an index's sources, and names and lengths of some.
+type Sources = (usize, Vec<(String, u64)>);
+
+/// Returns the sources of an index; `None` for another tree.
+fn indexed_sources(tree: &Dataset) -> Option<Result<Sources>> {
+    let Some(TreeFile::Goblin(file)) = tree.as_file() else { return None };
+    let (cells, bytes) = file.references()?;
+    let some = (0..cells.sources().min(MAX_SOURCES)).map(|number| cells.source(bytes, number));
+    Some(some.collect::<spinney::Result<_>>().map(|some| (cells.sources(), some)).map_err(Into::into))
 }
 
 /// Whether a tree comes from a manifest.
@@ -399,9 +423,20 @@ fn write_segments(text: &mut String, tree: &Dataset, segments: Segments<'_>) -> 
     let is_packed = tree.header().codec != Codec::Plain;
     writeln!(text, "codec       {}", tree.header().codec.name())?;
     let headings = std::iter::once("segments").chain(std::iter::repeat(""));
-    for (heading, LevelBytes { level, segments, bytes, plain, .. }) in headings.zip(levels) {
+    for (heading, LevelBytes { level, segments, bytes, plain, references, .. }) in headings.zip(levels) {
+        if *references > 0 {
+            writeln!(text, "{heading:<11} level {level}: {references} references to cells, {bytes} bytes")?;
+            continue;
+        }
         let unpacked = if is_packed { format!(", {plain} unpacked") } else { String::new() };
         writeln!(text, "{heading:<11} level {level}: {segments}, {bytes} bytes{unpacked}")?;
+    }
+    if let Some(sources) = indexed_sources(tree) {
+        let (number, some) = sources?;
+        let total: u64 = some.iter().map(|(_, bytes)| *bytes).sum();
+        let in_all = if some.len() == number { format!(", {total} bytes") } else { String::new() };
+        writeln!(text, "sources     {}{in_all}", counted(number as u64, "file"))?;
+        some.iter().try_for_each(|(name, bytes)| writeln!(text, "            {name}, {bytes} bytes"))?;
     }
     Ok(())
 }

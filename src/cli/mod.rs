@@ -17,6 +17,7 @@ mod features;
 mod find;
 mod get;
 mod help;
+mod index;
 mod info;
 mod legend;
 mod lines;
@@ -81,6 +82,7 @@ Exit codes: 0 success, 1 failure, 2 usage error, 130 interrupted.";
 #[derive(Subcommand)]
 enum Command {
     Build(Box<build::Args>),
+    Index(Box<index::Args>),
     Shard(shard::Args),
     Show(show::Args),
     Info(info::Args),
@@ -114,6 +116,7 @@ impl Command {
     fn run(self, global: &Global) -> Result<ExitCode> {
         match self {
             Command::Build(args) => build::run(*args, global),
+            Command::Index(args) => index::run(*args, global),
             Command::Shard(args) => shard::run(args, global),
             Command::Show(args) => show::run(&args, global),
             Command::Blame(args) => blame::run(&args, global),

@@ -4,7 +4,7 @@ It shows that the page is complete, and is a start for readers in other language
 file into memory and is not optimized. Common parts of files are in basics.py, trees in trees.py,
 Autumnal files in autumnal.py, exact models in models.py, the rules of section 13 in rules.py,
 packed segments and extents in packed.py, trees of points in points.py, of lines in lines.py,
-manifests in manifest.py, and the verification of whole files in verify.py.
+manifests in manifest.py, indexes in index.py, and the verification of whole files in verify.py.
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Iterator
+from itertools import accumulate
+from typing import Callable, Iterator
 
 import numpy as np
 from basics import Bytes, Code, CorruptFile, Header, Unknown, check, check_names, crc32c, metadata, trailer
 from packed import unpack
-from trees import CUT, INNER, VOID, RunRecords, Statistics, Tree, TreeHeader, sum_of
+from tokens import numbers, signed
+from trees import CUT, INNER, REFERENCE, VOID, RunRecords, Statistics, Tree, TreeHeader, sum_of
 
 NO_COUNTS = 0xFFFF
 
@@ -40,6 +42,16 @@ class Entry:
     statistics: Statistics
 
 
+@dataclass
+class Reference:
+    """A segment whose cells are in other files: the checksum of the plain segment, value and cells
+    of each class, and numbers of nodes."""
+
+    checksum: int
+    counts: list[tuple[bytes, int]]
+    nodes: list[int]
+
+
 class Layer(Tree):
     """A layer of a Goblin file."""
 
@@ -58,7 +70,6 @@ class Layer(Tree):
         check((self.segments > 0) == (self.root_state == INNER) and (form.depth or not self.segments), "segments of the root")
         self.entry_size = 44 + (16 + form.square + 2 * form.type.itemsize + (8 if form.masked else 0)) * form.channels
         check(self.top_levels <= self.directory <= run_size, "offsets of the top levels and the segment index")
-        check(self.segments * self.entry_size <= run_size - self.directory, "the segment index does not fit")
         self.run = self.part(run_at, run_size, None)
         check(meta_size <= 1 << 24, "metadata are too large")
         self.meta = metadata(self.part(meta_at, meta_size, meta_crc))
@@ -66,11 +77,16 @@ class Layer(Tree):
         self.levels = [-(-self.segments // 128)]
         while self.levels[-1] > 256:
             self.levels.append(-(-self.levels[-1] // 256))
+        self.is_index = form.codec == REFERENCE
+        entries = 16 * self.levels[0] if self.is_index else self.segments * self.entry_size
+        check(entries <= run_size - self.directory, "the segment index does not fit")
         self.top = self.part(top_at, top_size, top_crc)
         check(len(self.top) == 24 * self.levels[-1], "the top of the index has another size")
         self.pages: dict[int, tuple[list[tuple[int, Entry]], list[Entry]]] = {}
         self.runs: dict[int, RunRecords] = {}
         self.unpacked: dict[int, bytes] = {}
+        # Returns the plain segment of a block whose cells are in other files.
+        self.referenced: Callable[[Entry, Reference], bytes] | None = None
 
     def part(self, at: int, size: int, crc: int | None) -> bytes:
         check(24 <= at and at + size <= len(self.file), "something lies outside the file")
@@ -107,13 +123,26 @@ class Layer(Tree):
             b = Bytes(self.paged(place))
             copies, own = b.get("HH4x")
             check(copies <= 31 and own == min(128, self.segments - 128 * number), "entries of a page")
-            check(len(b.data) == 8 + 8 * copies + (copies + own) * self.entry_size, "bytes of a page")
-            numbers = [b.get("Q") for _ in range(copies)]
-            check(all(a < e for a, e in zip(numbers, [*numbers[1:], 128 * number])), "numbers of copies")
+            copied = [b.get("Q") for _ in range(copies)]
+            check(all(a < e for a, e in zip(copied, [*copied[1:], 128 * number])), "numbers of copies")
+            if self.is_index:
+                b = Bytes(self.unpack_entries(b, copies + own))
+            check(len(b.data) - b.at == (copies + own) * self.entry_size, "bytes of a page")
             entries = [self.entry(b.take(self.entry_size)) for _ in range(copies + own)]
             check(entries[copies].node.code == place[0], "the index has another code")
-            self.pages[number] = list(zip(numbers, entries)), entries[copies:]
+            self.pages[number] = list(zip(copied, entries)), entries[copies:]
         return self.pages[number]
+
+    def unpack_entries(self, packed: Bytes, count: int) -> bytes:
+        """Returns the entries of a packed page."""
+        f = self.form
+        channel = [f.type.itemsize, f.type.itemsize, *[8] * (2 + f.square // 8)]
+        widths = [8, 8, 8, 4, 2, 2, 4, 8, *channel * f.channels, *[8] * (f.channels if f.masked else 0)]
+        columns = [numbers(packed, [0] * count) for _ in widths]
+        check(packed.at == len(packed.data), "bytes after packed entries")
+        columns[0] = [signed(code) for code in accumulate(columns[0])]
+        fields = [[(n & (1 << 64) - 1).to_bytes(8, "little")[:width] for n in column] for width, column in zip(widths, columns)]
+        return b"".join(b"".join(entry) for entry in zip(*fields))
 
     def index(self) -> Iterator[tuple[int, PageLocation]]:
         """Yields all pages of the segment index, by the index over them."""
@@ -151,20 +180,51 @@ class Layer(Tree):
 
     def segment(self, entry: Entry) -> bytes:
         """Returns the bytes of a segment, checked and unpacked."""
-        if entry.codec > 1:
+        if entry.codec > REFERENCE:
             raise Unknown("the codec of a segment")
         check(entry.codec <= self.form.codec, "a packed segment among plain ones")
+        if self.is_reference(entry):
+            if self.referenced is None:
+                raise Unknown("cells in other files")
+            if entry.start not in self.unpacked:
+                self.unpacked[entry.start] = self.referenced(entry, self.reference(entry))
+            return self.unpacked[entry.start]
         f, counts = self.form, 0 if entry.classes == NO_COUNTS else entry.classes
         size = entry.slots * f.record + counts * (f.width + 8)
         check(entry.slots and (entry.codec or entry.size == size), "bytes of a segment")
-        check(entry.start + entry.size <= self.directory, "a segment is out of bounds")
-        data = self.run[entry.start : entry.start + entry.size]
-        check(crc32c(data) == entry.crc, "checksum of a segment")
+        data = self.stored(entry)
         if not entry.codec:
             return data
         if entry.start not in self.unpacked:
             self.unpacked[entry.start] = unpack(f, f.depth - entry.node.level, data, size)
         return self.unpacked[entry.start]
+
+    def stored(self, entry: Entry) -> bytes:
+        check(entry.start + entry.size <= self.directory, "a segment is out of bounds")
+        data = self.run[entry.start : entry.start + entry.size]
+        check(crc32c(data) == entry.crc, "checksum of a segment")
+        return data
+
+    def is_reference(self, entry: Entry) -> bool:
+        is_block = self.is_index and entry.node.level == max(self.form.depth - self.form.reach, 0)
+        check((entry.codec == REFERENCE) == is_block, "a reference that is no block, or a block that is none")
+        return is_block
+
+    def reference(self, entry: Entry) -> Reference:
+        """Returns a segment that is a reference (section 59)."""
+        b, left = Bytes(self.stored(entry)), entry.statistics.cells
+        count = 0 if entry.classes == NO_COUNTS else entry.classes
+        numbers = 2 * self.form.stride - 1
+        check(entry.size <= 4 + count * (self.form.width + 9) + 9 * numbers, "a reference is too long")
+        found = Reference(b.get("I"), [], [])
+        for number in range(count):
+            value = b.take(self.form.width)
+            cells = b.leb(9) if number + 1 < count else left
+            left -= cells
+            found.counts.append((value, cells))
+        found.nodes += [b.leb(9) for _ in range(numbers)]
+        check(b.at == len(b.data) and left >= 0, "numbers of a reference")
+        return found
 
     def records(self, entry: Entry) -> RunRecords:
         code = entry.node.code
@@ -176,6 +236,8 @@ class Layer(Tree):
         """Returns the class counts of a segment: value and cells; None if there are too many."""
         if entry.classes == NO_COUNTS or not self.form.classes:
             return None
+        if self.is_reference(entry):
+            return self.reference(entry).counts
         b = Bytes(self.segment(entry), entry.slots * self.form.record)
         return [(b.take(self.form.width), b.get("Q")) for _ in range(entry.classes)]
 

@@ -253,6 +253,10 @@ def test_readers_unpack_segments() -> None:
     assert layer.segment(entry) == plain.segment(plain.entries[0])
     verify_segments(layer, verify_tree(layer))
     entry.codec = 2
+    with pytest.raises(CorruptFile):
+        # Only indexes have references.
+        layer.segment(entry)
+    entry.codec = 3
     with pytest.raises(Unknown):
         layer.segment(entry)
 

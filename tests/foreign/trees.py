@@ -12,6 +12,7 @@ from basics import Code, CorruptFile, Header, Point, Unknown, check
 from numpy.typing import NDArray
 
 VOID, LEAF, INNER, CUT = range(4)
+PLAIN, PACKED, REFERENCE = range(3)
 # By number. Three numbers belong to an earlier version.
 SAMPLES = ["<u1", "<u2", "<i2", "<u4", "<i4", "<f4", None, "<i1", None, None, "<f8", "<u8", "<i8"]
 RULES = ["mean", "majority", "dominant", "min", "max", "nearest", "occupancy"]
@@ -26,7 +27,7 @@ class TreeHeader:
         (sample, self.channels, rule, kind, self.codec, self.depth, self.reach, self.stride, self.heavy, mask, self.lack, *extent) = (
             struct.unpack("<8BIB3x8s3Q", raw)
         )
-        if sample >= len(SAMPLES) or SAMPLES[sample] is None or rule >= len(RULES) or kind > 1 or self.codec > 1:
+        if sample >= len(SAMPLES) or SAMPLES[sample] is None or rule >= len(RULES) or kind > 1 or self.codec > REFERENCE:
             raise Unknown("a number of the tree's header is not known")
         # Everything except what readers ignore.
         self.raw = raw[:13] + raw[16:]
@@ -41,7 +42,8 @@ class TreeHeader:
         check(not any(self.lack[self.type.itemsize if self.missing else 0 :]), "the missing sample")
         check(1 <= self.stride < self.reach <= (10 if axes == 2 else 8) and self.reach % self.stride == 0, "reach and stride")
         self.children = 1 << axes
-        check(1 <= self.heavy <= 1 << 20 and self.heavy * self.children**self.stride <= 1 << (20 if axes == 2 else 28), "T")
+        check((self.heavy == 0) == (self.codec == REFERENCE) and (axes == 2 or self.heavy), "T")
+        check(self.heavy <= 1 << 20 and self.heavy * self.children**self.stride <= 1 << (20 if axes == 2 else 28), "T")
         check(all(1 <= v <= 1 << self.depth for v in extent[:axes]) and (axes == 3 or extent[2] == 1), "extent")
         self.width = self.type.itemsize * self.channels
         self.square = 24 if self.type.itemsize == 8 else 16
@@ -248,12 +250,13 @@ class Tree:
         values, states = np.zeros((*size, f.channels), f.type), np.full(size, self.root_state, np.uint8)
         values[...] = f.values(self.root_value, 0, 1)[0]
         if self.root_state == INNER and level > 0:
-            self._paint(self.start(self.first()), level, low, high, values, states)
+            self.paint(self.start(self.first()), level, low, high, values, states)
             # Nodes below are in another segment, but still INNER.
             states[states == CUT] = INNER
         return values, states
 
-    def _paint(self, spot: Spot, level: int, low: Point, high: Point, values: Values, states: Values) -> None:
+    def paint(self, spot: Spot, level: int, low: Point, high: Point, values: Values, states: Values) -> None:
+        """Draws the nodes of a level below an INNER node that are between two corners."""
         block, deep = spot.block, min(level - spot.node.level, spot.block.k - spot.j)
         more = level - spot.node.level - deep
         source, target, corner = [], [], []
@@ -274,7 +277,7 @@ class Tree:
         if more:
             for index in np.argwhere(cut >= INNER):
                 bottom = Code(spot.node.level + deep, tuple(int(v) + start for v, start in zip(index[::-1], corner)))
-                self._paint(self.down(spot, bottom), level, low, high, values, states)
+                self.paint(self.down(spot, bottom), level, low, high, values, states)
 
     def down(self, spot: Spot, node: Code) -> Spot:
         """Returns an INNER node's descendant."""

@@ -20,7 +20,8 @@ fn text(name: &str) -> String {
 
 /// The specification: `formats.md`, then its pages in the order of their sections.
 fn formats() -> String {
-    let pages = ["goblin", "autumnal", "exact-model", "packed", "points", "lines", "manifest", "shards"];
+    let pages =
+        ["goblin", "autumnal", "exact-model", "packed", "points", "lines", "manifest", "shards", "index"];
     pages.iter().fold(text("formats.md"), |all, page| all + &text(&format!("docs/format/{page}.md")))
 }
 

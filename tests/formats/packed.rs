@@ -427,13 +427,15 @@ fn codecs_are_those_that_are_known() {
         Goblin::from_bytes(file)
     };
     let layer = seal::layers(&file)[0];
-    let unknown = changed(layer + 4, 2);
-    assert!(matches!(unknown, Err(Error::Unsupported { found, .. }) if found == "codec number 2"));
+    let unknown = changed(layer + 4, 3);
+    assert!(matches!(unknown, Err(Error::Unsupported { found, .. }) if found == "codec number 3"));
     // A flag in the header marks trees with packed segments.
     let text = |file: Goblin| file.segment(0).map(drop).unwrap_err().to_string();
     assert!(text(changed(layer + 4, 0).unwrap()).contains("a packed segment"));
     let entry = entries(&file)[0];
-    assert!(text(changed(entry + 30, 2).unwrap()).contains("codec number 2 of a segment"));
+    assert!(text(changed(entry + 30, 3).unwrap()).contains("codec number 3 of a segment"));
+    // (References are in indexes only.)
+    assert!(text(changed(entry + 30, 2).unwrap()).contains("reference segment at level"));
     assert!(text(changed(entry + 30, 0).unwrap()).contains("bytes, "));
     assert!(Goblin::from_bytes(file).unwrap().segment(0).is_ok());
 }

@@ -22,6 +22,8 @@ mod cli_exact_sets;
 mod cli_features;
 mod cli_gltf;
 mod cli_images;
+#[cfg(feature = "cli")]
+mod cli_index_sources;
 mod cli_info;
 #[cfg(feature = "cli")]
 mod cli_isosurfaces;

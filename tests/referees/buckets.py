@@ -104,6 +104,32 @@ def main() -> None:
         assert "good" in run("verify", url)
     assert objects() == [f"directory/{name}" for name in ("classes.goblin", "elevation.goblin", "history.autumn")]
 
+    # Patterns of objects, more than a page of them, and an index next to its source.
+    relief = (FIXTURES.parent / "island_elevation.tif").read_bytes()
+    names = ["dem/a 1%.tif", "dem/a2.tif", "dem/b.tif", "dem/a/3.tif", "dem/e/3.tif", "many/z.tif", "one.tif"]
+    for name in names:
+        client.put_object(Bucket="maps", Key=name, Body=relief)
+    for number in range(1005):
+        client.put_object(Bucket="maps", Key=f"many/{number}.txt", Body=b"1")
+    for pattern, count in [("dem/a*.tif", 2), ("dem/*.tif", 3), ("dem/*/3.tif", 2), ("many/*.tif", 1), ("one.tif", 1), ("*.tif", 1)]:
+        index = "s3://maps/index.goblin"
+        run("index", f"s3://maps/{pattern}", "-o", index)
+        assert json.loads(run("info", "--json", index))["source_count"] == count, pattern
+    assert "no file has such a name" in run("index", "s3://maps/dem/c*.tif", "-o", index, code=1)
+    assert "a pattern of buckets" in run("index", "s3://m*/x.tif", "-o", index, code=1)
+    refused = run("stats", "s3://maps/one.tif", code=1)
+    assert "`spinney index s3://maps/one.tif -o s3://maps/one.tif.goblin`" in refused, refused
+    run("index", "s3://maps/one.tif", "-o", "s3://maps/one.tif.goblin")
+    printed = [json.loads(run("stats", "--json", name)) for name in ("s3://maps/one.tif", "s3://maps/one.tif.goblin")]
+    for one in printed:
+        one.pop("file", None)
+    assert printed[0] == printed[1]
+    asset = {"href": "./dem/b.tif", "type": "image/tiff; application=geotiff", "roles": ["data"]}
+    item = {"type": "Feature", "stac_version": "1.0.0", "id": "b", "assets": {"dem": asset}, "links": []}
+    client.put_object(Bucket="maps", Key="item.json", Body=json.dumps(item).encode())
+    run("index", "s3://maps/item.json", "-o", index)
+    assert [source["path"] for source in json.loads(run("info", "--json", index))["sources"]] == ["dem/b.tif"]
+
     with tempfile.TemporaryDirectory() as directory:
         # A large one, as a multipart upload.
         noise = Path(directory) / "noise.npy"

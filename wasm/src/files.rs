@@ -8,13 +8,14 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
 
-use spinney_base::io::{Fetch, RangeCache, RangeFile, ReadBackend};
+use spinney_base::io::{Fetch, FileAccess, FileStat, RangeCache, RangeFile, ReadBackend};
 use spinney_base::{Error, Result};
 use spinney_brep::ModelView;
 use spinney_container::{ByteSource, OpenOptions};
 use spinney_engine::dataset::Dataset;
 
 use crate::images::Prepared;
+use crate::sources::SourceFiles;
 
 /// Default size of the range cache in bytes.
 const CACHE: u64 = 64 << 20;
@@ -23,7 +24,10 @@ const CACHE: u64 = 64 << 20;
 #[derive(Clone)]
 pub(crate) struct File {
     pub(crate) name: PathBuf,
+    number: u64,
     bytes: Bytes,
+    /// The index that has cells in it, and its state when it was indexed, if it is a source.
+    source: Option<(u64, FileStat)>,
 }
 
 #[derive(Clone)]
@@ -93,7 +97,8 @@ impl File {
     /// Returns the options that open the file's bytes, whatever the name.
     pub(crate) fn options(&self) -> OpenOptions {
         let bytes = self.bytes.clone();
-        OpenOptions::new().source(ByteSource::new(move |_: &Path| {
+        let access = FileAccess::new().remote(Arc::new(SourceFiles::of_index(self.number)));
+        OpenOptions::new().access(access).source(ByteSource::new(move |_: &Path| {
             Ok(match &bytes {
                 Bytes::Ranges(file) => Box::new(file.clone()) as Box<dyn ReadBackend>,
                 Bytes::Whole(file) => Box::new(file.clone()),
@@ -102,25 +107,48 @@ impl File {
     }
 }
 
-fn add(number: u64, name: &str, bytes: Bytes) -> u64 {
-    STATE.with_borrow_mut(|state| state.files.insert(number, File { name: name.into(), bytes }));
+fn add(number: u64, name: &str, bytes: Bytes, source: Option<(u64, FileStat)>) -> u64 {
+    let file = File { name: name.into(), number, bytes, source };
+    STATE.with_borrow_mut(|state| state.files.insert(number, file));
     number
 }
 
-pub(crate) fn add_ranges(name: &str, length: u64) -> u64 {
+fn range_file(name: &str, length: u64) -> RangeFile {
     let number = RangeCache::file_number();
     let cache = STATE.with_borrow(|state| state.cache.clone());
     // (JavaScript joins ranges.)
-    let file = RangeFile::new(Path::new(name), length, Box::new(DeferredFetch), (cache, number), 0);
-    add(number, name, Bytes::Ranges(file))
+    RangeFile::new(Path::new(name), length, Box::new(DeferredFetch), (cache, number), 0)
+}
+
+pub(crate) fn add_ranges(name: &str, length: u64) -> u64 {
+    let file = range_file(name, length);
+    add(file.number(), name, Bytes::Ranges(file), None)
 }
 
 pub(crate) fn add_bytes(name: &str, bytes: Vec<u8>) -> u64 {
-    add(RangeCache::file_number(), name, Bytes::Whole(WholeFile(Arc::new(bytes))))
+    add(RangeCache::file_number(), name, Bytes::Whole(WholeFile(Arc::new(bytes))), None)
 }
 
+/// Adds a source of an index.
+pub(crate) fn add_source(index: u64, name: &str, known: &FileStat) -> RangeFile {
+    let file = range_file(name, known.length);
+    add(file.number(), name, Bytes::Ranges(file.clone()), Some((index, known.clone())));
+    file
+}
+
+/// Returns name and state of a source of an index, by its number.
+pub(crate) fn source(number: u64) -> Option<(String, FileStat)> {
+    STATE.with_borrow(|state| {
+        let File { name, source, .. } = state.files.get(&number)?;
+        Some((name.to_str()?.to_owned(), source.clone()?.1))
+    })
+}
+
+/// Removes a file, and the sources if it is an index.
 pub(crate) fn remove(number: u64) {
-    STATE.with_borrow_mut(|state| state.files.remove(&number));
+    let is_left =
+        |file: &File| file.number != number && file.source.as_ref().is_none_or(|(index, _)| *index != number);
+    STATE.with_borrow_mut(|state| state.files.retain(|_, file| is_left(file)));
 }
 
 pub(crate) fn supply(number: u64, offset: u64, bytes: Vec<u8>) {

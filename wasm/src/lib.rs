@@ -17,6 +17,7 @@ mod region;
 mod result;
 mod search;
 mod solid;
+mod sources;
 mod statistics;
 mod windows;
 mod zones;
@@ -25,11 +26,12 @@ use wasm_bindgen::prelude::wasm_bindgen;
 
 pub use result::QueryResult;
 
-/// Installs the panic hook. It stores the message for the caller, who cannot use the module any
-/// more.
+/// Installs the panic hook, and the reader of cells in other files. The hook stores the message for
+/// the caller, who cannot use the module any more.
 #[wasm_bindgen(start)]
 pub fn start() {
     failure::keep_panics();
+    spinney_references::register();
 }
 
 /// Returns the message of the panic that has ended the module.
@@ -51,7 +53,14 @@ pub fn add_bytes(name: &str, bytes: Vec<u8>) -> f64 {
     files::add_bytes(name, bytes) as f64
 }
 
-/// Removes a file. Its open trees stay open.
+/// Describes a source of an index, by its number in [`QueryResult::missing`]: JSON with its path or
+/// URL, and its length and version when it was indexed; `null` for other files.
+#[wasm_bindgen(js_name = describeSource)]
+pub fn describe_source(file: f64) -> String {
+    sources::describe(file as u64).to_string()
+}
+
+/// Removes a file, and its sources if it is an index. Its open trees stay open.
 #[wasm_bindgen(js_name = removeFile)]
 pub fn remove_file(file: f64) {
     files::remove(file as u64);

@@ -10,7 +10,8 @@ import { fileURLToPath } from "node:url";
 
 export const root = fileURLToPath(new URL("../..", import.meta.url));
 export const frozen = join(root, "fixtures/v1");
-const program = process.env.SPINNEY ?? join(root, "target/debug/spinney");
+/** The program. */
+export const program = process.env.SPINNEY ?? join(root, "target/debug/spinney");
 
 /** Runs the program; returns its standard output. */
 export function spinney(...list) {

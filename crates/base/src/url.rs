@@ -3,6 +3,8 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
+use crate::{Error, Result};
+
 /// URL schemes of remote files.
 const SCHEMES: [&str; 12] =
     ["http", "https", "s3", "s3a", "gs", "gcs", "az", "adl", "azure", "abfs", "abfss", "memory"];
@@ -22,6 +24,28 @@ pub fn split_query(url: &str) -> (&str, &str) {
 /// Returns the path without the query and fragment of a URL.
 pub fn without_query(path: &Path) -> &Path {
     url_of(path).map_or(path, |url| Path::new(split_query(url).0))
+}
+
+/// Returns the path or URL of a file that a list names: an absolute path, one relative to the
+/// list's directory, or a URL.
+///
+/// # Errors
+/// If a remote list names a file of this machine: it is untrusted, and must not select local files.
+pub fn listed_path(list: &Path, name: &str) -> Result<PathBuf> {
+    let own = Path::new(name);
+    if url_of(own).is_some() {
+        return Ok(own.into());
+    }
+    let Some(url) = url_of(list) else {
+        return Ok(list.parent().unwrap_or(Path::new("")).join(own));
+    };
+    if own.is_absolute() || name.starts_with("file:") {
+        let found = format!("the local file {name} in a remote list");
+        return Err(Error::unsupported(list, found, "list paths relative to the list, or URLs"));
+    }
+    let (url_path, query) = split_query(url);
+    let directory = url_path.rsplit_once('/').map_or(url_path, |(directory, _)| directory);
+    Ok(format!("{directory}/{name}{query}").into())
 }
 
 /// Characters that end a URL within a string.
@@ -122,7 +146,7 @@ pub fn local_path(path: &Path) -> Cow<'_, Path> {
 }
 
 /// Decodes the escapes of a URL component, such as `%20`.
-fn decoded(text: &str) -> String {
+pub(crate) fn decoded(text: &str) -> String {
     let bytes = text.as_bytes();
     let hex = |at: usize| bytes.get(at).and_then(|digit| (*digit as char).to_digit(16));
     let (mut plain, mut at) = (Vec::with_capacity(bytes.len()), 0);

@@ -23,17 +23,21 @@ pub enum Codec {
     /// Compressed: a segment is unpacked before use. In a tree with this codec, some segments may
     /// be packed.
     Packed,
+    /// References to files of other formats, which have the cells. In a tree with this codec, the
+    /// finest segments are references, and the others may be packed.
+    Reference,
 }
 
 impl Codec {
     /// All codecs, indexed by their numbers in files.
-    pub const ALL: [Codec; 2] = [Codec::Plain, Codec::Packed];
+    pub const ALL: [Codec; 3] = [Codec::Plain, Codec::Packed, Codec::Reference];
 
     /// The codec's name.
     pub fn name(self) -> &'static str {
         match self {
             Codec::Plain => "plain",
             Codec::Packed => "packed",
+            Codec::Reference => "reference",
         }
     }
 
@@ -53,7 +57,7 @@ impl FromStr for Codec {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Codec> {
-        let codec = Codec::ALL.into_iter().find(|codec| codec.name() == name);
+        let codec = [Codec::Plain, Codec::Packed].into_iter().find(|codec| codec.name() == name);
         codec.ok_or_else(|| Error::invalid("codec", format!("`{name}`"), "plain or packed"))
     }
 }
@@ -132,6 +136,12 @@ impl Header {
         bounds.map_or(extent, |bounds| bounds.intersect(&extent))
     }
 
+    /// Returns whether the segments of nodes at a level are references.
+    #[inline]
+    pub fn is_referenced(&self, level: u8) -> bool {
+        self.codec == Codec::Reference && level == self.shape.block_level()
+    }
+
     /// Returns whether zonal statistics count classes.
     #[inline]
     pub fn counts_classes(&self) -> bool {
@@ -179,6 +189,10 @@ impl Header {
         let number = |name: &str, number: u8, expected: &str| corrupt(format!("{name} {number}"), expected);
         let rule = Rule::ALL.get(raw.rule as usize);
         let heavy_threshold = raw.heavy_threshold.get();
+        let codec = Codec::of_number(path, raw.codec, "")?;
+        if codec == Codec::Reference && dimension != Dimension::Quad {
+            return Err(number("codec", raw.codec, "0 or 1 in an octree"));
+        }
         let shape = Shape { depth: raw.depth, reach: raw.reach, stride: raw.stride, heavy_threshold };
         if shape.depth > most_depth {
             return Err(number(
@@ -194,14 +208,15 @@ impl Header {
         let fits = (1..shape.reach).contains(&shape.stride)
             && shape.reach <= most
             && shape.reach.is_multiple_of(shape.stride)
-            && (1..=1 << 20).contains(&shape.heavy_threshold)
+            && (shape.heavy_threshold == 0) == (codec == Codec::Reference)
+            && shape.heavy_threshold <= 1 << 20
             && u64::from(shape.heavy_threshold) << (usize::from(shape.stride) * dimension.axes())
                 <= most_records;
         if !fits {
             return Err(corrupt(
                 format!("segments {shape:?}"),
                 &format!(
-                    "stride < reach <= {most}, reach a multiple of stride, heavy threshold 1 to 2^20, and heavy threshold * {}^stride <= {most_records}",
+                    "stride < reach <= {most}, reach a multiple of stride, heavy threshold 1 to 2^20 (0 if cells are references), and heavy threshold * {}^stride <= {most_records}",
                     dimension.children()
                 ),
             ));
@@ -247,7 +262,7 @@ impl Header {
                 1 => DataKind::Continuous,
                 other => return Err(number("kind", other, "0 or 1")),
             },
-            codec: Codec::of_number(path, raw.codec, "")?,
+            codec,
             shape,
             extent,
         })

@@ -1,8 +1,9 @@
 //! Detection of other file formats, with advice for each.
 
-use std::path::Path;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 
-use spinney_base::io::{FileAccess, Output};
+use spinney_base::io::{FileAccess, Output, sibling_path, url_of, without_query};
 use spinney_base::{Error, Result};
 
 use crate::file_header::FileHeader;
@@ -315,14 +316,23 @@ impl OtherFormat {
     /// Returns the error for a file that is not a tree but should be; `None` if its format is
     /// unknown.
     pub(crate) fn refuse_tree(path: &Path, first: &[u8]) -> Option<Error> {
-        let OtherFormat { name, role, .. } = OtherFormat::of(path, first)?;
+        let OtherFormat { name, endings, role, .. } = OtherFormat::of(path, first)?;
         let file = shell_word(path);
         let advice = match role {
             Source => {
                 // (The output must not be the input, which may have the name of a tree.)
                 let tree = path.with_extension("goblin");
                 let tree = if tree == path { "OUT.goblin".into() } else { shell_word(&tree) };
-                format!("build one: `spinney build {file} -o {tree}`")
+                let build = format!("build one: `spinney build {file} -o {tree}`");
+                match endings.first() {
+                    Some(&"tif") => {
+                        let index = shell_word(&index_of(path));
+                        format!(
+                            "{build}, or index it without a copy of its cells: `spinney index {file} -o {index}`"
+                        )
+                    }
+                    _ => build,
+                }
             }
             Read(purpose) => purpose.replace("FILE", &file),
             Refused(advice) => advice.replace("IN", &file),
@@ -382,6 +392,21 @@ pub fn create_tree_file(path: &Path, access: &FileAccess) -> Result<Output> {
         // Only Goblin files are written sequentially.
         TreeFormat::Goblin => access.append_only(path),
         TreeFormat::Autumnal => access.create(path),
+    }
+}
+
+/// Path of the index next to a file, or of one in the working directory for a file on a web server.
+fn index_of(path: &Path) -> PathBuf {
+    let is_web = url_of(path)
+        .is_some_and(|url| url.get(..4).is_some_and(|scheme| scheme.eq_ignore_ascii_case("http")));
+    let with_ending = |name: &OsStr| {
+        let mut name = name.to_os_string();
+        name.push(".goblin");
+        name.into()
+    };
+    match without_query(path).file_name() {
+        Some(name) if is_web => with_ending(name),
+        _ => sibling_path(path, |path| with_ending(path.as_os_str())),
     }
 }
 
@@ -490,8 +515,8 @@ mod tests {
         assert!(refused("a.stl", b"\x89PNG").contains("a.stl: content: found a PNG image, expected a model"));
         let no_tree =
             |path, bytes: &[u8]| OtherFormat::refuse_tree(Path::new(path), bytes).map(|e| e.to_string());
-        let expected =
-            "map.tif: is a TIFF image, not a Spinney file; build one: `spinney build map.tif -o map.goblin`";
+        let expected = "map.tif: is a TIFF image, not a Spinney file; build one: `spinney build map.tif -o map.goblin`, \
+             or index it without a copy of its cells: `spinney index map.tif -o map.tif.goblin`";
         assert_eq!(no_tree("map.tif", b"II*\0").as_deref(), Some(expected));
         let misnamed = no_tree("map.goblin", b"II*\0").unwrap();
         assert!(misnamed.contains("`spinney build map.goblin -o OUT.goblin`"), "{misnamed}");

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney_base::io::{ReadBackend, url_of};
+use spinney_base::Result;
+use spinney_base::io::{ReadBackend, listed_path};
 use spinney_base::space::Bounds;
-use spinney_base::{Error, Result};
 use spinney_container::TAIL;
 
 /// A file of a manifest.
@@ -51,20 +51,6 @@ impl ListedFile {
     /// # Errors
     /// If a remote manifest names a file of this machine.
     pub fn file(&self, manifest: &Path) -> Result<PathBuf> {
-        let own = Path::new(&self.path);
-        if url_of(own).is_some() {
-            return Ok(own.into());
-        }
-        let Some(url) = url_of(manifest) else {
-            return Ok(manifest.parent().unwrap_or(Path::new("")).join(own));
-        };
-        // A remote manifest is untrusted and must not select local files.
-        if own.is_absolute() || self.path.starts_with("file:") {
-            let found = format!("the local file {} in a remote manifest", self.path);
-            return Err(Error::unsupported(manifest, found, "list paths relative to the manifest, or URLs"));
-        }
-        let (url_path, query) = spinney_base::io::split_query(url);
-        let directory = url_path.rsplit_once('/').map_or(url_path, |(directory, _)| directory);
-        Ok(format!("{directory}/{}{query}", self.path).into())
+        listed_path(manifest, &self.path)
     }
 }

@@ -7,6 +7,7 @@ mod chain_code;
 mod cog;
 pub mod image;
 pub mod import;
+pub mod index;
 mod legend;
 pub mod tile_archives;
 pub mod volume;
@@ -15,6 +16,7 @@ mod window;
 pub use array::{ArrayRequest, export_array};
 pub use chain_code::{ChainDirections, ChainWriter, export_chain_code};
 pub use cog::{CogCompression, CogRequest, CogSummary, export_cog};
+pub use index::assets_of;
 pub use legend::{LegendFormat, export_legend};
 pub use window::{
     Detail, RowSink, WindowRequest, export_layers, export_painted_window, export_window, void_number,

@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use object_store::ObjectStore;
+use object_store::list::PaginatedListStore;
 use object_store::memory::InMemory;
 use spinney_base::{Error, Result};
 use tokio::runtime::{Builder, Runtime};
@@ -29,6 +30,22 @@ const MAX_BUCKETS: usize = 64;
 /// signing.
 pub(super) type BucketKey = (u32, String, Vec<(String, String)>, bool);
 
+/// The store of a bucket.
+#[derive(Clone)]
+pub(super) struct Bucket {
+    pub(super) store: Arc<dyn ObjectStore>,
+    /// The same store, if it lists the files of a prefix page by page.
+    pub(super) pages: Option<Arc<dyn PaginatedListStore>>,
+}
+
+impl Bucket {
+    /// A store that lists its files.
+    pub(super) fn new(store: impl ObjectStore + PaginatedListStore) -> Bucket {
+        let store = Arc::new(store);
+        Bucket { store: store.clone(), pages: Some(store) }
+    }
+}
+
 /// Connections of a client, shared by its files.
 pub(super) struct Connections {
     pub(super) options: RemoteOptions,
@@ -37,7 +54,7 @@ pub(super) struct Connections {
     runtime: Mutex<Option<(u32, Arc<Runtime>)>>,
     /// Stores of recently used buckets, which keep their connections open. The key contains the
     /// process id, so a forked process opens its own connections.
-    buckets: Mutex<HashMap<BucketKey, Arc<dyn ObjectStore>>>,
+    buckets: Mutex<HashMap<BucketKey, Bucket>>,
     /// Query and user info for URLs that are given without them.
     pub(super) secrets: Secrets,
     /// In-memory store, for tests.
@@ -71,11 +88,7 @@ impl Connections {
     }
 
     /// Returns the store of a bucket, and creates it with `make` on first use.
-    pub(super) fn bucket(
-        &self,
-        key: BucketKey,
-        make: impl FnOnce() -> Result<Arc<dyn ObjectStore>>,
-    ) -> Result<Arc<dyn ObjectStore>> {
+    pub(super) fn bucket(&self, key: BucketKey, make: impl FnOnce() -> Result<Bucket>) -> Result<Bucket> {
         let buckets = || self.buckets.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(store) = buckets().get(&key) {
             return Ok(store.clone());

@@ -2,12 +2,12 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use futures_util::StreamExt;
 use futures_util::stream;
 use object_store::{Attribute, GetOptions, GetRange, GetResult, ObjectMeta};
-use spinney_base::io::{Fetch, FileAccess, FileStat, RangeFile};
+use spinney_base::io::{Fetch, FileAccess, FileStat, RangeFile, ReadBackend};
 use spinney_base::{Error, Result};
 
 use super::connections::Connections;
@@ -47,6 +47,9 @@ struct RemoteFile {
     path: PathBuf,
     state: FileStat,
     kept: Option<CachedFile>,
+    /// The version that is read instead of `state`, if that was known from an index only: that of
+    /// the first response.
+    found: Option<(OnceLock<FileStat>, FileAccess)>,
 }
 
 /// Opens a file with one batch of requests, for its two ends.
@@ -98,6 +101,7 @@ pub(super) fn open(
         path: path.to_path_buf(),
         state,
         kept,
+        found: None,
     };
     came.iter().try_for_each(|part| remote.check(part))?;
     let (cache, gap) = (access.ranges().clone(), connections.options.gap);
@@ -105,6 +109,35 @@ pub(super) fn open(
     for part in came {
         file.supply(part.range.start, part.bytes);
     }
+    Ok(file)
+}
+
+/// Returns a file of a known version, without a request.
+///
+/// # Errors
+/// If the URL is invalid.
+pub(super) fn open_known(
+    url: &str,
+    known: &FileStat,
+    stores: &Stores,
+    access: &FileAccess,
+) -> Result<RangeFile> {
+    let path = Path::new(url);
+    let connections = &stores.connections;
+    let location = ObjectLocation::of(url, &[], connections)?;
+    let key = key(url, known);
+    let remote = RemoteFile {
+        location: Mutex::new((std::process::id(), location)),
+        storage: Vec::new(),
+        connections: connections.clone(),
+        path: path.to_path_buf(),
+        state: known.clone(),
+        kept: stores.disk_cache.as_ref().map(|cache| cache.file(&key)),
+        found: Some((OnceLock::new(), access.clone())),
+    };
+    let (cache, gap) = (access.ranges().clone(), connections.options.gap);
+    let file = RangeFile::new(path, known.length, Box::new(remote), (cache, stores.number(&key)), gap);
+    file.reads_small_ranges();
     Ok(file)
 }
 
@@ -177,9 +210,24 @@ impl RemoteFile {
         Ok(location.1.clone())
     }
 
+    /// Returns the version that all ranges must have.
+    fn expected(&self, found: &FileStat) -> FileStat {
+        let Some((first, access)) = &self.found else { return self.state.clone() };
+        let expected = first.get_or_init(|| {
+            if !found.agrees(&self.state) {
+                let text = "has another length or entity tag than when it was indexed; \
+                            its tiles are compared with the checksums in the index";
+                access.warn(&self.path, text);
+            }
+            found.clone()
+        });
+        expected.clone()
+    }
+
     /// Checks that a range has its full length and belongs to the version that was opened.
     fn check(&self, part: &FetchedRange) -> Result<()> {
-        if stat::state(&part.meta) != self.state {
+        let found = stat::state(&part.meta);
+        if found != self.expected(&found) {
             return Err(Error::Changed { path: self.path.clone(), what: "was overwritten" });
         }
         let length = part.range.end.saturating_sub(part.range.start);

@@ -8,6 +8,7 @@ mod connector;
 mod disk_cache;
 mod error;
 mod file;
+mod list;
 mod profile;
 mod secrets;
 mod stat;
@@ -137,8 +138,16 @@ impl RemoteFiles for Stores {
         Ok(Box::new(opened))
     }
 
+    fn open_known(&self, url: &str, known: &FileStat, access: &FileAccess) -> Result<Box<dyn ReadBackend>> {
+        Ok(Box::new(file::open_known(url, known, self, access)?))
+    }
+
     fn stat(&self, urls: &[&str]) -> Result<Vec<Result<Option<FileStat>>>> {
         stat::stat(urls, &self.connections)
+    }
+
+    fn list(&self, prefix: &str, is_deep: bool) -> Result<Vec<String>> {
+        list::list(prefix, is_deep, &self.connections)
     }
 
     fn write(&self, url: &str, access: &FileAccess) -> Result<Box<dyn RemoteWriter>> {

@@ -8,13 +8,14 @@ use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey};
 use object_store::azure::{AzureConfigKey, MicrosoftAzureBuilder};
 use object_store::gcp::{GoogleCloudStorageBuilder, GoogleConfigKey};
 use object_store::http::HttpBuilder;
+use object_store::list::PaginatedListStore;
 use object_store::path::Path as StorePath;
 use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, ObjectStore, RetryConfig};
 use spinney_base::io::shown;
 use spinney_base::{Error, Result};
 use url::Url;
 
-use super::connections::Connections;
+use super::connections::{Bucket, Connections};
 use super::connector::{self, Connector};
 use super::{error, profile};
 
@@ -22,6 +23,8 @@ use super::{error, profile};
 #[derive(Clone)]
 pub(super) struct ObjectLocation {
     pub(super) store: Arc<dyn ObjectStore>,
+    /// The same store, if it lists the files of a prefix page by page.
+    pub(super) pages: Option<Arc<dyn PaginatedListStore>>,
     pub(super) name: StorePath,
 }
 
@@ -59,7 +62,9 @@ impl ObjectLocation {
             "s3" | "s3a" => ("AWS_", profile::settings()),
             "gs" | "gcs" => ("GOOGLE_", Vec::new()),
             "az" | "adl" | "azure" | "abfs" | "abfss" => ("AZURE_", Vec::new()),
-            "memory" => return Ok(ObjectLocation { store: connections.memory.clone(), name }),
+            "memory" => {
+                return Ok(ObjectLocation { store: connections.memory.clone(), pages: None, name });
+            }
             _ => {
                 // The store's URL is that of the file, including a query that may be a signature.
                 // The name below it is empty.
@@ -75,14 +80,15 @@ impl ObjectLocation {
                     .with_retry(retry)
                     .with_client_options(client);
                 let store = builder.build().map_err(bad)?;
-                return Ok(ObjectLocation { store: Arc::new(store), name: StorePath::default() });
+                let (store, name) = (Arc::new(store), StorePath::default());
+                return Ok(ObjectLocation { store, pages: None, name });
             }
         };
         let settings: Vec<_> =
             own.into_iter().chain(environment(prefix)).chain(storage.iter().cloned()).collect();
         let bucket = bucket(&parsed);
         let key = (std::process::id(), bucket.clone(), settings.clone(), profile::is_unsigned());
-        let make = || -> Result<Arc<dyn ObjectStore>> {
+        let make = || -> Result<Bucket> {
             match prefix {
                 "AWS_" => {
                     let mut builder = AmazonS3Builder::new()
@@ -106,7 +112,7 @@ impl ObjectLocation {
                     if is_anonymous {
                         builder = builder.with_skip_signature(true);
                     }
-                    Ok(Arc::new(builder.build().map_err(bad)?))
+                    Ok(Bucket::new(builder.build().map_err(bad)?))
                 }
                 "GOOGLE_" => {
                     let mut builder = GoogleCloudStorageBuilder::new()
@@ -117,7 +123,7 @@ impl ObjectLocation {
                     for (key, value) in settings {
                         builder = builder.with_config(known::<GoogleConfigKey>(&key)?, value);
                     }
-                    Ok(Arc::new(builder.build().map_err(bad)?))
+                    Ok(Bucket::new(builder.build().map_err(bad)?))
                 }
                 _ => {
                     let mut builder = MicrosoftAzureBuilder::new()
@@ -128,11 +134,12 @@ impl ObjectLocation {
                     for (key, value) in settings {
                         builder = builder.with_config(known::<AzureConfigKey>(&key)?, value);
                     }
-                    Ok(Arc::new(builder.build().map_err(bad)?))
+                    Ok(Bucket::new(builder.build().map_err(bad)?))
                 }
             }
         };
-        Ok(ObjectLocation { store: connections.bucket(key, make)?, name })
+        let Bucket { store, pages } = connections.bucket(key, make)?;
+        Ok(ObjectLocation { store, pages, name })
     }
 }
 

@@ -23,6 +23,7 @@ mod range;
 mod response;
 mod routes;
 mod server;
+mod sources;
 mod tiles;
 mod version;
 mod window;

@@ -1,10 +1,10 @@
 //! Files that are kept open while they are unchanged.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use spinney_base::io::FileAccess;
+use spinney_base::io::{FileAccess, url_of};
 use spinney_base::{Error, Result};
 use spinney_container::FileReference;
 use spinney_engine::dataset::{self, Dataset};
@@ -132,6 +132,26 @@ pub(crate) struct OpenTrees {
     opening: Mutex<()>,
 }
 
+/// Refuses files of a served directory whose cells may be in files outside of it.
+fn check_is_inside(path: &Path, tree: &Dataset) -> Result<()> {
+    let is_outside = |name: &str| {
+        url_of(Path::new(name)).is_some()
+            || !Path::new(name).components().all(|part| matches!(part, Component::Normal(_)))
+    };
+    let found = match tree.as_file() {
+        Some(TreeFile::Mosaic(_)) => "a manifest in a served directory (its files may be outside)".into(),
+        Some(TreeFile::Goblin(file)) => match file.find_source(&is_outside)? {
+            Some(name) => {
+                format!("an index in a served directory with a source that may be outside ({name})")
+            }
+            None => return Ok(()),
+        },
+        _ => return Ok(()),
+    };
+    let advice = "serve it alone, or convert it to a tree: `spinney transform`";
+    Err(Error::unsupported(path, found, advice))
+}
+
 /// Maximum number of files that are kept open.
 const MAX_OPEN: usize = 64;
 
@@ -177,13 +197,8 @@ impl OpenTrees {
                 continue;
             }
             let tree = Arc::new(opened?);
-            if !self.allows_manifests && matches!(tree.first.as_file(), Some(TreeFile::Mosaic(_))) {
-                let advice = "serve it alone, or convert it to a tree: `spinney transform`";
-                return Err(Error::unsupported(
-                    path,
-                    "a manifest in a served directory (its files may be outside)",
-                    advice,
-                ));
+            if !self.allows_manifests {
+                check_is_inside(path, &tree.first)?;
             }
             if !is_settled {
                 return Ok(tree);

@@ -11,6 +11,7 @@ use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use http_body_util::{BodyExt as _, LengthLimitError, Limited};
+use percent_encoding::percent_decode_str;
 use spinney_site::PageContent;
 
 use crate::catalog::{Catalog, ServedFile};
@@ -21,6 +22,7 @@ use crate::opened::{OpenTree, OpenTrees};
 use crate::origins::add_origin;
 use crate::parameters::Parameters;
 use crate::response::{QueryResponse, ResponseCache, has_tag};
+use crate::sources::IndexSources;
 use crate::tiles::{self, TileAddress};
 use crate::work::{CancellationFlag, Executor};
 use crate::{ServeOptions, file, page, point, window, zonal};
@@ -38,6 +40,7 @@ pub(crate) struct App {
     pub(crate) options: ServeOptions,
     hosts: Hosts,
     trees: OpenTrees,
+    sources: IndexSources,
     responses: ResponseCache,
 }
 
@@ -54,7 +57,17 @@ impl App {
     ) -> Arc<App> {
         let [work, reading] = [work, reading].map(|permits| Executor::new(permits, options.timeout));
         let trees = OpenTrees::new(matches!(catalog, Catalog::File(_)), &options.access);
-        Arc::new(App { catalog, work, reading, options, hosts, trees, responses: ResponseCache::default() })
+        let sources = IndexSources::new(&options.access);
+        Arc::new(App {
+            catalog,
+            work,
+            reading,
+            options,
+            hosts,
+            trees,
+            sources,
+            responses: ResponseCache::default(),
+        })
     }
 
     /// Runs a query about a tree. Responds with 304 if the client has the current response.
@@ -134,6 +147,7 @@ pub(crate) fn routes(app: Arc<App>) -> Router {
         .route("/{file}", get(file_of))
         .fallback(not_found)
         .method_not_allowed_fallback(method_not_allowed)
+        .layer(middleware::from_fn_with_state(app.clone(), add_sources))
         .layer(middleware::from_fn(compress))
         .layer(middleware::from_fn_with_state(app.clone(), add_origin))
         .layer(middleware::from_fn_with_state(app.clone(), check_host))
@@ -149,6 +163,27 @@ async fn method_not_allowed(request: Request) -> Failure {
         StatusCode::METHOD_NOT_ALLOWED,
         format!("{}: this address does not support the method", request.method()),
     )
+}
+
+/// Middleware that responds with a source of a served index where nothing else has the address. (A
+/// source may be in a directory, whose name may be that of a query.)
+async fn add_sources(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+    let path = request.uri().path().trim_start_matches('/');
+    let name = percent_decode_str(path).decode_utf8().map(|name| name.into_owned());
+    let head = RequestHead::of(&request);
+    let response = next.run(request).await;
+    let is_read = head.method == Method::GET || head.method == Method::HEAD;
+    let (StatusCode::NOT_FOUND, true, Ok(name)) = (response.status(), is_read, name) else { return response };
+    let shared = app.clone();
+    let made = app.reading.run(move |_| {
+        let found = shared.sources.find(&shared.catalog, &name)?;
+        found.map(|path| file::respond(&path, &head.method, &head.headers)).transpose()
+    });
+    match made.await {
+        Ok(None) => response,
+        Ok(Some(source)) => source.into_response(),
+        Err(failure) => failure.without(app.catalog.directory()).into_response(),
+    }
 }
 
 /// Middleware that rejects requests with another host name, or without one.

@@ -13,7 +13,7 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_engine::store::goblin::{MergeOutput, Shard, ShardRange};
 
-use crate::stamp::PlannedFile;
+use crate::stamp::{PlannedFile, check};
 use crate::work::{PlannedWork, Work};
 
 /// File that records the work, its inputs and the shards.
@@ -348,7 +348,12 @@ impl Job {
             return Err(Error::invalid(what, found, expected));
         }
         let mark = output.claim(self.id)?;
-        self.work().merge(&self.head_path(), &shards, (output, memory), progress)?;
+        let inputs: Vec<&PlannedInput> = self.plan.inputs.iter().collect();
+        let paths: Vec<PathBuf> = inputs.iter().map(|input| input.path.clone()).collect();
+        if self.work().reads_inputs_to_merge() {
+            check(&inputs, self.work(), &self.access)?;
+        }
+        self.work().merge(&self.head_path(), &shards, (&paths, output, memory), progress)?;
         Ok(mark)
     }
 }

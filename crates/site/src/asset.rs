@@ -47,6 +47,7 @@ static FILES: &[(&str, &[u8])] = files![
     "spinney/errors.js",
     "spinney/images.js",
     "spinney/index.js",
+    "spinney/indexed.js",
     "spinney/module.js",
     "spinney/module_bg.wasm",
     "spinney/ranges.js",

@@ -1,13 +1,17 @@
 //! Options of all subcommands.
 
+use std::collections::HashSet;
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 #[cfg(feature = "remote")]
 use std::time::Duration;
 
 use anyhow::bail;
 use spinney::FileAccess;
 
+use super::super::report;
 use super::GivenOptions;
+use spinney::raw::io::shown;
 
 /// Options of all subcommands.
 #[derive(clap::Args)]
@@ -96,7 +100,15 @@ impl Global {
     /// # Errors
     /// If the cache directory or the list of signed URLs cannot be used.
     pub(crate) fn start(&mut self) -> spinney::Result<()> {
-        let mut access = FileAccess::new();
+        spinney::raw::register();
+        // Files are opened repeatedly: one warning for each is enough.
+        let warned = Mutex::new(HashSet::new());
+        let warn = move |file: &Path, text: &str| {
+            if warned.lock().unwrap_or_else(PoisonError::into_inner).insert(file.to_path_buf()) {
+                report::warn(&format!("{}: {text}", shown(file)));
+            }
+        };
+        let mut access = FileAccess::new().on_warning(Arc::new(warn));
         if self.positioned {
             access = access.positioned(None);
         }

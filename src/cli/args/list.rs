@@ -5,6 +5,9 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use spinney::FileAccess;
+use spinney::raw::import::raster::assets_of;
+use spinney::raw::io::listed_path;
 
 /// Maximum size of a list, in bytes.
 const MAX_BYTES: u64 = 64 << 20;
@@ -22,6 +25,31 @@ pub(crate) fn expand_lists(inputs: Vec<PathBuf>) -> Result<Vec<PathBuf>> {
     Ok(expanded)
 }
 
+/// Replaces patterns by the files that match, and files of STAC items by those of the items'
+/// `asset`.
+pub(crate) fn expand_sources(
+    named: &[PathBuf],
+    asset: Option<&str>,
+    access: &FileAccess,
+) -> Result<Vec<PathBuf>> {
+    let (mut sources, mut has_items) = (Vec::new(), false);
+    for name in named {
+        for file in access.expand(name)? {
+            match assets_of(&file, asset, access)? {
+                Some(assets) => {
+                    has_items = true;
+                    sources.extend(assets);
+                }
+                None => sources.push(file),
+            }
+        }
+    }
+    if asset.is_some() && !has_items {
+        bail!("--asset: works only with STAC items, which no input has")
+    }
+    Ok(sources)
+}
+
 fn read(list: &Path, paths: &mut Vec<PathBuf>) -> Result<()> {
     let about = || format!("{}: cannot read the list of inputs", list.display());
     let mut text = String::new();
@@ -30,10 +58,11 @@ fn read(list: &Path, paths: &mut Vec<PathBuf>) -> Result<()> {
     if length as u64 > MAX_BYTES {
         bail!("{}: the list of inputs is longer than {MAX_BYTES} bytes", list.display());
     }
-    let directory = list.parent().unwrap_or(Path::new(""));
     let before = paths.len();
     let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
-    paths.extend(lines.map(|line| directory.join(line)));
+    for line in lines {
+        paths.push(listed_path(list, line)?);
+    }
     if paths.len() == before {
         bail!("{}: the list of inputs is empty", list.display());
     }

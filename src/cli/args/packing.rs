@@ -53,6 +53,6 @@ impl Packing {
 pub(crate) fn packing(codec: Codec) -> store::Packing {
     match codec {
         Codec::Plain => store::Packing::default(),
-        Codec::Packed => store::Packing::packed(),
+        Codec::Packed | Codec::Reference => store::Packing::packed(),
     }
 }

@@ -48,7 +48,8 @@ pub(super) struct FeatureArgs {
     /// between sections by their shape
     #[arg(long, value_name = "ATTRIBUTE", conflicts_with = "tin")]
     pub(super) heights: Option<String>,
-    /// Keep features unchanged, in a tree of points or lines: instead of rasterizing them
+    /// Make an index of the features, which are kept unchanged: a tree of points or lines, instead
+    /// of rasterizing them
     #[arg(long, value_name = "KIND")]
     pub(super) index: Option<Index>,
 }

@@ -201,7 +201,7 @@ impl RasterArgs {
     }
 
     /// Returns the first given option for stacks.
-    pub(super) fn of_stacks(&self) -> Option<&'static str> {
+    pub(in crate::cli) fn of_stacks(&self) -> Option<&'static str> {
         let given = [
             ("--stack", self.stack),
             ("--pages layers", self.pages == Some(Pages::Layers)),

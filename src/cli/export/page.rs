@@ -5,6 +5,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use spinney::export::{PageFile, PageRequest, export_page};
 use spinney::raw::export::page::PageStart;
+use spinney::raw::io::url_of;
 use spinney::raw::io::without_query;
 use spinney::raw::store::FileReference;
 
@@ -41,7 +42,10 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([file.as_path()], path)?;
     // (Opening the file reports corruption here, not in the page.)
     if args.tree.open_model(global)?.is_none() {
-        args.tree.open_any_layer(global)?;
+        let tree = args.tree.open_any_layer(global)?;
+        if url_of(file).is_none() {
+            tree.check_movable()?;
+        }
     }
     let reference = FileReference::of(file);
     let layer = args.tree.layer_text().map(str::to_owned).or(reference.layer);

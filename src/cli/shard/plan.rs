@@ -11,11 +11,12 @@ use spinney::raw::io::any_file;
 use spinney::raw::points::is_las_file;
 use spinney::raw::reconstruction::is_views_name;
 use spinney::raw::shards::{JobSpec, plan};
-use spinney::raw::store::{TreeFormat, file_is_tree};
+use spinney::raw::store::{self, TreeFormat, file_is_tree};
 
 use super::super::args::{Packing, check_output, expand_lists};
 use super::super::build::{Common, RasterArgs, SolidArgs, check_kinds, points as scans, tree_spec};
 use super::super::combine::MergingArgs;
+use super::super::index::parse_levels;
 use super::super::report::{Work, quantity};
 use super::super::transform::ChainArgs;
 use super::super::{Global, exact, points};
@@ -51,6 +52,12 @@ pub(super) struct Args {
     rasters: RasterArgs,
     #[command(flatten)]
     solids: SolidArgs,
+    /// Make an index of TIFF files, whose cells stay in these: see `spinney index`
+    #[arg(long)]
+    index: bool,
+    /// Levels between the cells and the finest stored level of an index: 1, 2 or 4 [default: 2]
+    #[arg(long, value_name = "LEVELS", requires = "index", value_parser = parse_levels)]
+    stored_level: Option<u8>,
     /// Only features for which all conditions hold; here points of LAS and LAZ files, as in
     /// 'classification=2,intensity>100'
     #[arg(long = "where", value_name = "CONDITION,...", help_heading = "Points")]
@@ -109,6 +116,14 @@ pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
         )
     }
     check_kinds(&inputs, global.access())?;
+    let is_other = |input: &Path| {
+        Ok(is_las_file(input)
+            || file_is_tree(input, global.access())?
+            || mesh::is_model(input, global.access())?)
+    };
+    if args.index && any_file(&inputs, &is_other)? {
+        bail!("--index: works only with TIFF files and virtual rasters of these")
+    }
     if inputs.iter().any(|input| is_las_file(input)) {
         return job.plan(&scans::job(inputs, (common, solids), args.filter.as_ref())?, global);
     }
@@ -124,6 +139,16 @@ pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
     }
     if let Some(input) = rasters.volume_input(&inputs)? {
         return job.plan(&JobSpec::Volume { input, options: rasters.volume_options(common)? }, global);
+    }
+    if args.index {
+        let mut options = rasters.import_options(common)?;
+        options.referenced = Some(args.stored_level.unwrap_or(2));
+        if rasters.of_stacks().or(rasters.of_warping()).is_some()
+            || options.packing != store::Packing::default()
+        {
+            bail!("--index: shards of an index have one layer, on the grid of the files; see `spinney index`")
+        }
+        return job.plan(&JobSpec::Rasters { inputs, options }, global);
     }
     let spec = match rasters.stack_options(&inputs, common)? {
         Some(options) => JobSpec::Stack { inputs, options },

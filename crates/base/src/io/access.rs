@@ -63,6 +63,8 @@ struct Settings {
     is_remote_refused: bool,
     /// Whether files are refused whose data is in other files.
     is_external_refused: bool,
+    /// Receives warnings about files that are read.
+    warn: Option<Arc<Warn>>,
     /// Number of local files that were mapped, and of those that were opened for positioned reads.
     opened: Arc<[AtomicU64; 2]>,
 }
@@ -81,12 +83,16 @@ impl Default for FileAccess {
                 remote: None,
                 is_remote_refused: false,
                 is_external_refused: false,
+                warn: None,
                 opened: Arc::default(),
             }))
         });
         DEFAULT.clone()
     }
 }
+
+/// Receiver of warnings about files that are read: the file, and the text.
+pub type Warn = dyn Fn(&Path, &str) + Send + Sync;
 
 /// Two accesses are equal if one is a clone of the other.
 impl PartialEq for FileAccess {
@@ -256,6 +262,28 @@ impl FileAccess {
         };
         self.count_opened();
         Ok((self.cached(backend), id))
+    }
+
+    /// Returns a remote file whose length and version are known, without a request: see
+    /// [`RemoteFiles::open_known`].
+    ///
+    /// # Errors
+    /// If there is no client, or the URL is invalid.
+    pub fn open_known(&self, path: &Path, known: &FileStat) -> Result<Box<dyn ReadBackend>> {
+        self.client(path)?.open_known(path.to_str().unwrap_or_default(), known, self)
+    }
+
+    /// Sets a function that receives warnings about files that are read: the file, and the text.
+    #[must_use]
+    pub fn on_warning(self, warn: Arc<Warn>) -> FileAccess {
+        self.with(|settings| settings.warn = Some(warn))
+    }
+
+    /// Gives a warning about a file that is read.
+    pub fn warn(&self, path: &Path, text: &str) {
+        if let Some(warn) = &self.0.warn {
+            warn(path, text);
+        }
     }
 
     /// Opens a file of which only few bytes are read, such as its header. It is never mapped.

@@ -6,6 +6,7 @@ pub mod batch;
 mod cache;
 mod commit_all;
 mod completion;
+mod expand;
 mod faults;
 mod file_id;
 mod input;
@@ -25,11 +26,14 @@ mod stat;
 mod unpacked;
 mod write;
 
-pub use crate::url::{is_redacted, local_path, redacted, shown, split_query, url_of, without_query};
-pub use access::{FileAccess, any_file};
+pub use crate::url::{
+    is_redacted, listed_path, local_path, redacted, shown, split_query, url_of, without_query,
+};
+pub use access::{FileAccess, Warn, any_file};
 pub use cache::{CachedBytes, RangeCache};
 pub use commit_all::{NewDirectories, commit_all};
 pub use completion::{CompletionRecord, MAX_RECORD};
+pub use expand::MAX_NAMES;
 pub use faults::Faults;
 pub use file_id::FileId;
 pub use input::{InputFile, sibling_path};

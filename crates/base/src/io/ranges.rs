@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 
 use super::batch;
@@ -46,6 +47,10 @@ pub trait Fetch: Send + Sync {
 /// many bytes cost less than a request.
 pub const DEFAULT_GAP: u64 = 32 << 10;
 
+/// The same for files of which many small ranges are read: tiles of a TIFF file, and an index of
+/// such files. Larger gaps would double the bytes, and save no time.
+const SMALL_GAP: u64 = 4 << 10;
+
 /// Maximum number of bytes per request, unless a single range is longer.
 const MAX_JOINED: u64 = 8 << 20;
 
@@ -60,7 +65,7 @@ struct Shared {
     length: u64,
     fetch: Box<dyn Fetch>,
     cache: Arc<RangeCache>,
-    gap: u64,
+    gap: AtomicU64,
     /// Recent streams, the most recent one last.
     streams: Mutex<Vec<Stream>>,
     /// First bytes and ends of ranges that threads are fetching.
@@ -110,7 +115,7 @@ impl RangeFile {
             length,
             fetch,
             cache,
-            gap,
+            gap: gap.into(),
             streams,
             under_way,
             arrived,
@@ -208,7 +213,7 @@ impl RangeFile {
         if ranges.is_empty() {
             return Ok(Vec::new());
         }
-        let joined = join(ranges, self.0.gap);
+        let joined = join(ranges, self.0.gap.load(Ordering::Relaxed));
         let requests: Vec<Range<u64>> = joined.iter().map(|(whole, _)| whole.clone()).collect();
         let responses = self.0.fetch.fetch(&requests)?;
         if responses.len() != requests.len() {
@@ -291,6 +296,11 @@ fn join(ranges: &[Range<u64>], gap: u64) -> Vec<(Range<u64>, usize)> {
 }
 
 impl ReadBackend for RangeFile {
+    fn reads_small_ranges(&self) {
+        // (The user's choice is kept.)
+        let _ = self.0.gap.compare_exchange(DEFAULT_GAP, SMALL_GAP, Ordering::Relaxed, Ordering::Relaxed);
+    }
+
     fn len(&self) -> u64 {
         self.0.length
     }

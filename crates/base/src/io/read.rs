@@ -74,6 +74,10 @@ pub trait ReadBackend: Send + Sync {
         false
     }
 
+    /// Announces that small ranges far from each other will be read: fewer bytes between them are
+    /// fetched with them.
+    fn reads_small_ranges(&self) {}
+
     /// Announces ranges, which must lie within the length, that will be read soon. Those of a
     /// remote file are fetched all at once.
     ///

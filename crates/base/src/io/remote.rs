@@ -5,7 +5,7 @@ use std::io::Write;
 use super::access::FileAccess;
 use super::read::ReadBackend;
 use super::stat::FileStat;
-use crate::Result;
+use crate::{Error, Result};
 
 /// Client for remote files. A [`FileAccess`] holds one, and passes itself to calls that read or
 /// write.
@@ -22,11 +22,34 @@ pub trait RemoteFiles: Send + Sync {
         access: &FileAccess,
     ) -> Result<Box<dyn ReadBackend>>;
 
+    /// Returns a file whose length and version are known, without a request. If responses name
+    /// another version, a warning is given once, and the file is read nevertheless: callers compare
+    /// what they read with checksums.
+    ///
+    /// # Errors
+    /// If the URL is invalid.
+    fn open_known(&self, url: &str, known: &FileStat, access: &FileAccess) -> Result<Box<dyn ReadBackend>> {
+        let _ = known;
+        self.open(url, &[], access)
+    }
+
     /// Stats files concurrently, and returns the results in order; `None` for missing ones.
     ///
     /// # Errors
     /// On cancellation. Per file, if its host refuses.
     fn stat(&self, urls: &[&str]) -> Result<Vec<Result<Option<FileStat>>>>;
+
+    /// Lists the files of a store whose URLs start with a prefix, in any order. If not `is_deep`,
+    /// only those without another `/` after it.
+    ///
+    /// # Errors
+    /// If the host cannot list files, or there are more than [`MAX_NAMES`](super::MAX_NAMES) names;
+    /// on cancellation.
+    fn list(&self, prefix: &str, is_deep: bool) -> Result<Vec<String>> {
+        let _ = is_deep;
+        let advice = "give the names of the files, or a list of these (@FILE)";
+        Err(Error::unsupported(prefix, "a pattern of files on a host that cannot list them", advice))
+    }
 
     /// Starts a file, which appears whole or not at all.
     ///

@@ -26,6 +26,13 @@ pub enum FileVersion {
 }
 
 impl FileStat {
+    /// Returns whether another status may be that of the same version: lengths are equal, and so
+    /// are versions, unless one is that of a local file and the other that of a remote one.
+    pub fn agrees(&self, other: &FileStat) -> bool {
+        let are_alike = std::mem::discriminant(&self.version) == std::mem::discriminant(&other.version);
+        self.length == other.length && (!are_alike || self.version == other.version)
+    }
+
     /// Returns the version of an open local file.
     pub(super) fn of(file: &File, path: &Path) -> Result<FileStat> {
         FileStat::from_metadata(&file.metadata().map_err(Error::io(path, "stat"))?, path)

@@ -161,7 +161,13 @@ impl Summary {
                 "fewer than 2^32 of each, no more proxies than faces, and at least one part",
             ));
         }
-        let codec = Codec::of_number(path, bytes[2], " of an exact model")?;
+        let codec = match Codec::of_number(path, bytes[2], " of an exact model")? {
+            Codec::Reference => {
+                let advice = "install the version of Spinney that wrote the file, or a newer one";
+                return Err(Error::unsupported(path, "codec number 2 of an exact model", advice));
+            }
+            codec => codec,
+        };
         let (is_unbounded, reach) = (bytes[1] == 1, bytes[3].saturating_add(1));
         Ok(Summary { grid, codec, faces, is_unbounded, nodes, exact_faces, proxies, reach, parts })
     }

@@ -77,7 +77,7 @@ impl ModelWriter {
     pub(crate) fn chunk(&mut self, list: List, key: u64, plain: &[u8]) -> Result<()> {
         let bytes = match self.codec {
             Codec::Plain => Cow::Borrowed(plain),
-            Codec::Packed => Cow::Owned(pack(list, plain)),
+            Codec::Packed | Codec::Reference => Cow::Owned(pack(list, plain)),
         };
         let offset = self.position;
         let Ok(length) = u32::try_from(bytes.len()) else {

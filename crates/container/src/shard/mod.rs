@@ -71,10 +71,16 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Paths of all files that it may have: the summary, and the run file of each of its layers.
+    /// Paths of all files that it may have: the summary, the checksums of an index's sources, and
+    /// the run file of each of its layers.
     pub fn files(&self) -> impl Iterator<Item = PathBuf> {
         let runs = self.ranges.iter().map(|range| self.run_path(range.layer));
-        [self.summary_path()].into_iter().chain(runs)
+        [self.summary_path(), self.sources_path()].into_iter().chain(runs)
+    }
+
+    /// Path of the checksums of the chunks that it has read, if it is one of an index.
+    pub fn sources_path(&self) -> PathBuf {
+        self.directory.join(format!("{:04}.sources", self.number))
     }
 
     /// Local directory for temporary files: the shard directory, unless that is remote.

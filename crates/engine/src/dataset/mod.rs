@@ -24,7 +24,7 @@ use crate::ops::{
 use crate::store::autumnal::{Autumnal, Commit};
 use crate::store::goblin::Goblin;
 use crate::tree::Source;
-use spinney_base::io::{FileAccess, FileStat};
+use spinney_base::io::{FileAccess, FileStat, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{FileReference, Finding, Header, Metadata, OpenOptions, TreeFormat};
@@ -423,6 +423,21 @@ impl Dataset {
     /// If the file cannot be read, or on cancellation.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         self.file().map_or_else(|| Ok(Vec::new()), |file| file.verify(memory, progress))
+    }
+
+    /// Checks that copies of the file can be read wherever they are: an index must name its sources
+    /// by URLs.
+    ///
+    /// # Errors
+    /// If it names a file by its path.
+    pub fn check_movable(&self) -> Result<()> {
+        let Some(TreeFile::Goblin(file)) = self.as_file() else { return Ok(()) };
+        let is_local = |name: &str| url_of(Path::new(name)).is_none();
+        let Some(name) = file.find_source(&is_local)? else { return Ok(()) };
+        let found = format!("a copy of an index whose cells are in local files ({name})");
+        let advice =
+            "index the files by their URLs, or write a file with all cells first (`spinney transform`)";
+        Err(Error::unsupported(file.path(), found, advice))
     }
 
     /// Verifies the whole file except for the trees of older commits.

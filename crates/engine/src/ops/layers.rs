@@ -7,12 +7,15 @@ use super::files::FileView;
 use super::reconcile::{CommonGrid, Located, OutputExtent, Position};
 use super::tree_file::TreeFile;
 use crate::store::autumnal::{Commit, Editor, Note};
-use crate::store::{BuildOptions, TreeWriter, WriteOptions};
+use crate::store::{BuildOptions, Packing, TreeWriter, WriteOptions};
 use crate::tree::Source;
-use spinney_base::io::{FileAccess, ReplaceLock, without_query};
+use spinney_base::io::{FileAccess, ReplaceLock, shown, without_query};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{FileReference, Header, Metadata};
 use spinney_crs::Frame;
+
+/// Memory in bytes for building a layer whose cells are in other files.
+const MEMORY: u64 = 256 << 20;
 
 /// Paths of the layers that a path refers to: all of a file, or the one that it names. The path of
 /// a file with one layer is returned unchanged.
@@ -209,6 +212,10 @@ fn only_listed(path: &Path) -> Error {
 /// would be lost. (An Autumnal file is locked by its editor.)
 fn open_to_change(path: &Path, access: &FileAccess) -> Result<(TreeFile, Option<ReplaceLock>)> {
     match TreeFile::open(path, &access.into())? {
+        TreeFile::Goblin(index) if index.path() != &*FileReference::of(path).file => {
+            let found = format!("changing the layers of a raster through its index {}", shown(index.path()));
+            Err(Error::unsupported(path, found, "give the name of the index"))
+        }
         TreeFile::Goblin(_) => {
             let lock = ReplaceLock::take(&FileReference::of(path).file)?;
             Ok((TreeFile::open(path, &access.into())?, Some(lock)))
@@ -240,7 +247,13 @@ fn copy_layers(
             if metadata.name.is_empty() {
                 metadata.name = unnamed.into();
             }
-            writer.copy(&layer, &metadata, progress)?;
+            // Cells that are in other files are read from these.
+            if !writer.copy(&layer, &metadata, progress)? {
+                let header = layer.header();
+                let options =
+                    BuildOptions::like(header, MEMORY).metadata(metadata).packing(Packing::packed());
+                writer.source(&*layer, header.extent, &options, progress)?;
+            }
         }
     }
     Ok(())

@@ -6,6 +6,7 @@
 //! Edits of Autumnal files are such sources, too, and are stored in the file that they read
 //! ([`edit()`]).
 
+mod adjacent_index;
 mod affine;
 mod blame;
 mod blocks;
@@ -30,6 +31,7 @@ mod reconcile;
 mod regions;
 mod tree_file;
 mod universe;
+mod updated_index;
 mod view_operation;
 mod view_operation_text;
 mod view_source;
@@ -65,6 +67,7 @@ pub use regions::{
 };
 pub use tree_file::{LayerInfo, TreeFile, TreeFileNode};
 pub use universe::{CombineOptions, Universe};
+pub use updated_index::write_updated_layer;
 pub use view_operation::{RotationAxis, ViewOperation};
 pub use view_source::{MemoryTree, ViewSource, ViewSourceNode};
 pub use warp::{MAX_ZOOM, Resampling, WarpGrid, WarpOptions, WarpTarget, Warped, warp};

@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
+use super::adjacent_index::open_adjacent_index;
 use super::mosaic::{Mosaic, MosaicNode};
 use crate::query::{Statistics, autumnal_statistics, source_statistics, tally_of};
 use crate::store::autumnal::{Autumnal, AutumnalNode, Commit};
@@ -55,7 +56,8 @@ pub enum TreeFileNode {
 }
 
 impl TreeFile {
-    /// Opens a file, or a commit or a layer of it: see [`FileReference`].
+    /// Opens a file, or a commit or a layer of it: see [`FileReference`]. For a TIFF file, opens
+    /// the index of it with the added extension `.goblin`.
     ///
     /// # Errors
     /// If it cannot be read, is no tree file, or is corrupt.
@@ -95,7 +97,13 @@ impl TreeFile {
             return Ok(TreeFile::Mosaic(Arc::new(Mosaic::from_bytes(&place.file, &bytes, options)?)));
         }
         drop(first);
-        match FileHeader::read_cells(&place.file, &*opened.0)?.format {
+        let header = match FileHeader::read_cells(&place.file, &*opened.0) {
+            Err(error @ Error::NotATree { .. }) => {
+                return open_adjacent_index(place, &*opened.0, options)?.ok_or(error);
+            }
+            header => header?,
+        };
+        match header.format {
             TreeFormat::Autumnal => Ok(Autumnal::of_opened(place, opened, options)?.into()),
             TreeFormat::Goblin => {
                 let file = Goblin::from_backend(&place.file, opened.0, options)?;
@@ -299,12 +307,15 @@ impl TreeFile {
         self.verify_extents(findings?, progress)
     }
 
-    /// Verifies everything but the trees of older commits.
+    /// Verifies everything but the trees of older commits, and the cells that are in other files.
     ///
     /// # Errors
     /// If the file cannot be read, or on cancellation.
     pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let findings = match self {
+            TreeFile::Goblin(file) if file.references().is_some() => {
+                return file.verify_quickly(memory, progress);
+            }
             TreeFile::Goblin(file) => file.verify(memory, progress),
             TreeFile::Autumnal(file) => file.verify_quickly(memory, progress),
             TreeFile::Mosaic(tree) => return tree.verify(memory, progress),

@@ -33,7 +33,7 @@ impl Zone for SegmentZone<'_> {
     }
 
     fn classes(&self) -> Result<Vec<(Value, u64)>> {
-        Ok(self.tree.segment(self.index)?.classes())
+        self.tree.classes(self.index)
     }
 }
 

@@ -17,7 +17,9 @@ use spinney_base::parallel;
 use spinney_base::space::{Bounds, Code, CodeRange, Dimension};
 use spinney_base::value::{Value, ZoneStats};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Content, FileHeader, LevelCounts, Metadata, Shape, TreeFormat, check_tree_name};
+use spinney_container::{
+    Codec, Content, FileHeader, LevelCounts, Metadata, Shape, TreeFormat, check_tree_name,
+};
 
 /// A tree file that is being written: one or more layers, consecutively. The name of the output
 /// determines the format.
@@ -356,7 +358,7 @@ impl TreeWriter {
     }
 
     /// Copies a layer of a Goblin file unchanged, optionally with other metadata. Returns `false`,
-    /// and does nothing, if this is not a Goblin file.
+    /// and does nothing, if this is not a Goblin file, or the layer's cells are in other files.
     ///
     /// # Errors
     /// If the layer cannot be read or does not fit, or the file cannot be written.
@@ -366,13 +368,22 @@ impl TreeWriter {
         metadata: &Metadata,
         progress: &dyn Progress,
     ) -> Result<bool> {
-        if !matches!(self.file, File::Goblin(_)) {
+        if !matches!(self.file, File::Goblin(_)) || from.header().codec == Codec::Reference {
             return Ok(false);
         }
         self.check(from.header().form, from.header().depth(), &metadata.name)?;
         match &mut self.file {
             File::Goblin(file) => file.copy(from, metadata, progress).map(|()| true),
             _ => Ok(false),
+        }
+    }
+
+    /// Sets the sections that describe the files that have the cells of layers with
+    /// [references](BuildOptions::referenced): the list of these files, and pages about them.
+    /// Without an effect in other files.
+    pub fn set_references(&mut self, sources: Vec<u8>, pages: Vec<u8>) {
+        if let File::Goblin(file) | File::Head(file) = &mut self.file {
+            file.set_references(sources, pages);
         }
     }
 

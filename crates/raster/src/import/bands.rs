@@ -122,7 +122,7 @@ impl RasterInfo {
     /// The properties of some channels, in this order.
     ///
     /// Opacity that is not among them is dropped.
-    pub(super) fn of_channels(&self, chosen: &[usize]) -> RasterInfo {
+    pub(crate) fn of_channels(&self, chosen: &[usize]) -> RasterInfo {
         if chosen.iter().copied().eq(0..self.channels) {
             return self.clone();
         }

@@ -7,6 +7,7 @@ use super::plan::RasterImport;
 use super::slabs::BLOCK;
 use super::spill::spill_wanted;
 use super::{Order, Raster, RasterInfo, RasterSlabs};
+use crate::index::write_sections;
 
 use spinney_base::TreeType;
 use spinney_base::io::{Output, directory_of};
@@ -25,12 +26,18 @@ impl RasterImport {
     /// # Errors
     /// If the input cannot be read, the output cannot be written, or on cancellation. Nothing is
     /// left then.
-    pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
+    pub fn build(mut self, output: Output, progress: &dyn Progress) -> Result<()> {
         check_tree_name(output.path())?;
         self.options.packing.check_output(output.path())?;
         let scratch_directory = directory_of(output.path()).to_path_buf();
+        let path = output.path().to_path_buf();
         let mut file = TreeWriter::create(output, (Dimension::Quad, self.options.depth), 1)?;
+        let index = self.index.take();
         self.write(&mut file, &scratch_directory, progress)?;
+        if let Some(index) = index {
+            let (sources, pages) = write_sections(&path, &[&index], progress)?;
+            file.set_references(sources, pages);
+        }
         file.finish()
     }
 

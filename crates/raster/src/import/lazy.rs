@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex};
 
 use super::bands::select_channels;
 use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, open};
+use crate::index::SourceWindow;
 use spinney_base::space::Region;
 use spinney_base::{Error, Result};
 
@@ -210,6 +211,11 @@ impl Raster for Lazy {
 
     fn reads_anywhere(&self) -> bool {
         true
+    }
+
+    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+        // (Files that cannot be opened any more are reported when they are read.)
+        self.reopen().ok()?.raster.source_windows()
     }
 }
 

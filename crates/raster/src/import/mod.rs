@@ -29,10 +29,12 @@ mod xml;
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
+use std::sync::Arc;
 
 pub use self::bands::{Band, BandInfo, select, value_type};
 pub use self::build::{TargetGrid, WarpedBuilt};
 pub use self::files::files_of;
+pub(crate) use self::mosaic::grid_offset;
 pub use self::mosaic::{MosaicPlan, mosaic};
 pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan, plan_part};
 pub(super) use self::plan::{depth_of, listed, nodata_text};
@@ -40,8 +42,10 @@ pub use self::slabs::RasterSlabs;
 pub use self::spill::spill;
 pub use self::stack::{Stack, StackLayer, StackOptions, needs_layers, plan_stack, write_layers, write_stack};
 pub(super) use self::tiff::{SampleFormat, page_directories};
+pub(crate) use self::validity::Validity;
 pub(super) use self::validity::as_stored;
 use crate::chain_code;
+use crate::index::{SourceRecorder, SourceWindow};
 use spinney_base::io::{FileAccess, without_query};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Number, Palette, SampleType};
@@ -174,6 +178,20 @@ pub trait Raster: Send {
     fn reads_anywhere(&self) -> bool {
         self.info().order == Order::Anywhere
     }
+
+    /// Announces regions that will be read soon: those of a remote file are fetched together.
+    ///
+    /// # Errors
+    /// If they cannot be fetched.
+    fn prefetch(&mut self, _: &[Region]) -> Result<()> {
+        Ok(())
+    }
+
+    /// Returns the windows of files whose pixels are those of this raster, unchanged, from the
+    /// bottom to the top. `None` if they are changed, or the files are not recorded.
+    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+        None
+    }
 }
 
 /// Options to open a raster.
@@ -192,6 +210,8 @@ pub struct RasterOptions {
     pub(crate) nesting: vrt::Nesting,
     /// Offset of the page's directory in a TIFF file, if known.
     pub(crate) directory: Option<u64>,
+    /// Records the files that are read, for an index.
+    pub(crate) recorder: Option<Arc<SourceRecorder>>,
 }
 
 impl Default for RasterOptions {
@@ -203,6 +223,7 @@ impl Default for RasterOptions {
             access: FileAccess::default(),
             nesting: Default::default(),
             directory: None,
+            recorder: None,
         }
     }
 }

@@ -4,11 +4,13 @@ use std::path::{Path, PathBuf};
 
 use super::validity::Validity;
 use super::{Order, Pixels, Raster, RasterInfo};
+use crate::index::SourceWindow;
 use serde::{Deserialize, Serialize};
 use spinney_base::space::Region;
 use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
+use spinney_references::{PixelRule, paint};
 
 /// Maximum distance of a raster's pixels from the grid of the first raster, in pixels.
 const TOLERANCE: f64 = 1e-3;
@@ -76,7 +78,9 @@ impl Mosaic {
     /// Computes the mosaic of several rasters.
     pub(super) fn of(rasters: Vec<Box<dyn Raster>>) -> Result<Mosaic> {
         let first = &*rasters[0];
-        let offsets = rasters.iter().map(|raster| offset(first, &**raster)).collect::<Result<Vec<_>>>()?;
+        let of =
+            |raster: &dyn Raster| grid_offset((first.info(), first.path()), (raster.info(), raster.path()));
+        let offsets = rasters.iter().map(|raster| of(&**raster)).collect::<Result<Vec<_>>>()?;
         let corner: [i64; 2] =
             std::array::from_fn(|axis| offsets.iter().map(|offset| offset[axis]).min().unwrap_or(0));
         let mut info = first.info().clone();
@@ -158,10 +162,10 @@ fn same_number(a: Option<Number>, b: Option<Number>) -> bool {
         || matches!((a, b), (Some(a), Some(b)) if a.is_nan() && b.is_nan())
 }
 
-/// Offset of a raster's first pixel in pixels of another raster.
-fn offset(first: &dyn Raster, other: &dyn Raster) -> Result<[i64; 2]> {
-    let both = || format!("mosaic of {} and {}", first.path().display(), other.path().display());
-    let (a, b) = (first.info(), other.info());
+/// Offset of a raster's first pixel in pixels of another raster, given their properties and paths.
+pub(crate) fn grid_offset(first: (&RasterInfo, &Path), other: (&RasterInfo, &Path)) -> Result<[i64; 2]> {
+    let ((a, first), (b, other)) = (first, other);
+    let both = || format!("mosaic of {} and {}", first.display(), other.display());
     let pixels = |info: &RasterInfo| (info.sample, info.channels, info.alpha);
     if pixels(a) != pixels(b) || a.scale_offset != b.scale_offset {
         let name = |info: &RasterInfo| {
@@ -174,12 +178,12 @@ fn offset(first: &dyn Raster, other: &dyn Raster) -> Result<[i64; 2]> {
             format!(
                 "equal pixel types and scales; to convert the second, combine trees: `spinney build {} -o below.goblin`, \
                  `spinney build {} -o above.goblin`, `spinney combine over above.goblin below.goblin -o both.goblin`",
-                first.path().display(),
-                other.path().display()
+                first.display(),
+                other.display()
             ),
         ));
     }
-    let [here, there] = [first, other].map(|raster| raster.path().display().to_string());
+    let [here, there] = [first, other].map(|path| path.display().to_string());
     Crs::check_same((&here, a.frame.crs.as_ref()), (&there, b.frame.crs.as_ref()))?;
     // If three corners are on the grid, all pixels are.
     let (width, height) = (b.width as f64, b.height as f64);
@@ -233,8 +237,9 @@ impl Raster for Mosaic {
         let size = self.info.pixel_bytes();
         pixels.bytes.clear();
         pixels.bytes.resize(region.area() as usize * size, 0);
-        let mut valid = vec![false; region.area() as usize];
-        for input in inputs {
+        let mut covered = vec![false; region.area() as usize];
+        // From the top down, until all pixels are known.
+        for input in inputs.into_iter().rev() {
             let part = input.region.intersect(&region);
             input.read(part, &mut self.part)?;
             input.validity.apply(&mut self.part);
@@ -245,11 +250,30 @@ impl Raster for Mosaic {
                 let flags = self.part.valid.as_ref().map(|flags| &flags[from.clone()]);
                 let samples = &self.part.bytes[from.start * size..from.end * size];
                 let target = &mut pixels.bytes[to.start * size..to.end * size];
-                paint(target, &mut valid[to], samples, flags, size);
+                paint(target, &mut covered[to], samples, flags, size);
+            }
+            // (Rows that are skipped cannot be read later.)
+            if self.info.order == Order::Anywhere && !covered.contains(&false) {
+                break;
             }
         }
-        pixels.valid = valid.contains(&false).then_some(valid);
+        pixels.valid = covered.contains(&false).then_some(covered);
         Ok(())
+    }
+
+    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+        let mut windows = Vec::new();
+        for input in &self.inputs {
+            for window in input.raster.source_windows()? {
+                // Pixels of other rasters than files have been decided on already.
+                let rule =
+                    if window.rule == PixelRule::default() { input.validity.rule() } else { return None };
+                let Region { x, y, width, height } = window.cells;
+                let cells = Region::new(x + input.region.x, y + input.region.y, width, height);
+                windows.push(SourceWindow { rule: rule.clone(), cells, ..window });
+            }
+        }
+        Some(windows)
     }
 }
 
@@ -258,20 +282,6 @@ impl Input {
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
         let Region { x, y, width, height } = region;
         self.raster.read(Region::new(x - self.region.x, y - self.region.y, width, height), pixels)
-    }
-}
-
-/// Copies the valid pixels of a row.
-fn paint(target: &mut [u8], valid: &mut [bool], samples: &[u8], flags: Option<&[bool]>, size: usize) {
-    let Some(flags) = flags else {
-        target.copy_from_slice(samples);
-        valid.fill(true);
-        return;
-    };
-    let pixels = target.chunks_exact_mut(size).zip(samples.chunks_exact(size));
-    for (((target, sample), valid), _) in pixels.zip(valid).zip(flags).filter(|(_, flag)| **flag) {
-        target.copy_from_slice(sample);
-        *valid = true;
     }
 }
 

@@ -2,12 +2,14 @@
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::lazy::{Lazy, Pool};
 use super::mosaic::{Mosaic, MosaicPlan};
 use super::sidecar::DescribedRaster;
 use super::validity::as_stored;
 use super::{Band, Raster, RasterInfo, RasterOptions, Transparent, bands, mosaic, open};
+use crate::index::{IndexPlan, SourceRecorder};
 use serde::{Deserialize, Serialize};
 use spinney_base::io::FileAccess;
 use spinney_base::space::Dimension;
@@ -63,6 +65,9 @@ pub struct ImportOptions {
     pub time: Option<i64>,
     /// Compression of the file, and the loss that it may cause.
     pub packing: Packing,
+    /// Levels between the cells and the finest stored level, 1, 2 or 4, if the cells stay in the
+    /// files, which must be TIFF files or virtual rasters of these: the tree is an index.
+    pub referenced: Option<u8>,
     /// Access to the files, and to files that they name or that accompany them.
     #[serde(skip)]
     pub access: FileAccess,
@@ -86,6 +91,10 @@ pub struct RasterImport {
     pub(super) remarks: Vec<(PathBuf, String)>,
     /// Plan of the mosaic, if there are several files.
     mosaic: Option<MosaicPlan>,
+    /// Where the cells of an index are.
+    pub(crate) index: Option<IndexPlan>,
+    /// The files that are read, if they are recorded for an index.
+    pub(super) recorder: Option<Arc<SourceRecorder>>,
     description: Vec<(&'static str, String)>,
 }
 
@@ -99,7 +108,8 @@ impl RasterImport {
         memory: u64,
     ) -> RasterImport {
         let (remarks, mosaic, description) = (Vec::new(), None, Vec::new());
-        RasterImport { raster, value, nodata, options, memory, remarks, mosaic, description }
+        let (index, recorder) = (None, None);
+        RasterImport { raster, value, nodata, options, memory, remarks, mosaic, index, recorder, description }
     }
 
     /// Description of the plan: pairs of heading and text.
@@ -115,6 +125,11 @@ impl RasterImport {
     /// Plan of the mosaic, if there are several files.
     pub fn mosaic(&self) -> Option<&MosaicPlan> {
         self.mosaic.as_ref()
+    }
+
+    /// The files that are read, if they are recorded for an index.
+    pub fn recorder(&self) -> Option<Arc<SourceRecorder>> {
+        self.recorder.clone()
     }
 
     /// Options for building the tree.
@@ -149,7 +164,9 @@ impl RasterImport {
 pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport> {
     let memory = options.memory.unwrap_or(DEFAULT_MEMORY);
     let mut overruled = None;
-    let rasters = open_inputs(inputs, inputs.len() > 1, (options, memory), &mut overruled)?;
+    let recorder = options.referenced.map(|_| Arc::new(SourceRecorder::default()));
+    let are_several = inputs.len() > 1;
+    let rasters = open_inputs(inputs, are_several, (options, memory), &recorder, &mut overruled)?;
     let remarks = remarks(&rasters);
     let (raster, mosaic) = match rasters.len() {
         0 | 1 => (mosaic(rasters)?, None),
@@ -178,6 +195,14 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
     let metadata = metadata(frame, inputs, info, options);
     let description = describe(inputs, info, options, &choices, &metadata, overruled);
     let nodata = info.nodata;
+    let index = match &recorder {
+        None => None,
+        Some(recorder) => {
+            let nodata = nodata.and_then(|number| value.splat(number));
+            Some(IndexPlan::of(&*raster, (value, nodata), recorder.clone(), &options.access)?)
+        }
+    };
+    let referenced = options.referenced;
     let options = BuildOptions::new(kind, choices.depth)
         .rule(rule)
         .memory(memory / 4)
@@ -185,7 +210,8 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
         .share(options.share)
         .time(options.time)
         .packing(options.packing);
-    Ok(RasterImport { raster, value, nodata, options, memory, remarks, mosaic, description })
+    let options = referenced.map_or(options.clone(), |levels| options.referenced(levels));
+    Ok(RasterImport { raster, value, nodata, options, memory, remarks, mosaic, index, recorder, description })
 }
 
 /// Opens some inputs, possibly none, of a mosaic that was planned before; `mosaic` has the regions
@@ -200,7 +226,8 @@ pub fn plan_part(
     options: &ImportOptions,
 ) -> Result<RasterImport> {
     let memory = options.memory.unwrap_or(DEFAULT_MEMORY);
-    let rasters = open_inputs(inputs, true, (options, memory), &mut None)?;
+    let recorder = options.referenced.map(|_| Arc::new(SourceRecorder::default()));
+    let rasters = open_inputs(inputs, true, (options, memory), &recorder, &mut None)?;
     let (remarks, value) = (remarks(&rasters), header.form.value);
     let empty = RasterInfo::plain(mosaic.size, value.sample, usize::from(value.channels));
     let path = inputs.first().map_or(Path::new(""), |first| first);
@@ -214,8 +241,9 @@ pub fn plan_part(
         .memory(memory / 4)
         .metadata(metadata.clone())
         .packing(options.packing);
+    let build = options.referenced.map_or(build.clone(), |levels| build.referenced(levels));
     let part = RasterImport::of(Box::new(placed), value, mosaic.nodata, build, memory);
-    Ok(RasterImport { remarks, ..part })
+    Ok(RasterImport { remarks, recorder, ..part })
 }
 
 /// Files with content that is not read, and a description of that.
@@ -234,6 +262,7 @@ fn open_inputs(
     inputs: &[PathBuf],
     are_several: bool,
     (options, memory): (&ImportOptions, u64),
+    recorder: &Option<Arc<SourceRecorder>>,
     overruled: &mut Option<Crs>,
 ) -> Result<Vec<Box<dyn Raster>>> {
     // Readers rarely need their share, but all open files together must not exceed half of the
@@ -245,6 +274,7 @@ fn open_inputs(
         layer: options.layer.clone(),
         page: options.page,
         access: options.access.clone(),
+        recorder: recorder.clone(),
         ..RasterOptions::default()
     };
     let pool = Pool::new(MAX_OPEN);

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::xml::XmlElement;
 use super::{Pixels, Raster, RasterInfo, gdal, worldfile};
+use crate::index::SourceWindow;
 use spinney_base::io::{FileAccess, sibling_path, sidecar_of};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Number, Palette};
@@ -48,6 +49,14 @@ impl Raster for DescribedRaster {
 
     fn reads_anywhere(&self) -> bool {
         self.raster.reads_anywhere()
+    }
+
+    fn prefetch(&mut self, regions: &[Region]) -> Result<()> {
+        self.raster.prefetch(regions)
+    }
+
+    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+        self.raster.source_windows()
     }
 }
 

@@ -1,5 +1,6 @@
 //! Adapter from a raster to the slabs of the tree builder.
 
+use std::collections::VecDeque;
 use std::mem;
 
 use super::validity::Validity;
@@ -21,8 +22,13 @@ pub struct RasterSlabs {
     squares: SlabBoxes,
     /// Maximum number of cells per side of a square.
     side: u64,
+    /// Squares that were announced to the raster.
+    ahead: VecDeque<Region>,
     next_row: u64,
 }
+
+/// Number of squares that are announced together: in FD order, a square of four by four.
+const AHEAD: usize = 16;
 
 impl RasterSlabs {
     /// The slabs of a raster. Squares are so small that two of them fit `memory` bytes, if
@@ -38,7 +44,14 @@ impl RasterSlabs {
         let opacity = Validity::by_opacity(info);
         let extent = [info.width, info.height, 1];
         let all = WantedCells { dimension: Dimension::Quad, depth: depth_for(extent), run: CodeRange::ALL };
-        RasterSlabs { raster, opacity, squares: SlabBoxes::new(extent, all, side), side, next_row: 0 }
+        RasterSlabs {
+            raster,
+            opacity,
+            squares: SlabBoxes::new(extent, all, side),
+            side,
+            ahead: VecDeque::new(),
+            next_row: 0,
+        }
     }
 
     /// Restricts a raster that can be read anywhere to squares with wanted cells.
@@ -54,9 +67,14 @@ impl RasterSlabs {
         (height > 0).then(|| Region::new(0, y, info.width, height))
     }
 
-    fn next_square(&mut self) -> Option<Region> {
-        let ([x, y, _], [width, height, _]) = self.squares.next()?;
-        Some(Region::new(x, y, width, height))
+    fn next_square(&mut self) -> Result<Option<Region>> {
+        if self.ahead.is_empty() {
+            let square =
+                |([x, y, _], [width, height, _]): ([u64; 3], [u64; 3])| Region::new(x, y, width, height);
+            self.ahead.extend(self.squares.by_ref().take(AHEAD).map(square));
+            self.raster.prefetch(self.ahead.make_contiguous())?;
+        }
+        Ok(self.ahead.pop_front())
     }
 }
 
@@ -72,7 +90,7 @@ impl Slabs for RasterSlabs {
     fn next(&mut self, slab: &mut Slab) -> Result<bool> {
         let region = match self.raster.info().order {
             Order::Bands => self.next_band(),
-            Order::Anywhere => self.next_square(),
+            Order::Anywhere => self.next_square()?,
         };
         let Some(region) = region else { return Ok(false) };
         let mut pixels = Pixels { bytes: mem::take(&mut slab.bytes), valid: slab.valid.take() };

@@ -2,72 +2,42 @@
 
 use super::{Pixels, RasterInfo, Transparent};
 use spinney_base::value::{Number, SampleType, ValueType};
+use spinney_references::PixelRule;
 
 /// Detects VOID pixels by their samples.
-pub(super) struct Validity {
+pub(crate) struct Validity {
     sample: SampleType,
     channels: usize,
-    alpha: Option<usize>,
-    /// Whether a pixel of zeros, with neither colour nor opacity, is VOID.
-    zero: bool,
-    /// A pixel with the nodata number in all channels.
-    nodata: Option<Vec<u8>>,
-    /// Whether a NaN sample makes a pixel VOID.
-    nan: bool,
+    rule: PixelRule,
 }
 
 impl Validity {
     /// By opacity only; nodata and NaN are left to the caller.
-    pub(super) fn by_opacity(info: &RasterInfo) -> Validity {
+    pub(crate) fn by_opacity(info: &RasterInfo) -> Validity {
         let RasterInfo { sample, channels, alpha, transparent, .. } = *info;
+        // Whether a pixel of zeros, with neither colour nor opacity, is VOID.
         let zero = alpha.is_some() && transparent == Transparent::Masked;
-        let alpha = alpha.filter(|_| transparent == Transparent::Void);
-        Validity { sample, channels, alpha, zero, nodata: None, nan: false }
+        let alpha = alpha.filter(|_| transparent == Transparent::Void).map(|alpha| alpha as u16);
+        Validity { sample, channels, rule: PixelRule { alpha, zero, ..PixelRule::default() } }
     }
 
     /// By opacity, the nodata number and NaN.
-    pub(super) fn by_all(info: &RasterInfo) -> Validity {
+    pub(crate) fn by_all(info: &RasterInfo) -> Validity {
         let nodata = info.nodata.and_then(|number| sample_bytes(number, info.sample));
         let nodata = nodata.map(|sample| sample.repeat(info.channels));
-        Validity { nodata, nan: info.sample.is_float(), ..Validity::by_opacity(info) }
+        let by_opacity = Validity::by_opacity(info);
+        Validity { rule: PixelRule { nodata, nan: info.sample.is_float(), ..by_opacity.rule }, ..by_opacity }
+    }
+
+    /// The rule, without the type of pixels.
+    pub(crate) fn rule(&self) -> &PixelRule {
+        &self.rule
     }
 
     /// Combines the flags with the validity of the samples. Afterwards flags are absent only if no
     /// pixel is VOID.
     pub(super) fn apply(&self, pixels: &mut Pixels) {
-        if self.alpha.is_none() && !self.zero && self.nodata.is_none() && !self.nan {
-            return;
-        }
-        let size = self.channels * self.sample.size();
-        let found = pixels.bytes.chunks_exact(size).map(|pixel| !self.is_void(pixel));
-        match &mut pixels.valid {
-            Some(flags) => flags.iter_mut().zip(found).for_each(|(flag, valid)| *flag &= valid),
-            None if found.clone().all(|valid| valid) => {}
-            none => *none = Some(found.collect()),
-        }
-    }
-
-    fn is_void(&self, pixel: &[u8]) -> bool {
-        let size = self.sample.size();
-        self.alpha.is_some_and(|alpha| self.is_zero(&pixel[alpha * size..][..size]))
-            || self.zero && pixel.iter().all(|byte| *byte == 0)
-            || self.nodata.as_ref().is_some_and(|nodata| nodata == pixel)
-            || self.nan && pixel.chunks_exact(size).any(|sample| self.is_nan(sample))
-    }
-
-    fn is_zero(&self, sample: &[u8]) -> bool {
-        let (last, rest) = sample.split_last().expect("samples have bytes");
-        // Minus zero is zero too.
-        let sign = if self.sample.is_float() { 0x80 } else { 0 };
-        last & !sign == 0 && rest.iter().all(|byte| *byte == 0)
-    }
-
-    fn is_nan(&self, sample: &[u8]) -> bool {
-        match self.sample {
-            SampleType::F32 => f32::from_le_bytes(sample.try_into().expect("four bytes")).is_nan(),
-            SampleType::F64 => f64::from_le_bytes(sample.try_into().expect("eight bytes")).is_nan(),
-            _ => false,
-        }
+        self.rule.apply((self.sample, self.channels), &pixels.bytes, &mut pixels.valid);
     }
 }
 

@@ -267,12 +267,17 @@ pub(crate) trait Work {
         TreeWriter::shard(head, shard)?.finish()
     }
 
-    /// Merges shards with about `memory` bytes.
+    /// Whether merging reads the inputs again.
+    fn reads_inputs_to_merge(&self) -> bool {
+        false
+    }
+
+    /// Merges shards of a tree of these inputs with about `memory` bytes.
     fn merge(
         &self,
         head: &Path,
         shards: &[Shard],
-        (output, memory): (MergeOutput, u64),
+        (_, output, memory): (&[PathBuf], MergeOutput, u64),
         progress: &dyn Progress,
     ) -> Result<()> {
         merge_shards(head, shards, output, memory / 8, progress)

@@ -124,7 +124,7 @@ impl Work for Points {
         &self,
         head: &Path,
         shards: &[Shard],
-        (output, memory): (MergeOutput, u64),
+        (_, output, memory): (&[PathBuf], MergeOutput, u64),
         progress: &dyn Progress,
     ) -> Result<()> {
         let output = match output {

@@ -1,5 +1,6 @@
 //! Trees of rasters; several rasters are a mosaic.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -8,8 +9,9 @@ use spinney_base::space::{Bounds, Dimension, Region};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_engine::store::TreeWriter;
-use spinney_engine::store::goblin::{Goblin, Shard};
+use spinney_engine::store::goblin::{Goblin, MergeOutput, Shard, merge_index_shards, merge_shards};
 use spinney_raster::import::{self, ImportOptions, MosaicPlan, RasterOptions, plan, plan_part};
+use spinney_raster::index::sections_of_shards;
 
 use super::{Load, PlannedWork, ShardTask, Work, WorkPlan};
 use crate::job::PlannedInput;
@@ -114,9 +116,46 @@ impl Work for Rasters {
                 plan_part(&paths, &mosaic, (head.header(), head.metadata()), &options)?
             }
         };
-        let directory = part.shard.temporary().to_path_buf();
+        let (shard, recorder) = (part.shard.clone(), import_plan.recorder());
+        let directory = shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Quad, import_plan.options().depth), 1)?;
         import_plan.write(&mut file, &directory, progress)?;
+        // (The summary, which completes the shard, is written last.)
+        if let Some(recorder) = recorder {
+            let path = shard.sources_path();
+            let mut output = shard.access.append_only(&path)?;
+            output.write_all(&recorder.checksums(&path)?).map_err(Error::io(&path, "write"))?;
+            output.commit()?;
+        }
         file.finish()
     }
+
+    fn reads_inputs_to_merge(&self) -> bool {
+        self.options.referenced.is_some()
+    }
+
+    fn merge(
+        &self,
+        head: &Path,
+        shards: &[Shard],
+        (inputs, output, memory): (&[PathBuf], MergeOutput, u64),
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        if self.options.referenced.is_none() {
+            return merge_shards(head, shards, output, memory / 8, progress);
+        }
+        let mut options = self.options.clone();
+        options.access = output.access().clone();
+        options.memory = Some(memory);
+        let mut checksums = shards.iter().filter(|shard| !shard.ranges.is_empty()).map(|shard| {
+            let path = shard.sources_path();
+            let bytes = shard.access.read_whole(&path, MAX_CHECKSUMS)?.ok_or_else(|| shard.not_built())?;
+            Ok((path, bytes))
+        });
+        let references = sections_of_shards(output.path(), inputs, &options, &mut checksums, progress)?;
+        merge_index_shards(head, shards, (output, memory / 8), references, progress)
+    }
 }
+
+/// Maximum number of bytes of a shard's checksums.
+const MAX_CHECKSUMS: u64 = 256 << 20;

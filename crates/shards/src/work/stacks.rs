@@ -35,6 +35,10 @@ pub(super) fn write_head(
 ) -> Result<WorkPlan> {
     let mut options = options.clone();
     options.import.access = head.access().clone();
+    if options.import.referenced.is_some() {
+        let advice = "index the files without shards (`spinney index --stack`)";
+        return Err(Error::unsupported(head.path(), "an index of several layers in shards", advice));
+    }
     let stack = plan_stack(paths, &options)?;
     if let Some(layer) = stack.layers.iter().find(|layer| layer.is_warped()) {
         let found = "a stack of layers on different grids in shards";

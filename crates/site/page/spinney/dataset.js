@@ -3,6 +3,7 @@
 import * as engine from "./engine.js";
 import { SpinneyError } from "./errors.js";
 import { image } from "./images.js";
+import { IndexedFiles } from "./indexed.js";
 import { sourceOf } from "./sources.js";
 
 /** Typed arrays by sample type. */
@@ -22,10 +23,11 @@ const ARRAYS = {
 /** Maximum attempts of a query whose module instance was ended by other queries. */
 const TRIES = 4;
 
-/** A source that several datasets read. */
+/** A file that several datasets read. */
 class Shared {
   constructor(source) {
     this.source = source;
+    this.files = new IndexedFiles(source);
     this.users = 0;
     this.resuming = undefined;
   }
@@ -41,7 +43,7 @@ class Shared {
 
   leave() {
     this.users -= 1;
-    if (this.users === 0) this.source.close();
+    if (this.users === 0) this.files.close();
   }
 }
 
@@ -77,7 +79,7 @@ class Opened {
         const { json } = await openIn(this.#shared, this.#place, { signal });
         [this.#number, this.#instance] = [json.opened, engine.instance()];
       }
-      return engine.query(this.#shared.source, { ...plain(request), query, of: this.#number }, { coordinates, signal, progress, buffers });
+      return engine.query(this.#shared.files, { ...plain(request), query, of: this.#number }, { coordinates, signal, progress, buffers });
     });
   }
 
@@ -97,7 +99,7 @@ class Opened {
     try {
       ({ json } = await attempts(() => openIn(shared, this.#place, { signal, progress })));
     } catch (error) {
-      shared.source.close();
+      shared.files.close();
       throw error;
     }
     shared.source.grows = json.header.format === "autumnal";
@@ -141,7 +143,7 @@ async function attempts(work) {
 
 async function openIn(shared, { commit, layer }, { signal, progress } = {}) {
   await shared.ready(signal);
-  return engine.query(shared.source, { query: "open", file: shared.source.file, commit, layer }, { signal, progress });
+  return engine.query(shared.files, { query: "open", file: shared.source.file, commit, layer }, { signal, progress });
 }
 
 async function openShared(shared, place, options) {
@@ -162,7 +164,7 @@ export async function open(source, { signal, progress, headers, cacheBytes, laye
       await shared.source.start(signal);
       return await openShared(shared, place, { signal, progress });
     } catch (error) {
-      shared.source.close();
+      shared.files.close();
       // (A file that is being written is read again.)
       if (error?.code !== "changed" || time === TRIES) throw error;
     }

@@ -159,10 +159,11 @@ export class Replaced extends Error {}
  * Runs a query in batches: the ranges that it lacks are fetched, many at once, and it is tried
  * again. It can be aborted between two batches.
  *
- * @param source source of the bytes: `fetch(ranges, signal)` supplies them.
+ * @param files the file and its sources: `fetch(ranges, signal)` supplies their bytes.
  */
-export async function query(source, request, { coordinates = NONE, signal, progress, buffers = 0 } = {}) {
+export async function query(files, request, { coordinates = NONE, signal, progress, buffers = 0 } = {}) {
   const text = write(request);
+  const source = files.file;
   const fetched = new Set();
   const total = { batches: 0, requests: 0, bytes: 0 };
   const own = generation;
@@ -184,21 +185,23 @@ export async function query(source, request, { coordinates = NONE, signal, progr
           if (own === generation) result.free();
         }
       }
-      const ranges = [];
+      // Ranges by file: an index and its sources.
+      const ranges = new Map();
       let isAgain = false;
       for (let at = 0; at < missing.length; at += 3) {
         const [file, start, end] = missing.subarray(at, at + 3);
         const key = `${file}:${start}:${end}`;
         isAgain ||= fetched.has(key);
         fetched.add(key);
-        ranges.push([start, end]);
+        if (!ranges.has(file)) ranges.set(file, []);
+        ranges.get(file).push([start, end]);
         needed += end - start;
       }
       // (A query that needs single ranges in turn scans the file: each is fetched with increasing
       // read-ahead.)
-      if (ranges.length === 1 && total.batches >= ALONE) {
+      if (missing.length === 3 && ranges.has(source.file) && total.batches >= ALONE) {
         ahead = Math.min(Math.max(2 * ahead, FIRST_AHEAD), MAX_AHEAD);
-        const [range] = ranges;
+        const [range] = ranges.get(source.file);
         const end = source.aheadOf(range[1], range[1] + ahead);
         needed += Math.max(end - range[1], 0);
         range[1] = Math.max(end, range[1]);
@@ -209,7 +212,7 @@ export async function query(source, request, { coordinates = NONE, signal, progr
         if (needed > MAX_NEEDED) {
           throw new SpinneyError({
             code: "too-large",
-            message: `${source.name}: the query needs more than ${MAX_NEEDED} bytes of the file at the same time; request a smaller region or a coarser level`,
+            message: `${source.name}: the query needs more than ${MAX_NEEDED} bytes of the file and its sources at the same time; request a smaller region or a coarser level`,
             file: source.name,
             advice: "request a smaller region or a coarser level",
           });
@@ -217,7 +220,7 @@ export async function query(source, request, { coordinates = NONE, signal, progr
         glue.setCache(capacity);
         hasGrown = true;
       }
-      const { requests, bytes } = await source.fetch(ranges, signal);
+      const { requests, bytes } = await files.fetch(ranges, signal);
       total.batches += 1;
       total.requests += requests;
       total.bytes += bytes;
@@ -231,6 +234,8 @@ export async function query(source, request, { coordinates = NONE, signal, progr
 /** Adds a file whose bytes are supplied in ranges, or one whose bytes are complete. */
 export const addFile = (name, length) => call((glue) => glue.addFile(name, length));
 export const addBytes = (name, bytes) => call((glue) => glue.addBytes(name, bytes));
+/** Describes a source of an index: name, length, and version when it was indexed. */
+export const describeSource = (file) => JSON.parse(call((glue) => glue.describeSource(file)));
 export const removeFile = (file) => call((glue) => glue.removeFile(file));
 export const supply = (file, offset, bytes) => call((glue) => glue.supply(file, offset, bytes));
 export const close = (opened) => call((glue) => glue.close(opened));

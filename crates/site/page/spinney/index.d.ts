@@ -90,7 +90,7 @@ export interface LayerInfo {
 export interface Header {
   kind: "raster" | "volume";
   format: "goblin" | "autumnal";
-  codec: "plain" | "packed";
+  codec: "plain" | "packed" | "reference";
   dimension: 2 | 3;
   /** Cells along x and y, in volumes also z. */
   size: number[];

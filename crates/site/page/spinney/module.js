@@ -410,6 +410,28 @@ export function close(opened) {
 }
 
 /**
+ * Describes a source of an index, by its number in [`QueryResult::missing`]: JSON with its path or
+ * URL, and its length and version when it was indexed; `null` for other files.
+ * @param {number} file
+ * @returns {string}
+ */
+export function describeSource(file) {
+    let deferred1_0;
+    let deferred1_1;
+    try {
+        let ret;
+        __wbg_call_guard();
+        ret = wasm.describeSource(file);
+        deferred1_0 = ret[0];
+        deferred1_1 = ret[1];
+        return getStringFromWasm0(ret[0], ret[1]);
+    } finally {
+        __wbg_call_guard();
+        wasm.__wbindgen_free(deferred1_0, deferred1_1, 1);
+    }
+}
+
+/**
  * Returns the message of the panic that has ended the module.
  * @returns {string | undefined}
  */
@@ -450,7 +472,7 @@ export function query(request, coordinates) {
 }
 
 /**
- * Removes a file. Its open trees stay open.
+ * Removes a file, and its sources if it is an index. Its open trees stay open.
  * @param {number} file
  */
 export function removeFile(file) {
@@ -468,8 +490,8 @@ export function setCache(bytes) {
 }
 
 /**
- * Installs the panic hook. It stores the message for the caller, who cannot use the module any
- * more.
+ * Installs the panic hook, and the reader of cells in other files. The hook stores the message for
+ * the caller, who cannot use the module any more.
  */
 export function start() {
     __wbg_call_guard();

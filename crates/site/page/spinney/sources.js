@@ -5,7 +5,7 @@ import * as engine from "./engine.js";
 import { between, each, join } from "./ranges.js";
 
 /** Maximum number of concurrent requests. */
-const PARALLEL = 8;
+export const PARALLEL = 8;
 /** Maximum size in bytes of a file that is read whole because its host does not serve ranges. */
 const MAX_WHOLE = 64 * 2 ** 20;
 /** Maximum size in bytes of a file whose rest is read once half of it has been. */
@@ -21,10 +21,10 @@ const MAX_TURNS = 32;
 /** Maximum retries of a request if the host is busy or the connection breaks. */
 const REPEATS = 3;
 
-const isNode = typeof process !== "undefined" && Boolean(process.versions?.node) && typeof document === "undefined";
+export const isNode = typeof process !== "undefined" && Boolean(process.versions?.node) && typeof document === "undefined";
 
 /** The bytes of a file. `start` adds it to the module; `fetch` supplies ranges of it. */
-class Source {
+export class Source {
   /** The batch that is being collected, and the end of the running ones. */
   #next = undefined;
   #before = Promise.resolve();
@@ -300,7 +300,7 @@ class DiskSource extends Source {
 }
 
 /** A file on a server. */
-class HttpSource extends Source {
+export class HttpSource extends Source {
   constructor(url, headers) {
     super(url);
     this.url = url;
@@ -389,6 +389,14 @@ class HttpSource extends Source {
       found = await this.request(undefined, signal);
       this.check(found);
     }
+    const bytes = await this.body(found, why, signal);
+    this.warnings.push(`${this.name}: ${why}: all of its ${bytes.length} bytes were read`);
+    this.isWhole = true;
+    this.addWhole(bytes);
+  }
+
+  /** The bytes of a response with the whole file. */
+  async body(response, why, signal) {
     const refuse = (bytes) => {
       const advice = "use a host that serves ranges and does not compress the file";
       return new SpinneyError({
@@ -399,14 +407,14 @@ class HttpSource extends Source {
         advice,
       });
     };
-    const contentLength = Number(found.headers.get("content-length"));
+    const contentLength = Number(response.headers.get("content-length"));
     if (contentLength > MAX_WHOLE) {
-      await found.body?.cancel().catch(() => {});
+      await response.body?.cancel().catch(() => {});
       throw refuse(contentLength);
     }
     const parts = [];
     let length = 0;
-    for (const reader = found.body.getReader(); ; ) {
+    for (const reader = response.body.getReader(); ; ) {
       signal?.throwIfAborted();
       const { done, value } = await reader.read();
       if (done) break;
@@ -423,9 +431,7 @@ class HttpSource extends Source {
       bytes.set(part, at);
       at += part.length;
     }
-    this.warnings.push(`${this.name}: ${why}: all of its ${length} bytes were read`);
-    this.isWhole = true;
-    this.addWhole(bytes);
+    return bytes;
   }
 
   async resume(signal) {
@@ -446,24 +452,26 @@ class HttpSource extends Source {
     return !Object.keys(now).some((name) => this.state[name] && now[name] && this.state[name] !== now[name]);
   }
 
+  /** Fails if a response is not a range of the opened version. */
+  accept(response, place) {
+    const hasGrown = this.grows && place?.length > this.length;
+    if (response.status === 416 || (place && place.length !== this.length && !hasGrown)) throw this.changed("has another length");
+    if (response.status === 404) throw this.changed("was removed");
+    this.check(response);
+    if (!this.isSame(response) && !hasGrown) throw this.changed("was replaced");
+    if (response.status !== 206) {
+      throw new SpinneyError({ code: "unsupported", message: `${this.name}: the host stopped serving ranges of it`, file: this.name });
+    }
+  }
+
   async read(start, end, signal) {
     for (let time = 0; ; time += 1) {
       const response = await this.request(`bytes=${start}-${end - 1}`, signal);
-      const place = contentRange(response);
-      const hasGrown = this.grows && place?.length > this.length;
-      if (response.status === 416 || (place && place.length !== this.length && !hasGrown)) {
+      try {
+        this.accept(response, contentRange(response), end);
+      } catch (error) {
         await response.body?.cancel().catch(() => {});
-        throw this.changed("has another length");
-      }
-      if (response.status === 404) throw this.changed("was removed");
-      this.check(response);
-      if (!this.isSame(response) && !hasGrown) {
-        await response.body?.cancel().catch(() => {});
-        throw this.changed("was replaced");
-      }
-      if (response.status !== 206) {
-        await response.body?.cancel().catch(() => {});
-        throw new SpinneyError({ code: "unsupported", message: `${this.name}: the host stopped serving ranges of it`, file: this.name });
+        throw error;
       }
       try {
         const bytes = new Uint8Array(await response.arrayBuffer());
@@ -497,7 +505,7 @@ function stateOf(response) {
 }
 
 /** The range in a response, and the file's length. */
-function contentRange(response) {
+export function contentRange(response) {
   const found = /^bytes (\d+)-(\d+)\/(\d+)$/.exec(response.headers.get("content-range") ?? "");
   return found ? { start: Number(found[1]), end: Number(found[2]) + 1, length: Number(found[3]) } : undefined;
 }

@@ -5,6 +5,7 @@ import { setModule } from "./engine.js";
 import { toParts } from "./errors.js";
 import { packed } from "./images.js";
 // (Imported here, so that they load together with the modules that need them.)
+import "./indexed.js";
 import "./module.js";
 import "./ranges.js";
 import "./sources.js";

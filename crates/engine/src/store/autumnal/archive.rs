@@ -238,7 +238,10 @@ impl Archive {
         match header.codec {
             Codec::Plain => Ok(header),
             // (Autumnal files have no segments to pack.)
-            Codec::Packed => Err(self.extents.corrupt(place, "packed segments", "codec 0")),
+            Codec::Packed | Codec::Reference => {
+                let found = format!("{} segments", header.codec.name());
+                Err(self.extents.corrupt(place, found, "codec 0"))
+            }
         }
     }
 

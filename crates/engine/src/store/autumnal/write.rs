@@ -77,7 +77,7 @@ impl NewFile {
 pub(super) fn check_plain(header: &Header, path: &Path) -> Result<()> {
     match header.codec {
         Codec::Plain => Ok(()),
-        Codec::Packed => Err(no_segments(path)),
+        Codec::Packed | Codec::Reference => Err(no_segments(path)),
     }
 }
 

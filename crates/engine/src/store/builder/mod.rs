@@ -64,7 +64,7 @@ pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};
 pub use slab::{Slab, Slabs};
 pub use stored_node::{RecordFile, RecordRef, StoredNode, Subtree};
 pub(in crate::store) use upper::upper_levels;
-pub(in crate::store) use walk::{Builder, walk};
+pub(in crate::store) use walk::{Builder, build_block, walk};
 
 use spinney_base::Result;
 use spinney_container::Shape;

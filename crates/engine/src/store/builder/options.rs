@@ -4,7 +4,7 @@ use super::packing::Packing;
 use spinney_base::TreeType;
 use spinney_base::value::{DataKind, Rule};
 use spinney_base::{Error, Result};
-use spinney_container::{HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
+use spinney_container::{Codec, HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
 
 /// Options of building. The name of the output determines the format: see
 /// [`TreeFormat`](spinney_container::TreeFormat).
@@ -27,6 +27,9 @@ pub struct BuildOptions {
     pub time: Option<i64>,
     /// How the file is packed, and how much precision may be lost.
     pub packing: Packing,
+    /// Levels between the cells and the finest level that is stored, if the cells stay in other
+    /// files: 1, 2 or 4.
+    pub referenced: Option<u8>,
 }
 
 /// Options of writing a tree that is derived from another one: memory and packing.
@@ -69,6 +72,7 @@ impl BuildOptions {
             share: false,
             time: None,
             packing: Packing::default(),
+            referenced: None,
         }
     }
 
@@ -126,6 +130,13 @@ impl BuildOptions {
         BuildOptions { packing, ..self }
     }
 
+    /// Sets that the cells stay in other files, and the number of levels between them and the
+    /// finest level that is stored: 1, 2 or 4.
+    #[must_use]
+    pub fn referenced(self, levels: u8) -> BuildOptions {
+        BuildOptions { referenced: Some(levels), ..self }
+    }
+
     pub(in crate::store) fn count_classes(&self) -> bool {
         self.kind == DataKind::Categorical || self.rule == Rule::Majority
     }
@@ -150,13 +161,15 @@ impl BuildOptions {
                 return Err(Error::invalid("extent", found, format!("1 to {most} (2^depth)")));
             }
         }
-        let shape = Shape {
-            depth: self.depth,
-            reach: reach(dimension),
-            stride: STRIDE,
-            heavy_threshold: HEAVY_THRESHOLD,
+        let (stride, heavy_threshold, codec) = match self.referenced {
+            None => (STRIDE, HEAVY_THRESHOLD, self.packing.codec),
+            // Every INNER block owns a segment, which is a reference. The segments above it end
+            // `stride` levels above the cells.
+            Some(stride) => (stride, 0, Codec::Reference),
         };
-        Ok(Header { form, rule: self.rule, kind: self.kind, codec: self.packing.codec, shape, extent })
+        let reach = reach(dimension);
+        let shape = Shape { depth: self.depth, reach, stride, heavy_threshold };
+        Ok(Header { form, rule: self.rule, kind: self.kind, codec, shape, extent })
     }
 }
 

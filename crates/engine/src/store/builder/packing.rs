@@ -48,7 +48,7 @@ impl Packing {
     /// If it would be an Autumnal file, which has no segments.
     pub fn check_output(&self, path: &Path) -> Result<()> {
         match (self.codec, TreeFormat::of(path)) {
-            (Codec::Packed, TreeFormat::Autumnal) => Err(no_segments(path)),
+            (Codec::Packed | Codec::Reference, TreeFormat::Autumnal) => Err(no_segments(path)),
             _ => Ok(()),
         }
     }

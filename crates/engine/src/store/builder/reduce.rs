@@ -18,7 +18,7 @@ use super::encoded_subtree::EncodedSubtree;
 use super::level::Level;
 use super::masked::MaskedMeans;
 use super::tally;
-use crate::store::records::{Record, RecordLayout, with_form_type, with_record_type};
+use crate::store::records::{Record, RecordLayout, with_block_type, with_record_type};
 use spinney_base::value::{Native, Rule, Value};
 use spinney_container::{INNER, LevelCounts, VOID};
 
@@ -37,13 +37,13 @@ impl Block {
         let layout = RecordLayout::new(form);
         let classes = match rule {
             Rule::Mean | Rule::Occupancy if is_masked => {
-                with_form_type!(form, V, R => if V::CHANNELS > 1 {
+                with_block_type!(form, V, R => if V::CHANNELS > 1 {
                     reduce::<R, _>(&mut self, &mut MaskedMeans::<V>::new(form.value, rule == Rule::Occupancy));
                 });
                 None
             }
             Rule::Mean | Rule::Occupancy => {
-                with_form_type!(form, V, R => {
+                with_block_type!(form, V, R => {
                     reduce::<R, _>(&mut self, &mut Means::<V>::new(rule == Rule::Occupancy));
                 });
                 None
@@ -54,7 +54,7 @@ impl Block {
                 Some(majorities.list(root, self.root(), self.cells_at(0)))
             }),
             Rule::Dominant | Rule::Min | Rule::Max | Rule::Nearest => {
-                with_form_type!(form, V, R => {
+                with_block_type!(form, V, R => {
                     reduce::<R, _>(&mut self, &mut Local::<R>::new::<V>(rule, form.value));
                 });
                 None

@@ -9,7 +9,7 @@ use super::averaging::{decode, from_value};
 use super::block::Block;
 use super::rounding::Rounding;
 use super::rows::RowBlock;
-use crate::store::records::{Record, with_form_type};
+use crate::store::records::{Record, with_block_type};
 use crate::tree::CellBlock;
 use spinney_base::Result;
 use spinney_base::TreeType;
@@ -130,12 +130,12 @@ impl Slab {
                 return BlockContent::Uniform(valid.then_some(value));
             }
         }
-        let has_void = || with_form_type!(form, V, R => self.has_void::<V, R>(&part, nodata));
+        let has_void = || with_block_type!(form, V, R => self.has_void::<V, R>(&part, nodata));
         if is_whole && in_rows && !self.has_transparent(form, &part) && !has_void() {
             let rows = self.rows(&part).map(|(_, _, row)| &self.bytes[row.start * width..row.end * width]);
             return BlockContent::Full(RowBlock::new(form, code, height, rows.collect::<Vec<_>>().concat()));
         }
-        let (states, values) = with_form_type!(form, V, R => self.in_z_order::<V, R>(&part, height, nodata));
+        let (states, values) = with_block_type!(form, V, R => self.in_z_order::<V, R>(&part, height, nodata));
         BlockContent::Mixed(Block::from_cells(form, code, height, states, values))
     }
 

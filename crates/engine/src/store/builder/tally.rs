@@ -6,7 +6,7 @@ use super::averaging::decode;
 use super::block::{Block, for_leaves};
 use super::masked;
 use super::sums::pairwise_sums;
-use crate::store::records::{Record, with_form_type};
+use crate::store::records::{Record, with_block_type};
 use spinney_base::value::{Native, Value, ValueType, ZoneStats, erase};
 use spinney_container::LEAF;
 
@@ -16,7 +16,7 @@ pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Zon
     let form = block.form();
     let mut tally = match &classes {
         Some(classes) if !form.value.sample.is_float() => sum_of_classes(form.value, classes),
-        _ => with_form_type!(form, V, R => match form.value.is_masked() {
+        _ => with_block_type!(form, V, R => match form.value.is_masked() {
             true if V::CHANNELS > 1 => masked::tally::<V, R>(block),
             _ => of_leaves::<V, R>(block),
         }),

@@ -22,7 +22,7 @@ use spinney_base::space::{Bounds, Code, CodeRange};
 use spinney_base::value::{Rule, Value};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::MAX_DENSE_LEVELS;
-use spinney_container::{LevelCounts, Shape};
+use spinney_container::{Header, LevelCounts, Shape};
 
 /// Traverses the nodes of a source in a run, which may be the whole space, and pushes the parts of
 /// its tree to a sink. With `reuse`, stored subtrees are copied unchanged.
@@ -179,7 +179,10 @@ impl Plan {
         match content {
             BlockContent::Uniform(value) => self.uniform(code, value),
             BlockContent::Mixed(block) => self.mixed(block),
-            BlockContent::Full(block) => block.build(self.rule, &self.shape, self.most_dense),
+            BlockContent::Full(block) if cfg!(not(target_family = "wasm")) => {
+                block.build(self.rule, &self.shape, self.most_dense)
+            }
+            BlockContent::Full(_) => unreachable!("no block is built in rows in browsers"),
         }
     }
 
@@ -193,6 +196,27 @@ impl Plan {
             EncodedSubtree::uniform(code, self.shape.depth, self.form.value, value, self.count_classes);
         (part, None, LevelCounts::default())
     }
+}
+
+/// Builds a block of a tree with this header from a slab that has all its cells. `nodata` is the
+/// value that means VOID.
+pub(in crate::store) fn build_block(
+    header: &Header,
+    code: Code,
+    slab: &Slab,
+    nodata: Option<Value>,
+) -> BuiltBlock {
+    let plan = Plan {
+        form: header.form,
+        shape: header.shape,
+        rule: header.rule,
+        count_classes: header.counts_classes(),
+        reuse: false,
+        most_dense: MAX_DENSE_LEVELS,
+        rounding: None,
+    };
+    let height = header.depth() - code.level();
+    plan.built(code, slab.classify(header.form, code, height, nodata, plan.in_rows()))
 }
 
 /// How a node is reused without being built.

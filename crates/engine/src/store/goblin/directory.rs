@@ -83,12 +83,12 @@ pub(super) struct SegmentLocation {
     pub(super) records: u32,
     /// Number of class counts that follow the records.
     pub(super) classes: u16,
-    pub(super) is_packed: bool,
+    pub(super) codec: Codec,
 }
 
 impl SegmentLocation {
     /// Reads the location without any checks, from an entry that [`Entry::from_bytes`] has decoded
-    /// before. Returns `None` if the entry is incomplete.
+    /// before. Returns `None` if the entry is incomplete or has an unknown codec.
     #[inline]
     pub(super) fn read(entry: &[u8]) -> Option<SegmentLocation> {
         let (raw, _) = RawEntry::ref_from_prefix(entry).ok()?;
@@ -98,7 +98,7 @@ impl SegmentLocation {
             length: raw.length.get(),
             records: raw.records.get(),
             classes: listed(raw.classes.get()),
-            is_packed: raw.codec == Codec::Packed as u8,
+            codec: *Codec::ALL.get(usize::from(raw.codec))?,
         })
     }
 }

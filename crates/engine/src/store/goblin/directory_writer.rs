@@ -2,9 +2,13 @@
 
 use zerocopy::IntoBytes;
 
-use super::pages::{INDEX_ENTRIES, INDEX_SIZE, IndexEntry, PAGE_ENTRIES, PageHead};
+use super::directory::entry_size;
+use super::entry_columns::pack_entries;
+use super::pages::{INDEX_ENTRIES, INDEX_SIZE, IndexEntry, PAGE_ENTRIES, PageHead, has_packed_entries};
 use spinney_base::Result;
 use spinney_base::space::{Code, Dimension};
+use spinney_base::value::ValueType;
+use spinney_container::Header;
 
 /// Writes pages of entries, which are pushed in the order of their codes.
 pub(super) struct DirectoryWriter<'a> {
@@ -22,22 +26,25 @@ pub(super) struct DirectoryWriter<'a> {
     first: u64,
     /// The lowest level of the page index.
     index: Vec<u8>,
+    /// Type of the values of entries that are packed.
+    packed: Option<ValueType>,
     write: &'a mut dyn FnMut(&[u8]) -> Result<()>,
 }
 
 impl<'a> DirectoryWriter<'a> {
-    /// Returns a writer for entries of `entry_size` bytes; the first page is at offset `position`
-    /// of the layer's run.
+    /// Returns a writer for entries of a tree with this header; the first page is at offset
+    /// `position` of the layer's run.
     pub(super) fn new(
-        dimension: Dimension,
-        entry_size: usize,
+        header: &Header,
         position: u64,
         write: &'a mut dyn FnMut(&[u8]) -> Result<()>,
     ) -> DirectoryWriter<'a> {
         let (above, page, index) = (Vec::new(), Vec::new(), Vec::new());
+        let value_type = header.form.value;
         DirectoryWriter {
-            dimension,
-            entry_size,
+            dimension: header.form.dimension,
+            entry_size: entry_size(value_type),
+            packed: has_packed_entries(header).then_some(value_type),
             position,
             above,
             entries: 0,
@@ -69,6 +76,11 @@ impl<'a> DirectoryWriter<'a> {
     fn finish_page(&mut self) -> Result<()> {
         let own = (self.page.len() - self.copies * (self.entry_size + 8)) / self.entry_size;
         let head = PageHead::new(self.copies, own);
+        if let Some(value_type) = self.packed {
+            let packed = pack_entries(value_type, &self.page[self.copies * 8..]);
+            self.page.truncate(self.copies * 8);
+            self.page.extend_from_slice(&packed);
+        }
         self.page.splice(..0, head.as_bytes().iter().copied());
         let entry = self.put(self.first, None)?;
         self.index.extend_from_slice(entry.as_bytes());

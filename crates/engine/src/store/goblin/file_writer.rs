@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::layer_writer::LayerWriter;
 use super::reader::Goblin;
+use super::reference::{PAGES_TAG, SOURCES_TAG};
 use super::segment_builder::{ALL_HAS_COME, SegmentBuilder};
 use crate::store::builder::{BuildOptions, Fill};
 use spinney_base::io::Output;
@@ -35,6 +36,8 @@ pub(in crate::store) struct FileWriter {
     there: u64,
     /// Layers so far, the tops of their page indexes, and their metadata.
     layers: Vec<(Layer, Vec<u8>, Vec<u8>)>,
+    /// Sections other than the table of layers, by tag.
+    sections: Vec<([u8; 4], Vec<u8>)>,
 }
 
 impl FileWriter {
@@ -46,7 +49,8 @@ impl FileWriter {
     /// Starts a file of whose bytes the output already has `there`.
     pub(super) fn over(out: Output, there: u64, header: FileHeader) -> Result<FileWriter> {
         let path = out.path().to_path_buf();
-        let mut writer = FileWriter { out, path, header, position: 0, there, layers: Vec::new() };
+        let mut writer =
+            FileWriter { out, path, header, position: 0, there, layers: Vec::new(), sections: Vec::new() };
         writer.write(&header.to_bytes(), "write the header")?;
         debug_assert_eq!(writer.position, HEADER_SIZE as u64);
         Ok(writer)
@@ -132,7 +136,7 @@ impl FileWriter {
         progress: &dyn Progress,
     ) -> Result<()> {
         // (Checked first, so that corrupt segments are not copied to another file.)
-        let at_once = if from.header().codec == Codec::Packed { UNPACKED_AT_ONCE } else { 1 };
+        let at_once = if from.header().codec != Codec::Plain { UNPACKED_AT_ONCE } else { 1 };
         for first in (0..from.segments()).step_by(at_once) {
             progress.check()?;
             let some: Vec<usize> = (first..from.segments().min(first + at_once)).collect();
@@ -158,6 +162,12 @@ impl FileWriter {
         Ok(())
     }
 
+    /// Sets the sections that describe the cells in other files: the list of these files, and pages
+    /// about them.
+    pub(in crate::store) fn set_references(&mut self, sources: Vec<u8>, pages: Vec<u8>) {
+        self.sections = vec![(PAGES_TAG, pages), (SOURCES_TAG, sources)];
+    }
+
     fn section(&mut self, bytes: &[u8], doing: &'static str) -> Result<Section> {
         let (offset, length) = (self.position, bytes.len() as u64);
         self.write(bytes, doing)?;
@@ -168,6 +178,10 @@ impl FileWriter {
     pub(in crate::store) fn finish(mut self) -> Result<()> {
         debug_assert_eq!(self.layers.len(), self.header.layers as usize);
         let mut layers = std::mem::take(&mut self.layers);
+        let mut sections = Vec::new();
+        for (tag, bytes) in std::mem::take(&mut self.sections) {
+            sections.push((tag, self.section(&bytes, "write the list of sources")?));
+        }
         for is_large in [true, false] {
             for (layer, _, metadata) in &mut layers {
                 if (metadata.len() > LARGE_METADATA) == is_large {
@@ -181,7 +195,8 @@ impl FileWriter {
         let layers: Vec<Layer> = layers.into_iter().map(|(layer, ..)| layer).collect();
         let table = LayerTable::to_bytes(&self.path, &layers)?;
         let table = self.section(&table, "write the table of layers")?;
-        let trailer = Trailer { header: self.header, sections: vec![(LayerTable::TAG, table)] };
+        sections.push((LayerTable::TAG, table));
+        let trailer = Trailer { header: self.header, sections };
         self.write(&trailer.to_bytes(self.position), "write the trailer")?;
         if self.there > self.position {
             self.out.truncate(self.position).map_err(Error::io(&self.path, "cut off"))?;

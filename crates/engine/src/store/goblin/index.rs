@@ -1,15 +1,18 @@
 //! Lookup in the segment index: from a code or a segment's index to the page with its entry.
 
 use std::ops::{Deref, Range};
+use std::sync::Arc;
 
 use zerocopy::FromBytes;
 
+use super::directory::entry_size;
+use super::entry_columns::unpack_entries;
 use super::pages::{
     CheckedPage, HEAD_SIZE, INDEX_ENTRIES, INDEX_SIZE, IndexEntry, MAX_COPIES, PAGE_ENTRIES, PageHead,
-    PageSlots, index_levels, page_slots,
+    PageSlots, has_packed_entries, index_levels, page_slots,
 };
 use super::reader::Goblin;
-use spinney_base::io::FileBytes;
+use spinney_base::io::{CachedBytes, FileAccess, FileBytes, Unpacked};
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::Layer;
@@ -26,7 +29,12 @@ pub(super) struct Directory {
     levels: Vec<IndexLevel>,
     /// The bytes of the top.
     top: Box<[u8]>,
+    /// Unpacked pages, if entries are packed.
+    unpacked: Option<Unpacked>,
 }
+
+/// Pages of entries are `2^PAGE_BITS` bytes apart in the cache: more than a page has.
+const PAGE_BITS: u32 = 20;
 
 /// Maximum size in bytes of a page index level that is prefetched at once.
 const MAX_PREFETCHED: u64 = 256 << 10;
@@ -42,10 +50,17 @@ struct IndexLevel {
 impl Directory {
     /// Returns the segment index of a layer, whose top has been read. `None` if the layer is too
     /// small for the number of entries that it claims.
-    pub(super) fn new(layer: &Layer, entry_size: usize, top: &[u8]) -> Option<Directory> {
+    pub(super) fn new(layer: &Layer, top: &[u8], access: &FileAccess) -> Option<Directory> {
         // Invariant: no memory is allocated by the number of segments before this check.
-        let available = layer.run.length - layer.directory;
-        if layer.segments.checked_mul(entry_size as u64)? > available {
+        let (entry_size, available) =
+            (entry_size(layer.header.form.value), layer.run.length - layer.directory);
+        let is_packed = has_packed_entries(&layer.header);
+        // (A page of 128 packed entries has more than 16 bytes.)
+        let least = match is_packed {
+            true => layer.segments.div_ceil(PAGE_ENTRIES).checked_mul(16)?,
+            false => layer.segments.checked_mul(entry_size as u64)?,
+        };
+        if least > available {
             return None;
         }
         let counts = index_levels(layer.segments);
@@ -60,7 +75,8 @@ impl Directory {
             return None;
         }
         let pages = page_slots(counts.first().copied().unwrap_or(0));
-        Some(Directory { entry_size, segments: layer.segments, pages, levels, top: top.into() })
+        let unpacked = is_packed.then(|| Unpacked::new(access, PAGE_BITS));
+        Some(Directory { entry_size, segments: layer.segments, pages, levels, top: top.into(), unpacked })
     }
 
     /// Returns the number of a page's own entries.
@@ -131,6 +147,17 @@ impl Goblin {
                 slot.get_or_init(|| checked)
             }
         };
+        if level == 0
+            && let Some(unpacked) = &directory.unpacked
+        {
+            let bytes = match unpacked.get(page) {
+                Some(bytes) => bytes,
+                None => {
+                    self.unpacked_page(page, self.file.backend.share(checked.start as u64, checked.length)?)?
+                }
+            };
+            return Ok((FileBytes::Cached(bytes), checked.copies));
+        }
         let bytes = match self.file.backend.bytes() {
             // (A mapped file can be truncated after its bytes were checked.)
             Some(all) => all
@@ -168,6 +195,10 @@ impl Goblin {
         if checksum != entry.checksum.get() {
             return Err(corrupt(format!("checksum {checksum:08x}"), &format!("{:08x}", entry.checksum)));
         }
+        let bytes = match level {
+            0 if self.directory.unpacked.is_some() => FileBytes::Cached(self.unpacked_page(page, bytes)?),
+            _ => bytes,
+        };
         let (copies, first) = match level {
             0 => {
                 let Ok((head, rest)) = PageHead::ref_from_prefix(&bytes) else {
@@ -199,6 +230,23 @@ impl Goblin {
             return Err(corrupt(format!("first code {first:016x}"), &expected));
         }
         Ok(CheckedPage { start: start as usize, length: length as usize, copies })
+    }
+
+    /// Unpacks a page of entries, whose bytes have their checksum.
+    fn unpacked_page(&self, page: u64, bytes: FileBytes<'_>) -> Result<CachedBytes> {
+        let unpacked = self.directory.unpacked.as_ref().expect("entries are packed");
+        let plain = PageHead::ref_from_prefix(&bytes).ok().and_then(|(head, rest)| {
+            let (copies, own) = (usize::from(head.copies.get()), usize::from(head.entries.get()));
+            if copies > MAX_COPIES || own as u64 > PAGE_ENTRIES {
+                return None;
+            }
+            let (numbers, packed) = rest.split_at_checked(copies * 8)?;
+            let entries = unpack_entries(self.header.form.value, copies + own, packed)?;
+            Some([&bytes[..HEAD_SIZE], numbers, &entries].concat())
+        });
+        let plain =
+            plain.ok_or_else(|| self.bad_page(0, page, "invalid packed entries", "packed entries"))?;
+        Ok(unpacked.put(page, Arc::new(plain)))
     }
 
     /// Prefetches all pages of a page index level, unless they are too large. They are consecutive
@@ -317,6 +365,14 @@ impl Goblin {
     /// # Errors
     /// If a page on the way is corrupt.
     pub fn find_segment(&self, code: Code) -> Result<Option<usize>> {
+        let found = self.search_segment(code);
+        if matches!(found, Err(Error::NotFetched)) {
+            self.announce(code);
+        }
+        found
+    }
+
+    fn search_segment(&self, code: Code) -> Result<Option<usize>> {
         let Some(number) = self.page_of(code.bits())? else { return Ok(None) };
         let (page, size) = (self.page(number)?, self.directory.entry_size);
         let entries = page.entries();

@@ -8,6 +8,7 @@ use super::directory::{Entry, SegmentLocation, entry_size, set_offset};
 use super::directory_writer::DirectoryWriter;
 use super::file_writer::FileWriter;
 use super::packed::class_counts;
+use super::reference::Reference;
 use super::segment_sink::SegmentSink;
 use crate::store::builder::SealedSegment;
 use crate::store::records::RecordLayout;
@@ -98,9 +99,8 @@ impl<'f> LayerWriter<'f> {
         })?;
         let directory = file.position() - start;
         let segments = entries.len();
-        let size = entry_size(header.form.value);
         let mut write = |bytes: &[u8]| file.write(bytes, "write the directory");
-        let mut pages = DirectoryWriter::new(header.form.dimension, size, directory, &mut write);
+        let mut pages = DirectoryWriter::new(&header, directory, &mut write);
         entries.finish(&mut |entry| pages.push(entry))?;
         let top = pages.finish()?;
         let mut root_value = [0; 16];
@@ -130,7 +130,12 @@ pub(super) type Put<'p> = dyn FnMut([&[u8]; 2], Entry) -> Result<()> + 'p;
 pub(super) fn with_entry(header: &Header, segment: SealedSegment, put: &mut Put<'_>) -> Result<()> {
     let (classes, counts) = class_counts(header, &segment.tally);
     let SealedSegment { code, records, tally, packed } = segment;
+    let reference;
     let (codec, parts) = match &packed {
+        _ if header.is_referenced(code.level()) => {
+            reference = Reference::of(header, code.level(), &records, &tally).to_bytes(header.form.width());
+            (Codec::Reference, [&reference[..], &[]])
+        }
         Some(packed) => (Codec::Packed, [&packed[..], &[]]),
         None => (Codec::Plain, [&records[..], &counts]),
     };

@@ -46,12 +46,16 @@ impl Goblin {
         if entry.codec != Codec::Plain && self.header.codec == Codec::Plain {
             return Err(self.corrupt(part(), "a packed segment", "a plain segment, the codec of the tree"));
         }
+        let level = entry.code.level();
+        if (entry.codec == Codec::Reference) != self.header.is_referenced(level) {
+            let found = format!("{} segment at level {level}", entry.codec.name());
+            return Err(self.corrupt(part(), found, "references at the level of the blocks, and only there"));
+        }
         let available = self.layer().directory;
         if entry.offset.checked_add(entry.length).is_none_or(|end| end > available) {
             let found = format!("{} bytes at {}", entry.length, entry.offset);
             return Err(self.corrupt(part(), found, "bytes before the directory"));
         }
-        let level = entry.code.level();
         if self.header.shape.segment_level(level) != level {
             return Err(self.corrupt(part(), format!("level {level}"), "a level that has segments"));
         }
@@ -74,6 +78,10 @@ impl Goblin {
                 self.check_checksum(index, &entry, &stored)?;
                 let bytes =
                     self.unpack(index, (entry.code, entry.records, listed(entry.classes)), &stored)?;
+                self.segment_of(index, entry.code, bytes, entry.records)?
+            }
+            Codec::Reference => {
+                let bytes = self.referenced(index, &entry)?;
                 self.segment_of(index, entry.code, bytes, entry.records)?
             }
         };
@@ -108,7 +116,7 @@ impl Goblin {
             + u64::from(classes) * (self.layout.width + COUNT_SIZE) as u64
     }
 
-    fn check_checksum(&self, index: usize, entry: &Entry, bytes: &[u8]) -> Result<()> {
+    pub(super) fn check_checksum(&self, index: usize, entry: &Entry, bytes: &[u8]) -> Result<()> {
         let checksum = if self.file.check { crc32c::crc32c(bytes) } else { entry.checksum };
         if checksum != entry.checksum {
             let part = format!("segment {} (entry {index})", entry.code);
@@ -128,7 +136,7 @@ impl Goblin {
 
     /// Returns bytes of the layer's run; `None` if a mapped file does not have that many.
     #[inline]
-    fn stored_bytes(&self, offset: u64, length: usize) -> Result<Option<FileBytes<'_>>> {
+    pub(super) fn stored_bytes(&self, offset: u64, length: usize) -> Result<Option<FileBytes<'_>>> {
         // (No overflow: both were within the run when they were checked. If they have changed, no
         // bytes are found.)
         let offset = self.layer().run.offset.wrapping_add(offset);
@@ -153,7 +161,7 @@ impl Goblin {
         let changed = || self.changed(index);
         let entry = SegmentLocation::read(&self.entry_bytes(index)?).ok_or_else(changed)?;
         let code = Code::from_bits(self.layout.dimension, entry.code).ok_or_else(changed)?;
-        let bytes = if self.header.codec != Codec::Plain && entry.is_packed {
+        let bytes = if self.header.codec != Codec::Plain && entry.codec != Codec::Plain {
             self.unpacked(index, code, &entry)?
         } else {
             self.stored_bytes(entry.offset, entry.length as usize)?.ok_or_else(changed)?
@@ -176,12 +184,15 @@ impl Goblin {
         Ok(Segment { code, index, bytes, record_bytes, width: self.layout.width })
     }
 
-    /// Returns the unpacked bytes of a packed segment.
+    /// Returns the unpacked bytes of a packed segment, or those of a reference.
     #[inline(never)]
     fn unpacked(&self, index: usize, code: Code, entry: &SegmentLocation) -> Result<FileBytes<'_>> {
         let plain = self.plain_length(entry.records, entry.classes) as usize;
         if let Some(held) = self.unpacked.get(index as u64).filter(|held| held.len() == plain) {
             return Ok(FileBytes::Cached(held));
+        }
+        if entry.codec == Codec::Reference {
+            return self.referenced(index, &self.entry(index)?);
         }
         let stored = self.stored_bytes(entry.offset, entry.length as usize)?;
         let stored = stored.ok_or_else(|| self.changed(index))?;

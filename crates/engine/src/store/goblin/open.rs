@@ -4,9 +4,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
-use super::directory::entry_size;
 use super::index::Directory;
 use super::reader::{Goblin, OpenFile};
+use super::reference::{open_references, trailer_sections};
 use crate::store::records::{RecordLayout, descend_in};
 use crate::tree::Child;
 use spinney_base::io::{ReadBackend, Unpacked};
@@ -55,6 +55,10 @@ impl Goblin {
         let table = trailer.section(LayerTable::TAG);
         let layers =
             LayerTable::from_bytes(path, &header, length, &table.read(path, &*backend, "table of layers")?)?;
+        let references = open_references(path, &*backend, (&trailer, &layers), &options.access)?;
+        if references.is_some() {
+            backend.reads_small_ranges();
+        }
         let path = path.to_path_buf();
         let file = OpenFile {
             path,
@@ -64,6 +68,8 @@ impl Goblin {
             table,
             check: options.check,
             access: options.access.clone(),
+            reference_sections: references.is_some().then(|| trailer_sections(&trailer)),
+            references,
         };
         Goblin::of_file(Arc::new(file), 0)
     }
@@ -86,16 +92,15 @@ impl Goblin {
         let metadata = layer.metadata.read(path, &*file.backend, "metadata")?;
         let metadata = Metadata { name: layer.name.clone(), ..Metadata::from_bytes(path, &metadata)? };
         let top = layer.top.read(path, &*file.backend, "top of the index")?;
-        let directory =
-            Directory::new(layer, entry_size(layer.header.form.value), &top).ok_or_else(|| {
-                let found = format!("{} segments", layer.segments);
-                Error::corrupt(
-                    path,
-                    "table of layers",
-                    found,
-                    "the number that fits the size of the directory and its index",
-                )
-            })?;
+        let directory = Directory::new(layer, &top, &file.access).ok_or_else(|| {
+            let found = format!("{} segments", layer.segments);
+            Error::corrupt(
+                path,
+                "table of layers",
+                found,
+                "the number that fits the size of the directory and its index",
+            )
+        })?;
         let checked = (0..layer.segments.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
         let header = layer.header.clone();
         let layout = RecordLayout::new(header.form);

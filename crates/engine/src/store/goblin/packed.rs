@@ -37,6 +37,9 @@ pub(super) fn pack_bytes(header: &Header, node: Code, slots: u32, plain: &[u8]) 
 
 /// Packs a segment, if that makes it smaller.
 pub(super) fn pack_sealed(header: &Header, segment: &SealedSegment) -> Option<Vec<u8>> {
+    if header.is_referenced(segment.code.level()) {
+        return None;
+    }
     let (_, counts) = class_counts(header, &segment.tally);
     let slots = RecordLayout::new(header.form).count(&segment.records) as u32;
     let joined = (!counts.is_empty()).then(|| [&segment.records[..], &counts].concat());

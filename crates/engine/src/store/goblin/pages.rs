@@ -7,6 +7,7 @@
 
 use std::sync::OnceLock;
 
+use spinney_container::{Codec, Header};
 use zerocopy::little_endian::{U16, U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
@@ -19,7 +20,8 @@ pub(super) const INDEX_ENTRIES: u64 = 256;
 pub(super) const MAX_COPIES: usize = 31;
 
 /// The head of a page of entries. The indices of the copied entries' segments follow, as `u64`
-/// each, then the copies, then the page's own entries.
+/// each, then the copies, then the page's own entries (which may be packed: see
+/// [`has_packed_entries`]).
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
 pub(super) struct PageHead {
@@ -50,6 +52,12 @@ pub(super) struct IndexEntry {
 
 /// Size of a page index entry in bytes.
 pub(super) const INDEX_SIZE: usize = size_of::<IndexEntry>();
+
+/// Returns whether the entries in a page, copies and own ones, are packed. That is so in an index,
+/// where entries take as much space as segments.
+pub(super) fn has_packed_entries(header: &Header) -> bool {
+    header.codec == Codec::Reference
+}
 
 /// Returns the number of entries of each level of the page index, from the one directly above the
 /// pages to the top. Empty without segments.

@@ -6,10 +6,11 @@ use std::sync::atomic::AtomicU64;
 
 use super::directory::{Entry, show_sums};
 use super::index::Directory;
+use super::reference::ReferencedCells;
 use crate::store::records::{Descend, RecordLayout};
 use crate::tree::Child;
 use spinney_base::io::{FileAccess, FileStat, ReadBackend, Unpacked};
-use spinney_base::value::ZoneStats;
+use spinney_base::value::{Value, ZoneStats};
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, HEADER_SIZE, Header, Layer, Metadata, Section};
 
@@ -53,6 +54,10 @@ pub(super) struct OpenFile {
     /// Whether each segment's checksum is checked on first use.
     pub(super) check: bool,
     pub(super) access: FileAccess,
+    /// The cells in other files, if the file refers to some.
+    pub(super) references: Option<Box<dyn ReferencedCells>>,
+    /// The sections that describe the other files.
+    pub(super) reference_sections: Option<[Section; 2]>,
 }
 
 impl Goblin {
@@ -212,7 +217,25 @@ impl Goblin {
     /// If there is no such segment.
     pub fn zone(&self, index: usize) -> Result<ZoneStats> {
         let mut zone = self.entry(index)?.zone;
-        zone.classes = self.segment(index)?.classes();
+        zone.classes = self.classes(index)?;
         Ok(zone)
+    }
+
+    /// Returns the number of cells per value below a segment's node: see
+    /// [`Segment::classes`](super::Segment::classes). Reads no other file for a reference.
+    ///
+    /// # Errors
+    /// If the segment or its entry is corrupt.
+    ///
+    /// # Panics
+    /// If there is no such segment.
+    pub(crate) fn classes(&self, index: usize) -> Result<Vec<(Value, u64)>> {
+        if self.header.codec == Codec::Reference {
+            let entry = self.entry(index)?;
+            if entry.codec == Codec::Reference {
+                return Ok(self.reference(index, &entry)?.classes);
+            }
+        }
+        Ok(self.segment(index)?.classes())
     }
 }

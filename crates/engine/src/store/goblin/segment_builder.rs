@@ -53,7 +53,7 @@ impl<'k> SegmentBuilder<'k> {
     /// Adds the next segment: to be packed with others, or written immediately.
     fn segment(&mut self, segment: SealedSegment) -> Result<()> {
         match self.sink.codec() {
-            Codec::Packed => self.unpacked.push(segment),
+            Codec::Packed | Codec::Reference => self.unpacked.push(segment),
             Codec::Plain => self.sink.segment(segment)?,
         }
         Ok(())

@@ -73,15 +73,16 @@ impl<'a> SegmentCopy<'a> {
             return Ok(false);
         }
         let segment = node.run as usize;
-        let owns = file.segment(segment)?.code().level() + node.height == there.depth();
-        Ok(owns && !(needs_classes && file.entry(segment)?.classes == NOT_COUNTED))
+        let own = file.segment_code(segment)?.filter(|own| own.level() + node.height == there.depth());
+        // (References are copied to an index only; other files get the cells.)
+        Ok(own.is_some() && !(needs_classes && file.entry(segment)?.classes == NOT_COUNTED))
     }
 
     /// Returns the segments to be copied; `None` if the node is not in a Goblin file.
     pub(super) fn of(node: &StoredNode<'a>, to: Code) -> Result<Option<SegmentCopy<'a>>> {
         let Some(file) = file_of(node) else { return Ok(None) };
         let own = node.run as usize;
-        let from = file.segment(own)?.code();
+        let from = file.entry(own)?.code;
         Ok(Some(SegmentCopy { file, from, to, own, segments: below(file, own, from)? }))
     }
 
@@ -112,23 +113,32 @@ impl<'a> SegmentCopy<'a> {
 
     /// Counts a segment, and returns its bytes for the tree with this header.
     fn ready_segment(&self, index: usize, header: &Header, codec: Codec) -> Result<ReadySegment<'a>> {
+        let mut entry = self.file.entry(index)?;
+        if entry.codec == Codec::Reference && codec == Codec::Reference {
+            let counts = self.count_reference(index, &entry)?;
+            entry.code = moved(entry.code, self.from, self.to);
+            return Ok(ReadySegment { counts, entry, bytes: self.file.stored_segment(index)? });
+        }
         let segment = self.file.segment(index)?;
         let counts = self.count_segment(index, &segment)?;
-        let mut entry = self.file.entry(index)?;
         entry.code = moved(entry.code, self.from, self.to);
         let (codec, bytes) = match (entry.codec, codec) {
             (Codec::Plain, Codec::Plain) => {
                 return Ok(ReadySegment { counts, entry, bytes: segment.into_bytes() });
             }
-            (Codec::Packed, Codec::Packed) if are_packed_alike(self.file.header(), header) => {
+            (Codec::Packed, Codec::Packed | Codec::Reference)
+                if are_packed_alike(self.file.header(), header) =>
+            {
                 let bytes = self.file.stored_segment(index)?;
                 return Ok(ReadySegment { counts, entry, bytes });
             }
             (_, Codec::Plain) => (Codec::Plain, segment.into_bytes()),
-            (_, Codec::Packed) => match pack_bytes(header, entry.code, entry.records, segment.all_bytes()) {
-                Some(packed) => (Codec::Packed, FileBytes::Cached(Arc::new(packed).into())),
-                None => (Codec::Plain, segment.into_bytes()),
-            },
+            (_, Codec::Packed | Codec::Reference) => {
+                match pack_bytes(header, entry.code, entry.records, segment.all_bytes()) {
+                    Some(packed) => (Codec::Packed, FileBytes::Cached(Arc::new(packed).into())),
+                    None => (Codec::Plain, segment.into_bytes()),
+                }
+            }
         };
         (entry.codec, entry.length, entry.checksum) = (codec, bytes.len() as u64, crc32c::crc32c(&bytes));
         Ok(ReadySegment { counts, entry, bytes })
@@ -136,13 +146,26 @@ impl<'a> SegmentCopy<'a> {
 
     /// Returns the part that the node's ancestors are merged from, in a tree of this shape.
     pub(super) fn part(&self, representative: Value, shape: &Shape) -> Result<EncodedSubtree> {
-        let segment = self.file.segment(self.own)?;
         let cut = shape.cut_level(shape.parent_segment_level(self.to.level()));
         let levels = cut.saturating_sub(self.to.level());
+        let form = self.file.header().form;
         // Checked here, because counting skips these records: it counts the copies of them in
         // deeper segments.
-        let records = upper_levels(self.file.header().form, segment.records(), levels)
-            .map_err(|BadSkip| self.file.bad_skip(&segment, 0))?;
+        let records = match self.file.entry(self.own)?.codec {
+            Codec::Reference => {
+                let (segment, record) = self.file.stored_above(self.from)?;
+                let (layout, stored) = (self.file.layout(), segment.records());
+                let head = layout.head(stored, record);
+                let run = head.and_then(|head| layout.subtree(stored, record, head.skip));
+                run.and_then(|run| upper_levels(form, run, levels).ok())
+                    .ok_or_else(|| self.file.bad_skip(&segment, record))?
+            }
+            _ => {
+                let segment = self.file.segment(self.own)?;
+                upper_levels(form, segment.records(), levels)
+                    .map_err(|BadSkip| self.file.bad_skip(&segment, 0))?
+            }
+        };
         Ok(EncodedSubtree {
             code: self.to,
             child: Child::Inner { representative, node: () },
@@ -189,6 +212,50 @@ impl<'a> SegmentCopy<'a> {
                 }
             }
             counts.add(self.new_level(code.level() + 1), nodes);
+        }
+        Ok(counts)
+    }
+
+    /// Counts the nodes below a node whose segment is a reference: those that the segment above
+    /// has, and the numbers in the reference.
+    fn count_reference(&self, index: usize, entry: &Entry) -> Result<LevelCounts> {
+        let (header, code) = (self.file.header(), entry.code);
+        let reference = self.file.reference(index, entry)?;
+        let (segment, record) = self.file.stored_above(code)?;
+        let (layout, mut counts) = (self.file.layout(), LevelCounts::default());
+        let first = self.new_level(code.level());
+        let mut nodes = vec![RunNode::of_record(record)];
+        let stored = header.depth() - code.level() - header.shape.stride;
+        for below in 1..=stored {
+            let (mut sums, mut deeper) = ([0; 3], Vec::new());
+            for node in nodes {
+                let mut children = RunChildren::default();
+                let read = layout.run_children(segment.records(), node, &mut children);
+                read.ok_or_else(|| self.file.bad_skip(&segment, record))?;
+                for child in &children[..layout.children()] {
+                    sums[usize::from(child.state.min(INNER))] += 1;
+                    if child.state >= INNER {
+                        if child.state == CUT && below < stored {
+                            return Err(self.file.bad_cut(code));
+                        }
+                        deeper.push(child.node);
+                    }
+                }
+            }
+            counts.add(first + below, sums);
+            nodes = deeper;
+        }
+        let mut parents = nodes.len() as u64;
+        for (level, numbers) in (first + stored + 1..).zip(reference.nodes.chunks(2)) {
+            let all = parents.saturating_mul(layout.children() as u64);
+            let (inner, void) = if let [inner, void] = *numbers { (inner, void) } else { (0, numbers[0]) };
+            let Some(leaves) = all.checked_sub(inner).and_then(|left| left.checked_sub(void)) else {
+                let part = format!("segment {code} (entry {index})");
+                let found = format!("{inner} INNER and {void} VOID nodes");
+                return Err(self.file.corrupt(part, found, &format!("at most {all} nodes")));
+            };
+            counts.add(level, [void, leaves, inner]);
+            parents = inner;
         }
         Ok(counts)
     }

@@ -62,8 +62,14 @@ impl MergeOutput {
         Ok(MergeOutput::Remove(output.with_limit(limit).with_access(access), there))
     }
 
+    /// Returns the final path of the file.
+    pub fn path(&self) -> &Path {
+        let (MergeOutput::Keep(output) | MergeOutput::Remove(output, _)) = self;
+        output.path()
+    }
+
     /// Returns how the file is read and written.
-    fn access(&self) -> &FileAccess {
+    pub fn access(&self) -> &FileAccess {
         let (MergeOutput::Keep(output) | MergeOutput::Remove(output, _)) = self;
         output.access()
     }
@@ -165,6 +171,32 @@ pub fn merge_shards(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<()> {
+    merge_with(head, shards, (output, memory), None, progress)
+}
+
+/// Merges the shards of an index: see [`merge_shards`]. `references` are the sections that describe
+/// the files that have the cells: see
+/// [`TreeWriter::set_references`](crate::store::TreeWriter::set_references).
+///
+/// # Errors
+/// Those of [`merge_shards`].
+pub fn merge_index_shards(
+    head: &Path,
+    shards: &[Shard],
+    (output, memory): (MergeOutput, u64),
+    references: (Vec<u8>, Vec<u8>),
+    progress: &dyn Progress,
+) -> Result<()> {
+    merge_with(head, shards, (output, memory), Some(references), progress)
+}
+
+fn merge_with(
+    head: &Path,
+    shards: &[Shard],
+    (output, memory): (MergeOutput, u64),
+    references: Option<(Vec<u8>, Vec<u8>)>,
+    progress: &dyn Progress,
+) -> Result<()> {
     let access = shards.first().map_or(output.access(), |shard| &shard.access);
     let planned = Goblin::open(head, &access.into())?;
     let layers = planned_layers(&planned)?;
@@ -206,6 +238,9 @@ pub fn merge_shards(
             }
             Ok(counts)
         })?;
+    }
+    if let Some((sources, pages)) = references {
+        out.set_references(sources, pages);
     }
     out.finish()
 }

@@ -237,7 +237,13 @@ impl<'h> Items<'h> {
         let owns = level == 0 || shape.is_candidate(level);
         let follows = self.last_segment.is_none_or(|last| last < order);
         let end = self.position.checked_add(entry.length).filter(|end| *end <= self.run_bytes);
-        let is_alike = entry.codec == Codec::Plain || self.header.codec == Codec::Packed;
+        let is_alike = match self.header.is_referenced(level) {
+            true => entry.codec == Codec::Reference,
+            false => {
+                entry.codec == Codec::Plain
+                    || entry.codec == Codec::Packed && self.header.codec != Codec::Plain
+            }
+        };
         let is_here = level >= shape.shard_level() && self.run.contains(entry.code);
         let Some(end) = end.filter(|_| owns && follows && is_alike && is_here) else {
             let found = format!("a segment of node {} with {} bytes", entry.code, entry.length);

@@ -236,6 +236,24 @@ macro_rules! with_form_type {
 
 pub(crate) use with_form_type;
 
+/// As [`with_form_type`], for code that builds blocks. In browsers only blocks of rasters are
+/// built, for the cells of indexes.
+macro_rules! with_block_type {
+    ($form:expr, $V:ident, $R:ident => $body:expr) => {{
+        let form: spinney_base::TreeType = $form;
+        if cfg!(target_family = "wasm") {
+            spinney_base::value::with_native_type!(form.value, $V => {
+                type $R = $crate::store::records::record::QuadRecord<{ size_of::<$V>() }>;
+                $body
+            })
+        } else {
+            $crate::store::records::with_form_type!(form, $V, $R => $body)
+        }
+    }};
+}
+
+pub(crate) use with_block_type;
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,6 +2,7 @@
 
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::super::bands::select_channels;
 use super::super::build::{MemoryBudget, RequestedCells, TargetGrid, slabs_for};
@@ -11,6 +12,7 @@ use super::super::{Band, Raster, RasterInfo, RasterOptions, RasterSlabs, Transpa
 use super::grid::GridAlignment;
 use super::raster::{Masked, Padded, Repeated, TreeRaster};
 use super::{InputImage, StackOptions};
+use crate::index::{IndexPlan, SourceRecorder};
 use spinney_base::value::{DataKind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result, SubProgress};
 use spinney_container::Metadata;
@@ -251,13 +253,7 @@ impl StackLayer {
         (directory, memory): (&Path, u64),
         progress: &dyn Progress,
     ) -> Result<RasterSlabs> {
-        let mut info = raster.info().clone();
-        info.transparent = self.transparent;
-        info.alpha = info.alpha.filter(|_| info.channels > 1);
-        let mut raster: Box<dyn Raster> = Box::new(DescribedRaster { raster, info });
-        if self.parts.opacity.is_some() {
-            raster = Box::new(Masked::new(raster));
-        }
+        let mut raster = self.described(raster);
         if raster.info().sample != self.value.sample
             || raster.info().channels != usize::from(self.value.channels)
         {
@@ -278,6 +274,35 @@ impl StackLayer {
         }
         let budget = MemoryBudget { bands: memory, slabs: half };
         slabs_for(requested, raster, self.value.size(), (directory, budget), progress)
+    }
+
+    /// Adds the layer's treatment of transparent pixels to a raster of its channels.
+    fn described(&self, raster: Box<dyn Raster>) -> Box<dyn Raster> {
+        let mut info = raster.info().clone();
+        info.transparent = self.transparent;
+        info.alpha = info.alpha.filter(|_| info.channels > 1);
+        let described = Box::new(DescribedRaster { raster, info });
+        if self.parts.opacity.is_some() { Box::new(Masked::new(described)) } else { described }
+    }
+
+    /// Plans the layer of an index.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or the layer's cells are not its pixels.
+    pub(super) fn index_plan(&self, recorder: &Arc<SourceRecorder>) -> Result<IndexPlan> {
+        if self.repeat != 1 || self.warping.is_some() {
+            let found = format!("layer {} of an index, on another grid than the finest", self.name);
+            let advice =
+                "index the files on each grid by themselves, or build a tree (`spinney build --stack`)";
+            return Err(Error::unsupported(&self.path, found, advice));
+        }
+        let raster = select_channels(self.open(self.options.memory)?, &self.channels());
+        let mut raster = self.described(raster);
+        if self.offset != [0; 2] {
+            raster = Box::new(Padded::new(raster, self.offset));
+        }
+        let nodata = self.nodata.and_then(|number| self.value.splat(number));
+        IndexPlan::of(&*raster, (self.value, nodata), recorder.clone(), &self.options.access)
     }
 
     /// Warps the raster to the stack's grid, by means of trees in a temporary directory.

@@ -10,6 +10,7 @@ mod time;
 mod write;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use self::grid::Grid;
 pub use self::layer::StackLayer;
@@ -17,6 +18,7 @@ use self::layer::divide;
 pub use self::write::{write_layers, write_stack};
 use super::plan::{DEFAULT_MEMORY, ImportOptions, apply_options, depth_of, listed};
 use super::{RasterInfo, RasterOptions, open, tiff};
+use crate::index::SourceRecorder;
 use serde::{Deserialize, Serialize};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
@@ -70,6 +72,10 @@ pub struct Stack {
     pub time: Option<i64>,
     /// Compression of the file, and the loss that it may cause.
     pub packing: Packing,
+    /// Levels between the cells and the finest stored level, if the cells stay in the files.
+    pub(super) referenced: Option<u8>,
+    /// Records of the files, if the cells stay in these.
+    pub(super) recorder: Option<Arc<SourceRecorder>>,
     /// Memory budget in bytes.
     pub memory: u64,
     /// Files with content that is not read, and a description of that.
@@ -110,9 +116,10 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
     let import = &options.import;
     let memory = import.memory.unwrap_or(DEFAULT_MEMORY);
     let mut overruled = None;
+    let recorder = import.referenced.map(|_| Arc::new(SourceRecorder::default()));
     let (mut images, mut remarks) = (Vec::new(), Vec::new());
     for input in inputs {
-        read_headers(input, options, memory / 2, &mut images)?;
+        read_headers(input, options, (memory / 2, &recorder), &mut images)?;
     }
     for image in &mut images {
         apply_options(&mut image.info, import, &mut overruled);
@@ -153,8 +160,21 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
         time::give(&mut layers, inputs, times)?;
     }
     let description = describe(inputs, &images, &layers, &size, depth, &frame, overruled);
-    let ImportOptions { share, time, packing, .. } = *import;
-    Ok(Stack { frame, extent, depth, layers, share, time, packing, memory, remarks, description })
+    let ImportOptions { share, time, packing, referenced, .. } = *import;
+    Ok(Stack {
+        frame,
+        extent,
+        depth,
+        layers,
+        share,
+        time,
+        packing,
+        referenced,
+        recorder,
+        memory,
+        remarks,
+        description,
+    })
 }
 
 /// Whether the bands of a single file become layers without the option. That is the case if trees
@@ -177,12 +197,13 @@ pub fn needs_layers(inputs: &[PathBuf], options: &ImportOptions) -> Result<bool>
 fn read_headers(
     path: &Path,
     options: &StackOptions,
-    memory: u64,
+    (memory, recorder): (u64, &Option<Arc<SourceRecorder>>),
     images: &mut Vec<InputImage>,
 ) -> Result<()> {
     let ImportOptions { layer, page, access, .. } = &options.import;
     let (layer, access) = (layer.clone(), access.clone());
-    let how = RasterOptions { memory, layer, page: *page, access, ..RasterOptions::default() };
+    let recorder = recorder.clone();
+    let how = RasterOptions { memory, layer, page: *page, access, recorder, ..RasterOptions::default() };
     let raster = open(path, &how)?;
     let pages = raster.info().pages;
     if pages < 2 || !options.every_page {

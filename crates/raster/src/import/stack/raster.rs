@@ -6,10 +6,12 @@ use tempfile::TempDir;
 
 use super::super::validity::Validity;
 use super::super::{Pixels, Raster, RasterInfo, Transparent};
+use crate::index::SourceWindow;
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Region};
 use spinney_base::value::Number;
 use spinney_engine::dataset::Dataset;
+use spinney_references::PixelRule;
 
 /// A raster without its last channel, whose zeros make it VOID.
 pub(super) struct Masked {
@@ -50,6 +52,16 @@ impl Raster for Masked {
 
     fn reads_anywhere(&self) -> bool {
         self.raster.reads_anywhere()
+    }
+
+    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+        let windows = self.raster.source_windows()?.into_iter().map(|mut window| {
+            let opacity = window.channels.pop()?;
+            let is_plain = window.rule == PixelRule::default();
+            window.rule.opacity = Some(u16::try_from(opacity).ok()?);
+            is_plain.then_some(window)
+        });
+        windows.collect()
     }
 }
 
@@ -199,5 +211,14 @@ impl Raster for Padded {
 
     fn reads_anywhere(&self) -> bool {
         self.raster.reads_anywhere()
+    }
+
+    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+        let moved = |window: SourceWindow| {
+            let Region { x, y, width, height } = window.cells;
+            let cells = Region::new(x + self.offset[0], y + self.offset[1], width, height);
+            SourceWindow { cells, ..window }
+        };
+        Some(self.raster.source_windows()?.into_iter().map(moved).collect())
     }
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 use super::super::build::RequestedCells;
 use super::shared::{SharedRaster, alike};
 use super::{Stack, StackLayer};
+use crate::index::write_sections;
 use spinney_base::io::{Output, directory_of};
 use spinney_base::space::Dimension;
 use spinney_base::{Progress, Result, SubProgress, TreeType};
@@ -19,8 +20,16 @@ use spinney_engine::store::{BuildOptions, TreeWriter};
 /// Nothing is left then.
 pub fn write_stack(stack: &Stack, output: Output, progress: &dyn Progress) -> Result<()> {
     let scratch_directory = directory_of(output.path()).to_path_buf();
+    let path = output.path().to_path_buf();
+    let plan =
+        |recorder| stack.layers.iter().map(|layer| layer.index_plan(recorder)).collect::<Result<Vec<_>>>();
+    let plans = stack.recorder.as_ref().map(plan).transpose()?;
     let mut file = TreeWriter::create(output, (Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
     write_layers(stack, &mut file, &scratch_directory, progress)?;
+    if let Some(plans) = plans {
+        let (sources, pages) = write_sections(&path, &plans.iter().collect::<Vec<_>>(), progress)?;
+        file.set_references(sources, pages);
+    }
     file.finish()
 }
 
@@ -57,6 +66,7 @@ pub fn write_layers(
             .share(stack.share)
             .time(stack.time)
             .packing(stack.packing);
+        let options = stack.referenced.map_or(options.clone(), |levels| options.referenced(levels));
         let form = TreeType::new(Dimension::Quad, layer.value);
         if file.run().is_none() {
             file.write_layer_header(form, layer.extent, &options)?;

@@ -157,7 +157,7 @@ impl Input {
         }
         let mut table = vec![0; (entries * size) as usize];
         self.read_at(start, &mut table, || place.clone())?;
-        let mut directory = Directory { input: self, listed: entries, entries: BTreeMap::new() };
+        let mut directory = Directory { input: self, offset, listed: entries, entries: BTreeMap::new() };
         for (i, bytes) in table.chunks_exact(size as usize).enumerate() {
             let at = start + i as u64 * size;
             let (tag, kind) = (self.number(&bytes[..2]) as u16, self.number(&bytes[2..4]) as u16);
@@ -230,6 +230,8 @@ pub(super) type LinkedDirectory<'a> = (Directory<'a>, u64);
 /// The tags of one image of the file. Values are read on demand.
 pub(super) struct Directory<'a> {
     input: &'a Input,
+    /// Its offset in the file.
+    pub(super) offset: u64,
     /// Number of entries in the file.
     listed: u64,
     entries: BTreeMap<u16, Entry>,

@@ -1,19 +1,20 @@
 //! Pixels of one image of the file: chunks are read, decoded and copied to their regions.
 
+use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 
 use super::cache::{ChunkCache, ChunkKey};
-use super::codec::{ChunkShape, Compression, States};
-use super::colour::{Colour, Yuv};
 use super::ifd::{Directory, Input};
 use super::layout::{ChunkLayout, ChunkLocation};
-use super::predictor::{self, Predictor};
-use super::samples::SampleFormat;
 use super::spec::{photometric, tag};
+use crate::index::{RecordedChunks, RecordedImage};
 use spinney_base::space::Region;
 use spinney_base::{Error, Result};
+use spinney_chunks::{
+    ChunkFormat, Colour, Compression, DecoderStates, Predictor, SampleFormat, Selection, Yuv,
+};
 
 /// Bytes of chunks of a remote file that are fetched together: a fraction of the capacity of the
 /// cache of remote reads.
@@ -22,23 +23,17 @@ const FETCHED: u64 = 8 << 20;
 /// One image of the file.
 pub(super) struct Image {
     pub(super) layout: ChunkLayout,
-    pub(super) sample_format: SampleFormat,
-    /// Samples per pixel as returned by [`Image::read`].
-    pub(super) channels: usize,
-    pub(super) codec: Compression,
+    /// How chunks are decoded.
+    pub(super) format: ChunkFormat,
     pub(super) photometric: u64,
-    pub(super) colour: Colour,
     /// The sample of chunks that were never written.
     pub(super) hole: Vec<u8>,
-    /// Samples per pixel in the file.
-    samples: usize,
-    predictor: Predictor,
-    /// Whether bits are in bytes from the lowest up.
-    lowest_first: bool,
     cache: Mutex<ChunkCache>,
     workers: Mutex<Vec<Worker>>,
     /// Maximum number of chunks decoded at once.
     parallel: usize,
+    /// Record of the chunks for an index.
+    pub(super) recorded: Option<Arc<RecordedChunks>>,
     /// Number of chunks decoded.
     #[cfg(test)]
     pub(super) decoded: std::sync::atomic::AtomicU64,
@@ -47,10 +42,9 @@ pub(super) struct Image {
 /// Decoder states and buffers of one thread.
 #[derive(Default)]
 struct Worker {
-    states: States,
+    states: DecoderStates,
     raw: Vec<u8>,
     chunk: Vec<u8>,
-    row: Vec<u8>,
 }
 
 /// Section of a request that one chunk covers, with the output rows.
@@ -125,7 +119,19 @@ impl Image {
         if codec == Compression::Fax4 && layout.chunk_width.max(layout.chunk_height) > u16::MAX.into() {
             return Err(refuse("fax of more than 65535 columns, or rows in a strip,".into()));
         }
-        let chunk = row_bits(layout.chunk_width).div_ceil(8).saturating_mul(layout.chunk_height);
+        let format = ChunkFormat {
+            chunk_width: layout.chunk_width,
+            chunk_height: layout.chunk_height,
+            samples,
+            planes,
+            sample_format,
+            predictor,
+            colour,
+            big_endian: input.big_endian,
+            lowest_first: first(tag::FILL_ORDER, 1)? == 2 && !codec.ignores_fill_order(),
+            compression: codec,
+        };
+        let chunk = format.chunk_bytes();
         if chunk > input.memory {
             let what = if layout.tiled { "a decoded tile" } else { "a decoded strip" };
             return Err(input.too_large(what, chunk));
@@ -135,24 +141,31 @@ impl Image {
             cache: Mutex::new(ChunkCache::new(input.memory / 4)),
             workers: Mutex::default(),
             parallel: (input.memory / 2 / chunk.max(1)).clamp(1, threads) as usize,
-            channels: colour.channels(samples),
+            recorded: None,
             #[cfg(test)]
             decoded: Default::default(),
             hole: vec![0; sample_format.sample().size()],
-            lowest_first: first(tag::FILL_ORDER, 1)? == 2 && !codec.ignores_fill_order(),
             layout,
-            sample_format,
-            codec,
+            format,
             photometric,
-            colour,
-            samples,
-            predictor,
         })
     }
 
-    /// Bytes of a pixel with all channels.
-    pub(super) fn pixel_bytes(&self) -> usize {
-        self.sample_format.sample().size() * self.channels
+    /// Returns a record of the image for an index. `length` is that of the file.
+    pub(super) fn record(&self, length: u64) -> RecordedImage {
+        let chunk = |(plane, across, down)| match self.layout.location(plane, across, down) {
+            ChunkLocation::Hole => (0, 0),
+            ChunkLocation::At(offset, count) => {
+                let rows = self.layout.region(across, down).height as usize;
+                let count = match self.format.compression {
+                    Compression::None => self.format.decoded_bytes(rows).0 as u64,
+                    _ => count.unwrap_or(length.saturating_sub(offset)),
+                };
+                (offset, count)
+            }
+        };
+        let chunks = RecordedChunks::new(self.layout.chunks().map(chunk).collect());
+        RecordedImage { format: self.format.clone(), chunks: Arc::new(chunks) }
     }
 
     /// Reads some channels of a region within the image into `out`, which must have exactly their
@@ -164,6 +177,28 @@ impl Image {
             self.run_all(input, fetched)?;
         }
         self.run_all(input, jobs)
+    }
+
+    /// Appends the byte ranges of the chunks of a region, without those that would exceed what is
+    /// fetched together.
+    pub(super) fn ranges(&self, region: Region, chosen: &[usize], ranges: &mut Vec<Range<u64>>) {
+        let ChunkLayout { chunk_width, chunk_height, .. } = self.layout;
+        let mut bytes: u64 = ranges.iter().map(|range| range.end - range.start).sum();
+        let planes = if self.layout.planes > 1 { chosen } else { &[0][..] };
+        for down in region.y / chunk_height..region.bottom().div_ceil(chunk_height) {
+            for across in region.x / chunk_width..region.right().div_ceil(chunk_width) {
+                for plane in planes {
+                    let found = self.layout.location(*plane as u64, across, down);
+                    if let ChunkLocation::At(offset, Some(count)) = found
+                        && let Some(end) = offset.checked_add(count)
+                        && bytes.saturating_add(count) <= FETCHED
+                    {
+                        ranges.push(offset..end);
+                        bytes += count;
+                    }
+                }
+            }
+        }
     }
 
     /// Splits off some of the jobs, at least one, and fetches their chunks.
@@ -209,7 +244,7 @@ impl Image {
     /// The chunks that intersect a region, each with the rows of `out` that it fills.
     fn jobs<'a>(&self, region: Region, chosen: &'a [usize], out: &'a mut [u8]) -> Vec<Job<'a>> {
         let ChunkLayout { chunk_width, chunk_height, .. } = self.layout;
-        let pixel = self.sample_format.sample().size() * chosen.len();
+        let pixel = self.format.sample_format.sample().size() * chosen.len();
         let columns = region.x / chunk_width..region.right().div_ceil(chunk_width);
         let mut rows = out.chunks_exact_mut(region.width as usize * pixel);
         let mut jobs = Vec::new();
@@ -268,11 +303,11 @@ impl Image {
         let key = (offset, count, self.layout.region(job.across, job.down).height);
         let cached = self.cache.lock().expect("no panic while held").get(key);
         if let Some(chunk) = cached {
-            self.copy(&chunk, &mut worker.row, job, place);
+            self.copy(&chunk, &mut worker.states, job, place);
             return Ok(());
         }
         self.decode(input, worker, job, plane as u64, key)?;
-        self.copy(&worker.chunk, &mut worker.row, job, place);
+        self.copy(&worker.chunk, &mut worker.states, job, place);
         // Partially read or repeated chunks are likely to be needed again.
         if !job.whole || self.layout.repeats {
             let chunk = Arc::new(std::mem::take(&mut worker.chunk));
@@ -293,101 +328,50 @@ impl Image {
         #[cfg(test)]
         self.decoded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         let place = || self.layout.name(plane, job.across, job.down);
-        let width = self.layout.chunk_width as usize;
         // Tiles at the bottom should include rows outside of the image, but some writers omit
         // these.
         let rows = rows as usize;
-        let samples = if self.layout.planes > 1 { 1 } else { self.samples };
-        let row_bytes = (width * samples * self.sample_format.bits()).div_ceil(8);
-        let (packed_rows, packed_row_bytes) = self.colour.packed(width, rows, row_bytes);
-        let Worker { states, raw, chunk, .. } = worker;
-        set_len(chunk, packed_rows * packed_row_bytes);
-        if self.codec == Compression::None {
+        let Worker { states, raw, chunk } = worker;
+        let record = |bytes: &[u8]| {
+            if let Some(recorded) = &self.recorded {
+                recorded.record(self.layout.number(plane, job.across, job.down), bytes);
+            }
+        };
+        if self.format.compression == Compression::None {
+            set_len(chunk, self.format.decoded_bytes(rows).0);
             if let Some(count) = count.filter(|count| *count < chunk.len() as u64) {
                 let found = format!("{count} bytes");
                 return Err(input.corrupt(place(), found, format!("{} bytes of samples", chunk.len())));
             }
             input.read_at(offset, chunk, place)?;
-            if self.lowest_first {
-                chunk.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
-            }
-        } else {
-            let count = count.unwrap_or(input.len.saturating_sub(offset));
-            input.check(offset, count, place)?;
-            if count > input.memory {
-                return Err(input.too_large(place(), count));
-            }
-            set_len(raw, count as usize);
-            input.read_at(offset, raw, place)?;
-            if self.lowest_first {
-                raw.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
-            }
-            let max_rows = self.layout.chunk_height as usize;
-            let shape =
-                ChunkShape { width, rows: packed_rows, max_rows, samples, row_bytes: packed_row_bytes };
-            self.codec.decode(states, raw, shape, chunk).map_err(|found| {
-                input.corrupt(place(), found, format!("{} bytes of samples", chunk.len()))
-            })?;
+            record(chunk);
+            self.format.restore(chunk, rows);
+            return Ok(());
         }
-        if let Some(size) = self.sample_format.bytes() {
-            predictor::restore(self.predictor, chunk, packed_row_bytes, size, samples, input.big_endian);
+        let count = count.unwrap_or(input.len.saturating_sub(offset));
+        input.check(offset, count, place)?;
+        if count > input.memory {
+            return Err(input.too_large(place(), count));
         }
-        self.colour.convert(chunk, width, rows, samples);
-        Ok(())
+        set_len(raw, count as usize);
+        input.read_at(offset, raw, place)?;
+        record(raw);
+        self.format.decode(states, raw, rows, chunk).map_err(|found| {
+            let expected = format!("{} bytes of samples", self.format.decoded_bytes(rows).0);
+            input.corrupt(place(), found, expected)
+        })
     }
 
     /// Widens the requested samples of a decoded chunk into the rows of a job.
-    fn copy(&self, chunk: &[u8], buffer: &mut Vec<u8>, job: &mut Job<'_>, place: usize) {
-        let planar = self.layout.planes > 1;
-        let samples = if planar { 1 } else { self.channels };
-        let row_bytes = (self.layout.chunk_width as usize * samples * self.sample_format.bits()).div_ceil(8);
-        let left = (job.part.x - job.across * self.layout.chunk_width) as usize * samples;
-        let top = (job.part.y - job.down * self.layout.chunk_height) as usize;
-        let size = self.sample_format.sample().size();
-        let (width, chosen) = (job.part.width as usize, job.chosen);
-        let all = chosen.iter().copied().eq(0..samples);
-        for (from, to) in chunk.chunks_exact(row_bytes).skip(top).zip(&mut job.rows) {
-            match self.sample_format.bytes() {
-                _ if planar && chosen.len() == 1 || !planar && all => {
-                    self.sample_format.widen(from, left, to);
-                }
-                _ if planar => {
-                    set_len(buffer, width * size);
-                    self.sample_format.widen(from, left, buffer);
-                    let targets = to.chunks_exact_mut(size).skip(place).step_by(chosen.len());
-                    let each = buffer.chunks_exact(size).zip(targets);
-                    each.for_each(|(sample, target)| target.copy_from_slice(sample));
-                }
-                // Pick samples before widening, so that the others are not converted.
-                Some(stored) => {
-                    set_len(buffer, width * chosen.len() * stored);
-                    let pixels = from[left * stored..].chunks_exact(samples * stored);
-                    pick(pixels, chosen, stored, buffer);
-                    self.sample_format.widen(buffer, 0, to);
-                }
-                None => {
-                    set_len(buffer, width * samples * size);
-                    self.sample_format.widen(from, left, buffer);
-                    pick(buffer.chunks_exact(samples * size), chosen, size, to);
-                }
-            }
-        }
-    }
-}
-
-/// Copies the chosen samples of each pixel, of `size` bytes each, to `out`, until that is full.
-fn pick<'a>(pixels: impl Iterator<Item = &'a [u8]>, chosen: &[usize], size: usize, out: &mut [u8]) {
-    // The usual case: one channel of many.
-    if let [channel] = chosen {
-        for (pixel, out) in pixels.zip(out.chunks_exact_mut(size)) {
-            out.copy_from_slice(&pixel[channel * size..][..size]);
-        }
-        return;
-    }
-    for (pixel, out) in pixels.zip(out.chunks_exact_mut(chosen.len() * size)) {
-        for (channel, out) in chosen.iter().zip(out.chunks_exact_mut(size)) {
-            out.copy_from_slice(&pixel[channel * size..][..size]);
-        }
+    fn copy(&self, chunk: &[u8], states: &mut DecoderStates, job: &mut Job<'_>, slot: usize) {
+        let selection = Selection {
+            left: (job.part.x - job.across * self.layout.chunk_width) as usize,
+            top: (job.part.y - job.down * self.layout.chunk_height) as usize,
+            width: job.part.width as usize,
+            chosen: job.chosen,
+            slot,
+        };
+        self.format.copy(states, chunk, &selection, &mut job.rows);
     }
 }
 

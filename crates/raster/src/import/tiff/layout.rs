@@ -124,6 +124,18 @@ impl ChunkLayout {
         Region::new(x, y, self.chunk_width.min(self.width - x), self.chunk_height.min(self.height - y))
     }
 
+    /// All chunks by plane, column and row, in the order of their numbers.
+    pub(super) fn chunks(&self) -> impl Iterator<Item = (u64, u64, u64)> {
+        let (across, down) = (self.across(), self.down());
+        let rows = (0..self.planes).flat_map(move |plane| (0..down).map(move |row| (plane, row)));
+        rows.flat_map(move |(plane, row)| (0..across).map(move |column| (plane, column, row)))
+    }
+
+    /// Number of a chunk: row by row, plane by plane.
+    pub(super) fn number(&self, plane: u64, across: u64, down: u64) -> u64 {
+        (plane * self.down() + down) * self.across() + across
+    }
+
     /// Location of a chunk in the file.
     pub(super) fn location(&self, plane: u64, across: u64, down: u64) -> ChunkLocation {
         let strips_down = if self.chunks_per_strip == 1 {

@@ -1,32 +1,31 @@
 //! TIFF and GeoTIFF files of any layout, read in parallel chunk by chunk.
 
 mod cache;
-mod codec;
-mod colour;
 mod geokeys;
 mod ifd;
 mod image;
 mod layout;
 mod pages;
-mod predictor;
-mod samples;
 mod spec;
 
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use self::colour::Colour;
 use self::geokeys::Georeferencing;
 use self::ifd::{Directory, Input};
 use self::image::Image;
-pub(crate) use self::samples::SampleFormat;
 use self::spec::{photometric, tag};
 use super::validity::sample_bytes;
 use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, gdal};
+use crate::index::{RecordedSource, SourceWindow};
+use spinney_base::io::FileStat;
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Palette};
 use spinney_base::{Error, Result};
+use spinney_chunks::Colour;
+pub(crate) use spinney_chunks::SampleFormat;
+use spinney_references::PixelRule;
 
 /// Opens one page of a TIFF file.
 pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
@@ -52,10 +51,31 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     if let Some(nodata) = info.nodata {
         image.hole = sample_bytes(nodata, info.sample).unwrap_or(image.hole);
     }
-    let mask = mask(&input, next, &image)?;
+    let mut mask = mask(&input, next, &image)?;
+    let offset = directory.offset;
     drop(directory);
+    let record = match &options.recorder {
+        None => None,
+        Some(recorder) => {
+            let describe = |stat: FileStat| RecordedSource {
+                path: path.to_path_buf(),
+                page: options.page.unwrap_or(0) as u32,
+                size: [image.layout.width, image.layout.height],
+                image: image.record(stat.length),
+                mask: mask.as_ref().map(|mask| mask.record(stat.length)),
+                hole: image.hole.clone(),
+                stat,
+            };
+            let (number, recorded) = recorder.record((path, offset), &options.access, &describe)?;
+            image.recorded = Some(recorded.image.chunks.clone());
+            if let (Some(mask), Some(recorded)) = (&mut mask, &recorded.mask) {
+                mask.recorded = Some(recorded.chunks.clone());
+            }
+            Some(number)
+        }
+    };
     let chosen = (0..info.channels).collect();
-    Ok(Box::new(Tiff { file: Arc::new(OpenFile { input, image, mask }), chosen, info }))
+    Ok(Box::new(Tiff { file: Arc::new(OpenFile { input, image, mask, record }), chosen, info }))
 }
 
 /// Offsets of the directories of a file's pages.
@@ -69,6 +89,8 @@ struct OpenFile {
     input: Input,
     image: Image,
     mask: Option<Image>,
+    /// Number of its record, if it is recorded for an index.
+    record: Option<usize>,
 }
 
 /// Channels of an open TIFF file.
@@ -101,14 +123,15 @@ impl Raster for Tiff {
         if region.is_empty() {
             return Ok(());
         }
-        let OpenFile { input, image, mask } = &*self.file;
+        let OpenFile { input, image, mask, .. } = &*self.file;
         image.read(input, region, &self.chosen, &mut pixels.bytes)?;
         if let Some(mask) = mask {
             let mut samples = Vec::new();
-            self.resize(&mut samples, region, mask.pixel_bytes())?;
-            let all: Vec<usize> = (0..mask.channels).collect();
+            self.resize(&mut samples, region, mask.format.pixel_bytes())?;
+            let channels = mask.format.channels();
+            let all: Vec<usize> = (0..channels).collect();
             mask.read(input, region, &all, &mut samples)?;
-            let flags = samples.chunks_exact(mask.channels);
+            let flags = samples.chunks_exact(channels);
             pixels.valid = Some(flags.map(|flags| flags.iter().any(|flag| *flag != 0)).collect());
         }
         Ok(())
@@ -131,6 +154,33 @@ impl Raster for Tiff {
 
     fn reads_anywhere(&self) -> bool {
         true
+    }
+
+    fn prefetch(&mut self, regions: &[Region]) -> Result<()> {
+        let OpenFile { input, image, mask, .. } = &*self.file;
+        if !input.is_remote() {
+            return Ok(());
+        }
+        let mut ranges = Vec::new();
+        for region in regions {
+            image.ranges(*region, &self.chosen, &mut ranges);
+            if let Some(mask) = mask {
+                mask.ranges(*region, &[0], &mut ranges);
+            }
+        }
+        input.prefetch(&ranges)
+    }
+
+    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+        let cells = Region::new(0, 0, self.info.width, self.info.height);
+        let channels = self.chosen.clone();
+        Some(vec![SourceWindow {
+            source: self.file.record?,
+            channels,
+            rule: PixelRule::default(),
+            cells,
+            from: [0; 2],
+        }])
     }
 }
 
@@ -163,7 +213,7 @@ fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
             && is(tag::IMAGE_LENGTH, image.layout.height)?;
         if wanted {
             let mask = Image::new(input, &directory)?;
-            return match mask.sample_format {
+            return match mask.format.sample_format {
                 SampleFormat::Uint(1..=8) => Ok(Some(mask)),
                 format => Err(input.unsupported(format!("a mask of {} samples", format.name()))),
             };
@@ -173,10 +223,11 @@ fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
 }
 
 fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
-    let Image { layout, sample_format, channels, .. } = image;
+    let Image { layout, format: chunk_format, .. } = image;
+    let (sample_format, channels) = (chunk_format.sample_format, chunk_format.channels());
     let nodata =
         directory.text(tag::GDAL_NODATA)?.and_then(|text| gdal::nodata(&text, sample_format.sample()));
-    let colours = if *channels == 1 { colour_map(directory, *sample_format)? } else { None };
+    let colours = if channels == 1 { colour_map(directory, sample_format)? } else { None };
     let kind = match (sample_format, image.photometric) {
         _ if colours.is_some() => Some(DataKind::Categorical),
         (SampleFormat::Uint(1), _) => Some(DataKind::Categorical),
@@ -210,13 +261,13 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
         nodata,
         palette,
         kind,
-        layout: format!("{format}, {chunks}, {}", image.codec.name()),
+        layout: format!("{format}, {chunks}, {}", chunk_format.compression.name()),
         tags: tags(directory)?,
         control_points,
         order: if layout.tiled { Order::Anywhere } else { Order::Bands },
-        ..RasterInfo::plain([layout.width, layout.height], sample_format.sample(), *channels)
+        ..RasterInfo::plain([layout.width, layout.height], sample_format.sample(), channels)
     };
-    if image.photometric == photometric::RGB || image.colour != Colour::Keep {
+    if image.photometric == photometric::RGB || chunk_format.colour != Colour::Keep {
         info = info.in_colour();
     }
     gdal::apply(&directory.text(tag::GDAL_METADATA)?.unwrap_or_default(), &mut info);
@@ -225,13 +276,13 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
 
 /// The index of the opacity channel.
 fn alpha(directory: &Directory<'_>, image: &Image) -> Result<Option<usize>> {
-    if image.colour == Colour::Cmyk {
+    if image.format.colour == Colour::Cmyk {
         return Ok(Some(3));
     }
     let extra = directory.numbers(tag::EXTRA_SAMPLES)?.unwrap_or_default();
     // Extra samples are the last ones of a pixel; 1 and 2 are opacity, premultiplied or not.
     let index = extra.iter().position(|meaning| matches!(meaning, 1 | 2));
-    Ok(index.and_then(|index| (image.channels + index).checked_sub(extra.len())))
+    Ok(index.and_then(|index| (image.format.channels() + index).checked_sub(extra.len())))
 }
 
 /// The palette of a one-channel image, if it has a colour map.
@@ -255,9 +306,9 @@ fn colour_map(directory: &Directory<'_>, sample_format: SampleFormat) -> Result<
 /// A palette of grey levels, where samples alone would be displayed wrong: for bits, and if 0 is
 /// white.
 fn ramp(image: &Image) -> Option<Palette> {
-    let SampleFormat::Uint(bits @ 1..=8) = image.sample_format else { return None };
+    let SampleFormat::Uint(bits @ 1..=8) = image.format.sample_format else { return None };
     let white_is_zero = image.photometric == photometric::WHITE_IS_ZERO;
-    if image.channels != 1 || !(white_is_zero || bits == 1) {
+    if image.format.channels() != 1 || !(white_is_zero || bits == 1) {
         return None;
     }
     let last = (1u32 << bits) - 1;

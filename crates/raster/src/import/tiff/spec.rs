@@ -65,19 +65,6 @@ pub(super) mod field_type {
     pub(in crate::import::tiff) const IFD8: u16 = 18;
 }
 
-/// Values of the tag Compression.
-pub(super) mod compression {
-    pub(in crate::import::tiff) const NONE: u64 = 1;
-    pub(in crate::import::tiff) const CCITT_GROUP_4: u64 = 4;
-    pub(in crate::import::tiff) const LZW: u64 = 5;
-    pub(in crate::import::tiff) const JPEG: u64 = 7;
-    pub(in crate::import::tiff) const ADOBE_DEFLATE: u64 = 8;
-    pub(in crate::import::tiff) const PACK_BITS: u64 = 32773;
-    pub(in crate::import::tiff) const DEFLATE: u64 = 32946;
-    pub(in crate::import::tiff) const ZSTD: u64 = 50000;
-    pub(in crate::import::tiff) const WEBP: u64 = 50001;
-}
-
 /// Values of the tag PhotometricInterpretation.
 pub(super) mod photometric {
     pub(in crate::import::tiff) const WHITE_IS_ZERO: u64 = 0;

@@ -9,10 +9,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::lazy::Lazy;
 use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
+use crate::index::SourceWindow;
 use spinney_base::space::Region;
 use spinney_base::value::{SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::shell_word;
+use spinney_references::PixelRule;
 
 /// Maximum nesting of virtual rasters.
 const MAX_NESTED: u8 = 4;
@@ -328,6 +330,53 @@ impl Raster for Vrt {
 
     fn reads_anywhere(&self) -> bool {
         true
+    }
+
+    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+        let (first, others) = self.bands.split_first()?;
+        // Every band has the same windows of the same files.
+        let are_alike = |band: &Band| band.sources.len() == first.sources.len();
+        if !others.iter().all(are_alike) || self.bands.iter().any(|band| band.sample != self.info.sample) {
+            return None;
+        }
+        let window = |number: usize| {
+            let mut window = first.sources[number].window(self.info.sample)?;
+            for band in others {
+                let other = band.sources[number].window(self.info.sample)?;
+                let is_alike = (other.source, other.cells, other.from)
+                    == (window.source, window.cells, window.from)
+                    && other.rule == window.rule;
+                // (A sample that is transparent in one band only has no such rule.)
+                if !is_alike || window.rule.nodata.is_some() || window.rule.nan {
+                    return None;
+                }
+                window.channels.extend(other.channels);
+            }
+            Some(window)
+        };
+        (0..first.sources.len()).map(window).collect()
+    }
+}
+
+impl Source {
+    /// Returns the window of a file that the source is, if its samples are used unchanged.
+    fn window(&self, sample: SampleType) -> Option<SourceWindow> {
+        if self.factor != [1; 2] || self.raster.info().sample != sample {
+            return None;
+        }
+        let [window] = <[SourceWindow; 1]>::try_from(self.raster.source_windows()?).ok()?;
+        if window.rule != PixelRule::default() {
+            return None;
+        }
+        let along = |axis: usize, start: u64| (start as i64 - self.origin[axis]) as u64 + window.from[axis];
+        let from = [along(0, self.region.x), along(1, self.region.y)];
+        let (nodata, nan) = match &self.missing {
+            Missing::None => (None, false),
+            Missing::Sample(sample) => (Some(sample.clone()), false),
+            Missing::Nan => (None, true),
+        };
+        let rule = PixelRule { nodata, nan, ignores_mask: true, ..PixelRule::default() };
+        Some(SourceWindow { rule, cells: self.region, from, ..window })
     }
 }
 

@@ -75,6 +75,7 @@ pub(super) fn read(path: &Path, options: &RasterOptions) -> Result<Vrt> {
             memory: options.memory / most as u64,
             nesting: nesting.clone(),
             access: options.access.clone(),
+            recorder: options.recorder.clone(),
             ..RasterOptions::default()
         },
         nesting,

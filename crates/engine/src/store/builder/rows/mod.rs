@@ -56,6 +56,11 @@ impl RowLevel {
 impl RowBlock {
     /// Returns whether blocks without VOID and transparent cells can be built in rows for a rule.
     pub(super) fn supports(form: TreeType, rule: Rule, count_classes: bool) -> bool {
+        // (In browsers, where a smaller module is worth more than faster blocks, all are built
+        // alike.)
+        if cfg!(target_family = "wasm") {
+            return false;
+        }
         match rule {
             // (Without VOID, the occupancy is the mean. Transparent cells are excluded by the
             // caller.)

@@ -1,8 +1,11 @@
 //! Inverse of the predictors, which store differences between neighbours in a row.
 
+use serde::{Deserialize, Serialize};
+
 /// Filter that was applied to rows before compression.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Predictor {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Predictor {
+    /// No filter.
     None,
     /// Each sample is the difference from the same channel of the previous pixel.
     Horizontal,
@@ -12,7 +15,7 @@ pub(super) enum Predictor {
 
 /// Restores `rows` (each of `row_bytes`, with samples of `size` bytes) to plain little-endian
 /// samples.
-pub(super) fn restore(
+pub(crate) fn restore(
     predictor: Predictor,
     rows: &mut [u8],
     row_bytes: usize,

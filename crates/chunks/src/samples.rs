@@ -1,19 +1,25 @@
 //! Sample formats of TIFF files, and their conversion to Spinney's types.
 
+use serde::{Deserialize, Serialize};
 use spinney_base::value::SampleType;
 
 /// Sample format of a file, with its number of bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum SampleFormat {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SampleFormat {
+    /// Unsigned integers.
     Uint(u8),
+    /// Integers in two's complement.
     Int(u8),
+    /// Floating-point numbers.
     Float(u8),
 }
 
 impl SampleFormat {
-    /// The format for the tags SampleFormat and BitsPerSample. The error names an unsupported
-    /// format.
-    pub(super) fn new(format: u64, bits: u64) -> Result<SampleFormat, String> {
+    /// The format for the tags SampleFormat and BitsPerSample.
+    ///
+    /// # Errors
+    /// Names an unsupported format.
+    pub fn new(format: u64, bits: u64) -> Result<SampleFormat, String> {
         match (format, bits) {
             // 4 is "undefined", which readers treat as unsigned.
             (1 | 4, 1..=32 | 64) => Ok(SampleFormat::Uint(bits as u8)),
@@ -24,7 +30,18 @@ impl SampleFormat {
         }
     }
 
-    pub(crate) fn bits(self) -> usize {
+    /// Checks a format of unknown origin: [`SampleFormat::new`] must accept it.
+    pub(crate) fn check(self) -> Result<(), String> {
+        let format = match self {
+            SampleFormat::Uint(_) => 1,
+            SampleFormat::Int(_) => 2,
+            SampleFormat::Float(_) => 3,
+        };
+        SampleFormat::new(format, self.bits() as u64).map(drop)
+    }
+
+    /// Bits of a sample.
+    pub fn bits(self) -> usize {
         let (SampleFormat::Uint(bits) | SampleFormat::Int(bits) | SampleFormat::Float(bits)) = self;
         bits.into()
     }
@@ -32,7 +49,7 @@ impl SampleFormat {
     /// Bytes of a sample; `None` if samples are bit-packed, so that byte order and predictors do
     /// not apply. That includes 24-bit integers: their most significant byte comes first in any
     /// file.
-    pub(super) fn bytes(self) -> Option<usize> {
+    pub(crate) fn bytes(self) -> Option<usize> {
         match self {
             SampleFormat::Uint(24) => None,
             _ => self.bits().is_multiple_of(8).then_some(self.bits() / 8),
@@ -40,7 +57,7 @@ impl SampleFormat {
     }
 
     /// The type that holds all such samples.
-    pub(crate) fn sample(self) -> SampleType {
+    pub fn sample(self) -> SampleType {
         match self {
             SampleFormat::Uint(1..=8) => SampleType::U8,
             SampleFormat::Uint(9..=16) => SampleType::U16,
@@ -56,7 +73,7 @@ impl SampleFormat {
     }
 
     /// Name of the format, such as "uint12".
-    pub(crate) fn name(self) -> String {
+    pub fn name(self) -> String {
         match self {
             SampleFormat::Uint(bits) => format!("uint{bits}"),
             SampleFormat::Int(bits) => format!("int{bits}"),
@@ -67,7 +84,7 @@ impl SampleFormat {
 
     /// Unpacks samples of a row from sample `first` on, until `out` is full. Byte-aligned samples
     /// are little-endian.
-    pub(crate) fn widen(self, row: &[u8], first: usize, out: &mut [u8]) {
+    pub fn widen(self, row: &[u8], first: usize, out: &mut [u8]) {
         let count = out.len() / self.sample().size();
         let row = match self.bytes() {
             Some(size) => &row[first * size..(first + count) * size],

@@ -1,0 +1,57 @@
+//! What is recorded for a layer of an index.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::{SourceRecorder, SourceWindow};
+use crate::import::{Raster, Validity};
+use spinney_base::io::FileAccess;
+use spinney_base::value::{Value, ValueType};
+use spinney_base::{Error, Result};
+use spinney_references::PixelRule;
+
+/// Where the cells of a layer are, and the records of these files.
+pub(crate) struct IndexPlan {
+    pub(crate) recorder: Arc<SourceRecorder>,
+    pub(crate) access: FileAccess,
+    /// Windows of files, from the bottom to the top.
+    pub(crate) windows: Vec<SourceWindow>,
+    pub(crate) value: ValueType,
+    /// The value that means VOID.
+    pub(crate) nodata: Option<Value>,
+}
+
+impl IndexPlan {
+    /// Plans the layer of a raster.
+    ///
+    /// # Errors
+    /// If its pixels are not those of recorded files.
+    pub(crate) fn of(
+        raster: &dyn Raster,
+        (value, nodata): (ValueType, Option<Value>),
+        recorder: Arc<SourceRecorder>,
+        access: &FileAccess,
+    ) -> Result<IndexPlan> {
+        let mut windows = raster.source_windows().ok_or_else(|| not_indexable(raster.path()))?;
+        let info = raster.info();
+        let opacity = Validity::by_opacity(info);
+        let opacity = opacity.rule();
+        for window in &mut windows {
+            if window.rule == PixelRule::default() {
+                window.rule = opacity.clone();
+            }
+            // (Otherwise transparent pixels of a virtual raster would show others below.)
+            if (window.rule.alpha, window.rule.zero) != (opacity.alpha, opacity.zero) {
+                return Err(not_indexable(raster.path()));
+            }
+        }
+        Ok(IndexPlan { recorder, access: access.clone(), windows, value, nodata })
+    }
+}
+
+/// Returns the error for a raster whose pixels are not those of TIFF files.
+fn not_indexable(path: &Path) -> Error {
+    let advice = "build a tree (`spinney build`), or index TIFF files, or a virtual raster that arranges \
+                  TIFF files without scaling, masks or other types";
+    Error::unsupported(path, "a raster whose pixels are not those of a TIFF file", advice)
+}

@@ -1,0 +1,125 @@
+//! The sections of an index, from the records of its files.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use super::names::name_in_index;
+use super::{IndexPlan, RecordedImage};
+use crate::import::{ImportOptions, plan};
+use spinney_base::io::FileVersion;
+use spinney_base::sort;
+use spinney_base::space::{Dimension, morton_encode};
+use spinney_base::{Error, Progress, Result};
+use spinney_references::{
+    DescribedSource, LayerCells, MappedWindow, Source, SourceImage, SourceList, SourceVersion, write_pages,
+};
+
+/// Makes the sections of an index from the plans of its layers, which share a recorder: the list of
+/// sources, and the pages that describe these.
+///
+/// # Errors
+/// If a file was changed while it was read, or a name is not possible.
+pub(crate) fn write_sections(
+    index: &Path,
+    layers: &[&IndexPlan],
+    progress: &dyn Progress,
+) -> Result<(Vec<u8>, Vec<u8>)> {
+    let IndexPlan { recorder, access, .. } = layers[0];
+    let order = in_order_of_cells(layers);
+    let numbers: HashMap<usize, u32> = order.iter().copied().zip(0..).collect();
+    let mut list = SourceList::default();
+    for IndexPlan { windows, nodata, value, .. } in layers {
+        let mut placements: Vec<MappedWindow> = windows
+            .iter()
+            .map(|window| MappedWindow {
+                source: numbers[&window.source],
+                channels: SourceList::number_of(
+                    &mut list.channels,
+                    window.channels.iter().map(|channel| *channel as u16).collect(),
+                ),
+                rule: SourceList::number_of(&mut list.rules, window.rule.clone()),
+                cells: window.cells,
+                from: window.from,
+            })
+            .collect();
+        let nodata = nodata.map(|nodata| nodata.to_bytes()[..value.size()].to_vec());
+        // (Equal ones would take so few bytes that readers refuse them.)
+        placements.dedup();
+        list.layers.push(LayerCells::new(nodata, &placements));
+    }
+    for number in &order {
+        let source = recorder.get(*number);
+        for image in [Some(&source.image), source.mask.as_ref()].into_iter().flatten() {
+            SourceList::number_of(&mut list.formats, image.format.clone());
+        }
+    }
+    let formats = list.formats.clone();
+    let mut sources = order.into_iter();
+    write_pages(index, list, &mut || {
+        let Some(number) = sources.next() else { return Ok(None) };
+        progress.check()?;
+        recorder.complete(number, access, progress)?;
+        let recorded = recorder.get(number);
+        let image = |image: &RecordedImage| {
+            let format = formats.iter().position(|format| *format == image.format);
+            SourceImage::new(format.expect("all formats are listed") as u32)
+        };
+        let version = match &recorded.stat.version {
+            FileVersion::Modified(time) => SourceVersion::Modified(*time),
+            FileVersion::Tag(tag) => SourceVersion::Tag(tag.clone()),
+        };
+        let source = Source {
+            name: name_in_index(index, &recorded.path)?,
+            length: recorded.stat.length,
+            page: recorded.page,
+            version,
+            size: recorded.size,
+            image: image(&recorded.image),
+            mask: recorded.mask.as_ref().map(image),
+            hole: recorded.hole.clone(),
+            decoder: recorded.image.format.lossy_decoder().map(str::to_string),
+        };
+        let mask = recorded.mask.as_ref().map_or(Vec::new(), |mask| mask.chunks.chunks());
+        let described: DescribedSource = (source, [recorded.image.chunks.chunks(), mask]);
+        Ok(Some(described))
+    })
+}
+
+/// Makes the sections of an index that was built in shards: `checksums` are those that the shards
+/// have recorded, with the files' names. Chunks that no shard has read are read.
+///
+/// # Errors
+/// Those of [`plan`]; also if checksums are corrupt, or a file was changed.
+pub fn sections_of_shards(
+    index: &Path,
+    inputs: &[PathBuf],
+    options: &ImportOptions,
+    checksums: &mut dyn Iterator<Item = Result<(PathBuf, Vec<u8>)>>,
+    progress: &dyn Progress,
+) -> Result<(Vec<u8>, Vec<u8>)> {
+    let import = plan(inputs, options)?;
+    let layer = import.index.as_ref().ok_or_else(|| {
+        Error::unsupported(index, "shards that are not those of an index", "plan them again")
+    })?;
+    for read in checksums {
+        let (path, bytes) = read?;
+        layer.recorder.restore(&path, &bytes)?;
+    }
+    write_sections(index, &[layer], progress)
+}
+
+/// Returns the numbers of the files in the order of their cells, so that those near each other are
+/// described together.
+fn in_order_of_cells(layers: &[&IndexPlan]) -> Vec<usize> {
+    let mut firsts: HashMap<usize, u64> = HashMap::new();
+    for window in layers.iter().flat_map(|layer| &layer.windows) {
+        let spread = |at: u64| morton_encode(Dimension::Quad, at as u32);
+        let (x, y) = (window.cells.x + window.cells.width / 2, window.cells.y + window.cells.height / 2);
+        let at = spread(x) | spread(y) << 1;
+        let first = firsts.entry(window.source).or_insert(at);
+        *first = at.min(*first);
+    }
+    let mut order: Vec<(usize, u64)> = firsts.into_iter().collect();
+    sort::by(&mut order, &mut |a, b| (a.1, a.0).cmp(&(b.1, b.0)));
+    order.into_iter().map(|(number, _)| number).collect()
+}

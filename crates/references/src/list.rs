@@ -1,0 +1,122 @@
+//! The list of sources: what is read when an index is opened.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::pages::PageEntry;
+use super::pixels::PixelRule;
+use super::placements::{self, MappedWindow};
+use spinney_base::{Error, Result};
+use spinney_chunks::ChunkFormat;
+use spinney_container::VersionedSection;
+use spinney_engine::store::goblin::ReferringFile;
+
+/// The section's name and version, and its maximum size.
+const SECTION: VersionedSection<{ 256 << 20 }> = VersionedSection { name: "list of sources", version: 1 };
+
+/// Maximum size in bytes of a decoded chunk.
+pub(crate) const MAX_CHUNK: u64 = 1 << 28;
+
+/// The list of sources.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SourceList {
+    /// How chunks are stored; sources refer to these by number.
+    pub formats: Vec<ChunkFormat>,
+    /// Rules for VOID pixels; placements refer to these by number.
+    pub rules: Vec<PixelRule>,
+    /// Lists of channels, from 0; placements refer to these by number.
+    pub channels: Vec<Vec<u16>>,
+    /// Cells of each layer of the file.
+    pub layers: Vec<LayerCells>,
+    /// Number of sources.
+    pub sources: u32,
+    /// The pages that describe them.
+    pub(crate) pages: Vec<PageEntry>,
+}
+
+/// Where the cells of a layer are.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LayerCells {
+    /// Bytes of the value that means VOID, in addition to the rules of placements.
+    pub nodata: Option<Vec<u8>>,
+    /// Number of placements.
+    count: u64,
+    placements: Vec<u8>,
+}
+
+impl LayerCells {
+    /// Cells of placements, from the bottom to the top.
+    pub fn new(nodata: Option<Vec<u8>>, placements: &[MappedWindow]) -> LayerCells {
+        LayerCells { nodata, count: placements.len() as u64, placements: placements::encode(placements) }
+    }
+}
+
+impl SourceList {
+    /// Returns the number of a format, a rule or a list of channels, which is added if it is new.
+    pub fn number_of<T: PartialEq>(known: &mut Vec<T>, item: T) -> u32 {
+        let found = known.iter().position(|other| *other == item);
+        found.unwrap_or_else(|| {
+            known.push(item);
+            known.len() - 1
+        }) as u32
+    }
+
+    /// Reads the list of a file.
+    pub(crate) fn read(file: &ReferringFile<'_>) -> Result<SourceList> {
+        let stored = file.sources.read(file.path, file.bytes, SECTION.name)?;
+        SourceList::from_bytes(file.path, &stored, file.headers.len())
+    }
+
+    /// Encodes the list.
+    ///
+    /// # Errors
+    /// If it is too large.
+    pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
+        SECTION.encode(self).ok_or_else(|| {
+            let found = format!("an index of {} sources, whose list exceeds 256 MiB", self.sources);
+            Error::unsupported(path, found, "index parts of them, and combine these with `spinney manifest`")
+        })
+    }
+
+    /// Checks and decodes the list of a file of `layers` layers.
+    fn from_bytes(path: &Path, bytes: &[u8], layers: usize) -> Result<SourceList> {
+        let corrupt = |found: String, expected: &str| Error::corrupt(path, SECTION.name, found, expected);
+        let (list, used): (SourceList, usize) = SECTION.decode(path, bytes)?;
+        if used != bytes.len() || list.layers.len() != layers {
+            let found = format!("{} layers, {} bytes left", list.layers.len(), bytes.len() - used);
+            return Err(corrupt(found, "as many layers as the file has, and no other bytes"));
+        }
+        for format in &list.formats {
+            format.check().map_err(|found| corrupt(found, "a valid format of chunks"))?;
+            let bytes =
+                format.chunk_bytes().max((format.chunk_width * format.chunk_height).saturating_mul(8));
+            if bytes > MAX_CHUNK {
+                let found =
+                    format!("a source with tiles of {} x {}", format.chunk_width, format.chunk_height);
+                return Err(Error::unsupported(path, found, "rewrite it with tiles of at most 256 MiB"));
+            }
+        }
+        let described: u64 = list.pages.iter().map(|page| u64::from(page.sources)).sum();
+        if described != u64::from(list.sources) || list.pages.iter().any(|page| page.sources == 0) {
+            let found = format!("pages of {described} sources");
+            return Err(corrupt(found, &format!("{} sources", list.sources)));
+        }
+        Ok(list)
+    }
+
+    /// Decodes the placements of a layer.
+    pub(crate) fn placements(&self, path: &Path, layer: usize) -> Result<Vec<MappedWindow>> {
+        let LayerCells { count, placements, .. } = &self.layers[layer];
+        let decoded = placements::decode(placements, *count, self.sources).filter(|placements| {
+            let has = |placement: &MappedWindow| {
+                (placement.rule as usize) < self.rules.len()
+                    && (placement.channels as usize) < self.channels.len()
+            };
+            placements.iter().all(has)
+        });
+        decoded.ok_or_else(|| {
+            Error::corrupt(path, SECTION.name, format!("{count} placements"), "valid placements of sources")
+        })
+    }
+}

@@ -1,0 +1,49 @@
+//! Indexes of TIFF files, whose cells stay in these.
+
+use std::path::PathBuf;
+
+use pyo3::prelude::*;
+use spinney::import::raster::{plan, plan_stack};
+use spinney::raw::import::raster::{self, IndexUpdate};
+
+use crate::build::FileOptions;
+use crate::files::check_output;
+use crate::jobs::{self, Terms};
+
+/// Makes an index of files.
+#[pyfunction]
+pub(crate) fn build_index(
+    py: Python<'_>,
+    paths: Vec<PathBuf>,
+    out: PathBuf,
+    options: FileOptions,
+    terms: Terms,
+) -> PyResult<()> {
+    check_output(&paths, &out)?;
+    if let Some(stack) = options.stack(&paths)? {
+        return jobs::run(py, terms, |work| {
+            raster::write_stack(&plan_stack(&paths, &stack)?, work.create_tree(&out)?, work)
+        });
+    }
+    let options = options.raster_options()?;
+    jobs::run(py, terms, |work| plan(&paths, &options)?.build(work.create_tree(&out)?, work))
+}
+
+/// Updates an index; returns the numbers of files that were not read, changed, added and removed.
+#[pyfunction]
+pub(crate) fn update_index(
+    py: Python<'_>,
+    index: PathBuf,
+    paths: Option<Vec<PathBuf>>,
+    out: PathBuf,
+    prefixes: Vec<(String, String)>,
+    memory: u64,
+    terms: Terms,
+) -> PyResult<(usize, usize, usize, usize)> {
+    let mut update = IndexUpdate::default();
+    (update.sources, update.prefixes, update.memory) = (paths, prefixes, memory);
+    jobs::run(py, terms, |work| {
+        let report = raster::update_index(&index, &update, work.create_tree(&out)?, work)?;
+        Ok((report.unchanged, report.changed, report.added, report.removed))
+    })
+}
