@@ -70,7 +70,10 @@ impl UpdatedIndex<'_> {
         let inner = |node| Child::Inner { representative: Value::ZERO, node };
         let deeper = self.header.depth() - self.old.header().depth();
         let block = self.header.shape.block_level();
-        if (self.is_new)(&region) || code.level() < deeper {
+        // (Builders do not copy a root. If it is a block, its cells are read, by the new index's
+        // names of sources.)
+        let is_only_block = code.level() == deeper && self.old.header().shape.block_level() == 0;
+        if (self.is_new)(&region) || code.level() < deeper || is_only_block {
             let node = if code.level() < block { UpdatedNode::Mixed(code) } else { UpdatedNode::Block(code) };
             return Ok(inner(node));
         }

@@ -40,7 +40,7 @@ impl Source for Goblin {
             Child::Leaf(value) => Child::Leaf(value),
             Child::Inner { representative, .. } => {
                 let code = Code::root(self.layout.dimension);
-                let segment = self.segment_above(code)?.index() as u32;
+                let segment = self.find_segment(code)?.ok_or_else(|| self.no_root())? as u32;
                 Child::Inner { representative, node: GoblinNode { code, segment, place: RunNode::default() } }
             }
         })
