@@ -1,7 +1,6 @@
 //! `spinney index`: trees whose cells stay in TIFF files.
 
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
@@ -14,6 +13,7 @@ use spinney::{Crs, DataKind, Number, Rule};
 
 use super::Global;
 use super::args::{Memory, OutputLimit, check_output, expand_lists, expand_sources, parse_crs};
+use super::build::Pages;
 use super::report::{Work, report_built};
 
 /// Make an index of GeoTIFF files: a tree whose cells stay in these
@@ -83,7 +83,7 @@ pub(crate) struct Args {
     times: Option<Vec<String>>,
     /// Pages of a TIFF file that has several: one by its number from 0, or all of them, as layers
     /// of a stack
-    #[arg(long, value_name = "layers|N")]
+    #[arg(long, value_name = "layers|N", value_parser = parse_pages)]
     pages: Option<Pages>,
     #[command(flatten)]
     memory: Memory,
@@ -95,24 +95,10 @@ pub(crate) struct Args {
 const OF_NEW: [&str; 10] =
     ["stored_level", "kind", "rule", "band", "nodata", "crs", "stack", "names", "times", "pages"];
 
-/// Pages of a TIFF file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Pages {
-    /// All, as layers.
-    Layers,
-    /// One, by its number from 0.
-    One(usize),
-}
-
-impl FromStr for Pages {
-    type Err = &'static str;
-
-    fn from_str(text: &str) -> Result<Pages, &'static str> {
-        match text {
-            "layers" => Ok(Pages::Layers),
-            _ => text.parse().map(Pages::One).map_err(|_| "expected layers, or a number from 0"),
-        }
-    }
+fn parse_pages(text: &str) -> Result<Pages, &'static str> {
+    // (Indexes have no volumes.)
+    let pages = text.parse().ok().filter(|pages| *pages != Pages::Volume);
+    pages.ok_or("expected layers, or a number from 0")
 }
 
 const EXAMPLES: &str = "\

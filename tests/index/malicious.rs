@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use spinney::raw::store::goblin::Goblin;
 use spinney::{Bounds, Error, FileAccess, OpenOptions};
-use spinney_references::{Chunk, IndexContents, LayerCells, MappedWindow, Source, SourceList, write_pages};
+use spinney_references::{
+    Chunk, IndexContents, IndexedSource, LayerCells, MappedWindow, SourceList, write_pages,
+};
 
 use crate::common::command::{complaint, is_alone, own_peak_memory};
 use crate::common::{Random, with};
@@ -71,11 +73,11 @@ fn each_byte_of_the_list() {
     assert!(own_peak_memory() < 256 << 20, "{} bytes", own_peak_memory());
 }
 
-/// What an index says about its sources, to be changed.
+/// Decoded sections of an index, to be changed.
 struct Contents {
     list: SourceList,
     layers: Vec<(Option<Vec<u8>>, Vec<MappedWindow>)>,
-    sources: Vec<(Source, [Vec<Chunk>; 2])>,
+    sources: Vec<(IndexedSource, [Vec<Chunk>; 2])>,
 }
 
 impl Contents {

@@ -17,7 +17,7 @@ pub(crate) use platform::supports;
 /// Name and version of the decoder of JPEG chunks, as locked in `Cargo.lock`. Decoders, and their
 /// versions, may differ in the lowest bits of a sample.
 const JPEG_DECODER: &str = "zune-jpeg 0.5.15";
-/// The same for WebP chunks.
+/// Name and version of the decoder of WebP chunks.
 const WEBP_DECODER: &str = "image-webp 0.2.4";
 
 /// Compression of chunks.

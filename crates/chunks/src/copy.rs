@@ -3,7 +3,7 @@
 use crate::{ChunkFormat, DecoderStates};
 
 /// Pixels and channels of a decoded chunk.
-pub struct Selection<'a> {
+pub struct ChunkSelection<'a> {
     /// The first column, within the chunk.
     pub left: usize,
     /// The first row, within the chunk.
@@ -28,10 +28,10 @@ impl ChunkFormat {
         &self,
         states: &mut DecoderStates,
         chunk: &[u8],
-        selection: &Selection<'_>,
+        selection: &ChunkSelection<'_>,
         rows: &mut [&mut [u8]],
     ) {
-        let Selection { left, top, width, chosen, slot } = *selection;
+        let ChunkSelection { left, top, width, chosen, slot } = *selection;
         let buffer = &mut states.row;
         let planar = self.planes > 1;
         let samples = if planar { 1 } else { self.channels() };

@@ -178,7 +178,7 @@ impl ChunkFormat {
         self.finish(chunk, rows);
     }
 
-    /// What follows decompression: byte order, predictor, colour conversion.
+    /// Restores byte order and samples (predictor, colour conversion) of a decompressed chunk.
     fn finish(&self, chunk: &mut Vec<u8>, rows: usize) {
         let samples = self.chunk_samples();
         if let Some(size) = self.sample_format.bytes() {
@@ -193,7 +193,7 @@ impl ChunkFormat {
         if self.planes > 1 { 1 } else { self.samples }
     }
 
-    /// The same after colour conversion.
+    /// Returns the number of samples of a chunk's pixel after colour conversion.
     fn converted_samples(&self) -> usize {
         if self.planes > 1 { 1 } else { self.channels() }
     }

@@ -33,7 +33,7 @@ fn decoded(format: &ChunkFormat, raw: &[u8], rows: usize) -> Result<Vec<u8>, Str
     result.map(|()| chunk)
 }
 
-fn copied(format: &ChunkFormat, chunk: &[u8], selection: &Selection<'_>, rows: usize) -> Vec<u8> {
+fn copied(format: &ChunkFormat, chunk: &[u8], selection: &ChunkSelection<'_>, rows: usize) -> Vec<u8> {
     let pixel = format.sample_format.sample().size() * selection.chosen.len();
     let mut out = vec![0; selection.width * pixel * rows];
     let mut rows: Vec<&mut [u8]> = out.chunks_exact_mut(selection.width * pixel).collect();
@@ -171,7 +171,7 @@ fn uncompressed_chunks_are_restored_in_place() {
     assert_eq!(chunk, [0x01, 0x30, 0x04, 0x00]);
     assert_eq!(decoded(&format, &[0; 3], 2).unwrap_err(), "only 3 bytes");
     // The middle of the second row.
-    let selection = Selection { left: 1, top: 1, width: 2, chosen: &[0], slot: 0 };
+    let selection = ChunkSelection { left: 1, top: 1, width: 2, chosen: &[0], slot: 0 };
     assert_eq!(copied(&format, &chunk, &selection, 1), [4, 0]);
 }
 
@@ -180,7 +180,7 @@ fn channels_are_chosen() {
     let format = ChunkFormat { samples: 3, sample_format: SampleFormat::Uint(16), ..plain() };
     let chunk: Vec<u8> = (0..24u16).flat_map(u16::to_le_bytes).collect();
     let numbers = |bytes: Vec<u8>| -> Vec<u8> { bytes.into_iter().step_by(2).collect() };
-    let selection = |chosen, slot| Selection { left: 1, top: 0, width: 2, chosen, slot };
+    let selection = |chosen, slot| ChunkSelection { left: 1, top: 0, width: 2, chosen, slot };
     assert_eq!(numbers(copied(&format, &chunk, &selection(&[2, 0], 0), 2)), [5, 3, 8, 6, 17, 15, 20, 18]);
     assert_eq!(numbers(copied(&format, &chunk, &selection(&[1], 0), 2)), [4, 7, 16, 19]);
     assert_eq!(
@@ -340,8 +340,8 @@ fn use_all(format: &ChunkFormat, bytes: &[u8]) {
     assert_eq!(chunk.len(), format.decoded_bytes(rows).1);
     let (width, last) = (format.chunk_width as usize, format.channels() - 1);
     let all: Vec<usize> = (0..=last).collect();
-    let whole = Selection { left: 0, top: 0, width, chosen: &all, slot: last };
-    let corner = Selection { left: width - 1, top: rows - 1, width: 1, chosen: &[last], slot: 0 };
+    let whole = ChunkSelection { left: 0, top: 0, width, chosen: &all, slot: last };
+    let corner = ChunkSelection { left: width - 1, top: rows - 1, width: 1, chosen: &[last], slot: 0 };
     copied(format, &chunk, &whole, rows);
     copied(format, &chunk, &corner, 1);
 }

@@ -11,7 +11,7 @@ use spinney_base::io::{FileStat, ReadBackend};
 use spinney_base::space::Region;
 use spinney_base::value::{Value, ValueType};
 use spinney_base::{Error, Progress, Result};
-use spinney_chunks::Selection;
+use spinney_chunks::ChunkSelection;
 use spinney_container::{Codec, Finding, Header, MAX_FINDINGS, Section};
 use spinney_engine::store::Slab;
 use spinney_engine::store::goblin::{OpenReferences, ReferencedCells, ReferringFile, register_references};
@@ -308,7 +308,7 @@ impl IndexedCells {
                         samples.for_each(|sample| sample.copy_from_slice(hole));
                         continue;
                     };
-                    let selection = Selection {
+                    let selection = ChunkSelection {
                         left: (part.x - chunk.x) as usize,
                         top: (part.y - chunk.y) as usize,
                         width: part.width as usize,

@@ -23,7 +23,7 @@ mod table;
 pub use self::cells::{open, register};
 pub use self::contents::IndexContents;
 pub use self::list::{LayerCells, SourceList};
-pub use self::pages::{DescribedSource, Source, SourceImage, SourceVersion, write_pages};
+pub use self::pages::{DescribedSource, IndexedSource, SourceImage, SourceVersion, write_pages};
 pub use self::pixels::{PixelRule, paint};
 pub use self::placements::{MappedWindow, MappedWindowIndex};
 pub use self::table::{Chunk, HOLE};

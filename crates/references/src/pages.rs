@@ -18,7 +18,7 @@ const PAGE_BYTES: usize = 8 << 10;
 
 /// A raster that has cells.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Source {
+pub struct IndexedSource {
     /// Path relative to the index's directory, absolute path, or URL without query.
     pub name: String,
     /// Length in bytes.
@@ -96,7 +96,7 @@ impl SourceImage {
 }
 
 /// A source, and the chunks of its image and of its mask.
-pub type DescribedSource = (Source, [Vec<Chunk>; 2]);
+pub type DescribedSource = (IndexedSource, [Vec<Chunk>; 2]);
 
 /// Writes the sections of an index: the list, which it completes, and the pages. `path` is for
 /// messages; `next` returns the next source with the chunks of its image and mask.
@@ -109,7 +109,7 @@ pub fn write_pages(
     next: &mut dyn FnMut() -> Result<Option<DescribedSource>>,
 ) -> Result<(Vec<u8>, Vec<u8>)> {
     let mut bytes = Vec::new();
-    let mut page: Vec<Source> = Vec::new();
+    let mut page: Vec<IndexedSource> = Vec::new();
     let mut held = 0;
     (list.sources, list.pages) = (0, Vec::new());
     loop {
@@ -157,8 +157,8 @@ mod tests {
     use super::*;
     use spinney_base::Error;
 
-    fn source(number: u64) -> Source {
-        Source {
+    fn source(number: u64) -> IndexedSource {
+        IndexedSource {
             name: format!("tiles/{number}.tif"),
             length: 1000 + number,
             version: match number % 2 {
@@ -207,7 +207,8 @@ mod tests {
             assert_eq!((u64::from(list.sources), used > 0), (count, true));
             let mut found = Vec::new();
             for entry in &list.pages {
-                let page: (Vec<Source>, usize) = SOURCE_PAGE.decode(path, page_at(&bytes, entry.location))?;
+                let page: (Vec<IndexedSource>, usize) =
+                    SOURCE_PAGE.decode(path, page_at(&bytes, entry.location))?;
                 assert_eq!(page.0.len() as u32, entry.sources);
                 found.extend(page.0);
             }
@@ -230,7 +231,7 @@ mod tests {
                 }
                 let plain = |image: &SourceImage| SourceImage::new(image.format);
                 let mask = found.mask.as_ref().map(plain);
-                assert_eq!(Source { image: plain(&found.image), mask, ..found }, source(number));
+                assert_eq!(IndexedSource { image: plain(&found.image), mask, ..found }, source(number));
             }
         }
         Ok(())

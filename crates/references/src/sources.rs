@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use super::list::SourceList;
-use super::pages::{Location, SOURCE_PAGE, Source, SourceImage, SourceVersion, Table};
+use super::pages::{IndexedSource, Location, SOURCE_PAGE, SourceImage, SourceVersion, Table};
 use super::table::{self, Chunk, MAX_TABLE, PAGE_CHUNKS};
 use spinney_base::io::{
     CachedBytes, FileAccess, FileStat, FileVersion, ReadBackend, Unpacked, listed_path, url_of,
@@ -46,7 +46,7 @@ pub(crate) struct Decoder {
 
 /// A source that is in use.
 pub(crate) struct OpenSource {
-    pub(crate) source: Source,
+    pub(crate) source: IndexedSource,
     /// Its file; opened when a chunk is read.
     file: OnceLock<Box<dyn ReadBackend>>,
     /// Its image and its mask.
@@ -82,7 +82,7 @@ impl Sources {
     }
 
     /// Returns the path or URL of a source.
-    pub(crate) fn path_of(&self, source: &Source) -> Result<PathBuf> {
+    pub(crate) fn path_of(&self, source: &IndexedSource) -> Result<PathBuf> {
         let path = listed_path(&self.path, &source.name)?;
         self.access.check_external(&self.path, &path)?;
         Ok(path)
@@ -103,10 +103,14 @@ impl Sources {
     }
 
     /// Reads the descriptions of a page of sources, with the number of the first.
-    pub(crate) fn read_page(&self, bytes: &dyn ReadBackend, page: usize) -> Result<(u32, Vec<Source>)> {
+    pub(crate) fn read_page(
+        &self,
+        bytes: &dyn ReadBackend,
+        page: usize,
+    ) -> Result<(u32, Vec<IndexedSource>)> {
         let entry = self.list.pages[page];
         let stored = self.page(bytes, entry.location, SOURCE_PAGE.name, 16 << 20)?;
-        let (sources, used): (Vec<Source>, usize) = SOURCE_PAGE.decode(&self.path, &stored)?;
+        let (sources, used): (Vec<IndexedSource>, usize) = SOURCE_PAGE.decode(&self.path, &stored)?;
         if sources.len() != entry.sources as usize || used != stored.len() {
             let found = format!("{} sources and {} other bytes", sources.len(), stored.len() - used);
             return Err(Error::corrupt(&self.path, SOURCE_PAGE.name, found, entry.sources.to_string()));
@@ -116,7 +120,7 @@ impl Sources {
     }
 
     /// Checks the description of a source.
-    fn check(&self, source: &Source) -> Result<()> {
+    fn check(&self, source: &IndexedSource) -> Result<()> {
         let is_whole = |image: &SourceImage| {
             let Some(format) = self.list.formats.get(image.format as usize) else { return false };
             let plane = across(format, source).checked_mul(down(format, source));
@@ -166,7 +170,7 @@ impl Sources {
         Ok(source)
     }
 
-    pub(crate) fn opened(&self, source: Source) -> OpenSource {
+    pub(crate) fn opened(&self, source: IndexedSource) -> OpenSource {
         let image = |image: Option<&SourceImage>| OpenImage {
             table: (0..image.map_or(0, |image| image.table.len())).map(|_| OnceLock::new()).collect(),
             decoded: Unpacked::new(&self.access, CHUNK_BITS),
@@ -176,7 +180,7 @@ impl Sources {
     }
 
     /// Returns the format of an image of a source.
-    pub(crate) fn format(&self, source: &Source, image: usize) -> &ChunkFormat {
+    pub(crate) fn format(&self, source: &IndexedSource, image: usize) -> &ChunkFormat {
         let image = if image == 0 { Some(&source.image) } else { source.mask.as_ref() };
         &self.list.formats[image.unwrap_or(&source.image).format as usize]
     }
@@ -225,7 +229,7 @@ impl Sources {
     }
 
     /// Reads all tables of a source.
-    pub(crate) fn check_tables(&self, bytes: &dyn ReadBackend, source: Source) -> Result<()> {
+    pub(crate) fn check_tables(&self, bytes: &dyn ReadBackend, source: IndexedSource) -> Result<()> {
         let open = self.opened(source);
         for (image, of_image) in [Some(&open.source.image), open.source.mask.as_ref()].into_iter().enumerate()
         {
@@ -238,7 +242,7 @@ impl Sources {
     }
 
     /// Returns the position of a chunk by number.
-    pub(crate) fn position(&self, source: &Source, image: usize, number: u64) -> ChunkPosition {
+    pub(crate) fn position(&self, source: &IndexedSource, image: usize, number: u64) -> ChunkPosition {
         let format = self.format(source, image);
         let (across, down) = (across(format, source), down(format, source));
         let (plane, rest) = (number / (across * down), number % (across * down));
@@ -366,7 +370,7 @@ impl Sources {
     }
 }
 
-impl Source {
+impl IndexedSource {
     /// Returns length and version when it was indexed.
     pub(crate) fn stat(&self) -> FileStat {
         let version = match &self.version {
@@ -378,11 +382,11 @@ impl Source {
 }
 
 /// Chunks in a row of a source.
-fn across(format: &ChunkFormat, source: &Source) -> u64 {
+fn across(format: &ChunkFormat, source: &IndexedSource) -> u64 {
     source.size[0].div_ceil(format.chunk_width)
 }
 
 /// Chunks in a column of a source.
-fn down(format: &ChunkFormat, source: &Source) -> u64 {
+fn down(format: &ChunkFormat, source: &IndexedSource) -> u64 {
     source.size[1].div_ceil(format.chunk_height)
 }

@@ -34,7 +34,7 @@ pub(super) type BucketKey = (u32, String, Vec<(String, String)>, bool);
 #[derive(Clone)]
 pub(super) struct Bucket {
     pub(super) store: Arc<dyn ObjectStore>,
-    /// The same store, if it lists the files of a prefix page by page.
+    /// Lister of the files of a prefix, page by page; `None` if the store has none.
     pub(super) pages: Option<Arc<dyn PaginatedListStore>>,
 }
 

@@ -23,7 +23,7 @@ use super::{error, profile};
 #[derive(Clone)]
 pub(super) struct ObjectLocation {
     pub(super) store: Arc<dyn ObjectStore>,
-    /// The same store, if it lists the files of a prefix page by page.
+    /// Lister of the files of a prefix, page by page; `None` if the store has none.
     pub(super) pages: Option<Arc<dyn PaginatedListStore>>,
     pub(super) name: StorePath,
 }

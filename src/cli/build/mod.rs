@@ -38,7 +38,7 @@ use self::bintree::BintreeImport;
 use self::csg::PrimitivesImport;
 use self::exact::ExactImport;
 use self::features::{FeatureArgs, Index};
-pub(super) use self::rasters::RasterArgs;
+pub(super) use self::rasters::{Pages, RasterArgs};
 pub(super) use self::solids::SolidArgs;
 use self::surfaces::{SurfaceArgs, SurfaceImport};
 use self::tree::TreeImport;

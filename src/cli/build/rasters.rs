@@ -111,7 +111,7 @@ fn parse_sample(text: &str) -> Result<SampleType, &'static str> {
 
 /// Pages of a TIFF file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Pages {
+pub(in crate::cli) enum Pages {
     /// All, as layers.
     Layers,
     /// All, as planes of a volume.

@@ -47,7 +47,7 @@ pub trait Fetch: Send + Sync {
 /// many bytes cost less than a request.
 pub const DEFAULT_GAP: u64 = 32 << 10;
 
-/// The same for files of which many small ranges are read: tiles of a TIFF file, and an index of
+/// Largest gap in files of which many small ranges are read: tiles of a TIFF file, and an index of
 /// such files. Larger gaps would double the bytes, and save no time.
 const SMALL_GAP: u64 = 4 << 10;
 

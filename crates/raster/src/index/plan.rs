@@ -1,4 +1,4 @@
-//! What is recorded for a layer of an index.
+//! Plans of layers of an index: their sources' windows, and the recorder of the sources.
 
 use std::path::Path;
 use std::sync::Arc;

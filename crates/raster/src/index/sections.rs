@@ -11,7 +11,8 @@ use spinney_base::sort;
 use spinney_base::space::{Dimension, morton_encode};
 use spinney_base::{Error, Progress, Result};
 use spinney_references::{
-    DescribedSource, LayerCells, MappedWindow, Source, SourceImage, SourceList, SourceVersion, write_pages,
+    DescribedSource, IndexedSource, LayerCells, MappedWindow, SourceImage, SourceList, SourceVersion,
+    write_pages,
 };
 
 /// Makes the sections of an index from the plans of its layers, which share a recorder: the list of
@@ -68,7 +69,7 @@ pub(crate) fn write_sections(
             FileVersion::Modified(time) => SourceVersion::Modified(*time),
             FileVersion::Tag(tag) => SourceVersion::Tag(tag.clone()),
         };
-        let source = Source {
+        let source = IndexedSource {
             name: name_in_index(index, &recorded.path)?,
             length: recorded.stat.length,
             page: recorded.page,

@@ -18,10 +18,11 @@ use spinney_engine::ops::write_updated_layer;
 use spinney_engine::store::goblin::{Goblin, ReferringFile};
 use spinney_engine::store::{BuildOptions, TreeWriter, depth_for};
 use spinney_references::{
-    Chunk, IndexContents, MappedWindow, MappedWindowIndex, PixelRule, Source, SourceImage, SourceVersion,
+    Chunk, IndexContents, IndexedSource, MappedWindow, MappedWindowIndex, PixelRule, SourceImage,
+    SourceVersion,
 };
 
-/// What an update of an index changes.
+/// Options of an update of an index.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct IndexUpdate {
@@ -356,7 +357,7 @@ impl Updater<'_> {
     }
 
     /// Checks that a changed file has the size, bands, samples and nodata that it had.
-    fn check_alike(&self, number: usize, before: &Source, contents: &IndexContents) -> Result<()> {
+    fn check_alike(&self, number: usize, before: &IndexedSource, contents: &IndexContents) -> Result<()> {
         let now = self.recorder.get(number);
         let [old, new] = [&contents.formats[before.image.format as usize], &now.image.format];
         let pixels = |format: &ChunkFormat| (format.channels(), format.sample_format.sample());
@@ -440,7 +441,7 @@ fn moved(name: &str, update: &IndexUpdate) -> String {
     found.map_or_else(|| name.to_string(), |(new, rest)| format!("{new}{rest}"))
 }
 
-fn stat_of(source: &Source) -> FileStat {
+fn stat_of(source: &IndexedSource) -> FileStat {
     let version = match &source.version {
         SourceVersion::Modified(time) => FileVersion::Modified(*time),
         SourceVersion::Tag(tag) => FileVersion::Tag(tag.clone()),
@@ -462,7 +463,7 @@ fn window_of(placement: &MappedWindow, source: usize, contents: &IndexContents) 
 /// Returns the record of a file that was not changed, from the index.
 fn recorded(
     path: &Path,
-    source: &Source,
+    source: &IndexedSource,
     [chunks, mask]: &[Vec<Chunk>; 2],
     contents: &IndexContents,
     stat: FileStat,

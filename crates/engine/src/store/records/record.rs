@@ -236,8 +236,8 @@ macro_rules! with_form_type {
 
 pub(crate) use with_form_type;
 
-/// As [`with_form_type`], for code that builds blocks. In browsers only blocks of rasters are
-/// built, for the cells of indexes.
+/// Selects types as [`with_form_type`] does, for code that builds blocks. In browsers only
+/// blocks of rasters are built, for the cells of indexes.
 macro_rules! with_block_type {
     ($form:expr, $V:ident, $R:ident => $body:expr) => {{
         let form: spinney_base::TreeType = $form;

@@ -13,7 +13,7 @@ use crate::index::{RecordedChunks, RecordedImage};
 use spinney_base::space::Region;
 use spinney_base::{Error, Result};
 use spinney_chunks::{
-    ChunkFormat, Colour, Compression, DecoderStates, Predictor, SampleFormat, Selection, Yuv,
+    ChunkFormat, ChunkSelection, Colour, Compression, DecoderStates, Predictor, SampleFormat, Yuv,
 };
 
 /// Bytes of chunks of a remote file that are fetched together: a fraction of the capacity of the
@@ -364,7 +364,7 @@ impl Image {
 
     /// Widens the requested samples of a decoded chunk into the rows of a job.
     fn copy(&self, chunk: &[u8], states: &mut DecoderStates, job: &mut Job<'_>, slot: usize) {
-        let selection = Selection {
+        let selection = ChunkSelection {
             left: (job.part.x - job.across * self.layout.chunk_width) as usize,
             top: (job.part.y - job.down * self.layout.chunk_height) as usize,
             width: job.part.width as usize,
