@@ -3,6 +3,7 @@
 
 pub mod brep_file;
 pub mod command;
+pub mod directory;
 #[cfg(feature = "mesh")]
 pub mod exact;
 pub mod gltf_file;

@@ -10,10 +10,8 @@ use spinney::tree::MemTree;
 use spinney::{Bounds, Crs, DataKind, Frame, Metadata, Output, Rule, SampleType, Value};
 
 use crate::common::command::{command, complaint, spinney, stderr, stdout};
+use crate::common::directory::TestDirectory;
 use crate::common::{options, quad, with};
-
-/// A directory with trees of 200 x 100 cells: each cell's value is its column (modulo 250).
-struct TestDirectory(tempfile::TempDir);
 
 const EXTENT: [u64; 3] = [200, 100, 1];
 
@@ -26,14 +24,6 @@ fn utm() -> Frame {
 }
 
 impl TestDirectory {
-    fn new() -> TestDirectory {
-        TestDirectory(tempfile::tempdir().unwrap())
-    }
-
-    fn name(&self, name: &str) -> String {
-        self.0.path().join(name).to_str().unwrap().into()
-    }
-
     fn tree(&self, name: &str, frame: Frame) -> String {
         let file = self.name(name);
         let cell = |[x, y, _]: [u32; 3]| {

@@ -3,32 +3,23 @@
 
 use std::path::PathBuf;
 
-use tempfile::TempDir;
-
 use crate::common::command::{peak_memory, spinney, stderr, stdout};
+use crate::common::directory::TestDirectory;
 
 const CLASSES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
 const RGB: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_rgb.png");
 const BALL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/ball.goblin");
 
-struct TestDirectory {
-    directory: TempDir,
+/// Writes the island's classes in a new directory, to be edited.
+fn island() -> TestDirectory {
+    let temp = TestDirectory::new();
+    temp.built(CLASSES, "i.autumn", &[]);
+    temp
 }
 
 impl TestDirectory {
-    /// Writes the island's classes, to be edited.
-    fn new() -> TestDirectory {
-        let temp = TestDirectory { directory: tempfile::tempdir().unwrap() };
-        spinney(&["-q", "build", CLASSES, "-o", &temp.at("i.autumn")]).success();
-        temp
-    }
-
-    fn at(&self, name: &str) -> String {
-        self.directory.path().join(name).to_str().unwrap().to_string()
-    }
-
     fn edit(&self, arguments: &[&str]) {
-        let file = self.at("i.autumn");
+        let file = self.name("i.autumn");
         let mut all = vec!["-q", "edit", &file];
         all.extend(arguments);
         spinney(&all).success();
@@ -36,7 +27,7 @@ impl TestDirectory {
 
     /// Returns all values, row by row; 0 is VOID.
     fn values(&self, name: &str) -> Vec<u8> {
-        let arguments = ["get", &self.at(name), "-", "--format", "raw", "--nodata", "0"];
+        let arguments = ["get", &self.name(name), "-", "--format", "raw", "--nodata", "0"];
         spinney(&arguments).success().get_output().stdout.clone()
     }
 }
@@ -49,8 +40,8 @@ fn changed(values: &[u8], cell: impl Fn(usize, usize) -> Option<u8>) -> Vec<u8> 
 
 #[test]
 fn edits_outside_of_the_extent_are_rejected() {
-    let temp = TestDirectory::new();
-    let (file, far) = (temp.at("i.autumn"), temp.at("far.goblin"));
+    let temp = island();
+    let (file, far) = (temp.name("i.autumn"), temp.name("far.goblin"));
     let moved = ["--transform", "50,0,900000,0,-50,3200000"];
     spinney(&[&["build", "-q", CLASSES, "-o", &far][..], &moved].concat()).success();
     for edit in [
@@ -75,7 +66,7 @@ fn edits_outside_of_the_extent_are_rejected() {
 
 #[test]
 fn every_edit_has_its_effect() {
-    let temp = TestDirectory::new();
+    let temp = island();
     let first = temp.values("i.autumn");
     let mut now = first.clone();
     let in_box = |x: usize, y: usize| (10..50).contains(&x) && (20..30).contains(&y);
@@ -92,7 +83,7 @@ fn every_edit_has_its_effect() {
     let inside = temp.values("i.autumn").iter().zip(&now).filter(|(a, b)| a != b).count();
     assert!(inside <= 20, "only cells on the triangle's long side are a matter of rounding: {inside}");
     now = temp.values("i.autumn");
-    let cells = temp.at("cells.csv");
+    let cells = temp.name("cells.csv");
     std::fs::write(&cells, "0,0,7\n\n1 0 6\n255,199,5\n2,0,void\n0;0;4\n").unwrap();
     temp.edit(&["set", &cells]);
     (now[0], now[1], now[2], now[256 * 199 + 255]) = (4, 6, 0, 5);
@@ -106,14 +97,14 @@ fn every_edit_has_its_effect() {
     assert_eq!(temp.values("i.autumn"), now);
     temp.edit(&["paste", CLASSES, "--void"]);
     assert_eq!(temp.values("i.autumn"), first);
-    temp.edit(&["apply", "a-b", &format!("{}@2", temp.at("i.autumn"))]);
+    temp.edit(&["apply", "a-b", &format!("{}@2", temp.name("i.autumn"))]);
     assert!(temp.values("i.autumn").iter().all(|value| *value == 0));
-    assert_eq!(stdout(&["verify", &temp.at("i.autumn")]), format!("{}: good\n", temp.at("i.autumn")));
+    assert_eq!(stdout(&["verify", &temp.name("i.autumn")]), format!("{}: good\n", temp.name("i.autumn")));
 }
 
 #[test]
 fn arrays_of_cells_are_set() {
-    let temp = TestDirectory::new();
+    let temp = island();
     let header = "{'descr': '<i4', 'fortran_order': False, 'shape': (3, 3), }";
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
     bytes.extend(118u16.to_le_bytes());
@@ -121,12 +112,12 @@ fn arrays_of_cells_are_set() {
     for number in [5i32, 6, 1, 7, 6, 2, 5, 6, 3] {
         bytes.extend(number.to_le_bytes());
     }
-    let array = temp.at("cells.npy");
+    let array = temp.name("cells.npy");
     std::fs::write(&array, &bytes).unwrap();
     temp.edit(&["set", &array]);
     let values = temp.values("i.autumn");
     assert_eq!(values[256 * 6 + 5..256 * 6 + 8][..3], [3, values[256 * 6 + 6], 2]);
-    let file = temp.at("i.autumn");
+    let file = temp.name("i.autumn");
     for (bytes, message) in [
         (bytes[..bytes.len() - 3].to_vec(), "read"),
         ([&bytes[..10], header.replace("(3, 3)", "(9,)").as_bytes(), &[b' '; 90]].concat(), "array"),
@@ -141,8 +132,8 @@ fn arrays_of_cells_are_set() {
 
 #[test]
 fn history_is_listed_and_reverted() {
-    let temp = TestDirectory::new();
-    let file = temp.at("i.autumn");
+    let temp = island();
+    let file = temp.name("i.autumn");
     let first = temp.values("i.autumn");
     let note = ["-m", "A wood\nof beeches", "--author", "Ann", "--time", "951782400"];
     temp.edit(&[&["fill", "--window", "0,0,100,100", "--value", "3"][..], &note].concat());
@@ -174,14 +165,14 @@ fn history_is_listed_and_reverted() {
         })
         .sum();
     assert_eq!(cells, differ as u64);
-    let tree = temp.at("changes.goblin");
+    let tree = temp.name("changes.goblin");
     spinney(&["-q", "diff", &old, &file, "-o", &tree]).success();
     spinney(&["-q", "revert", &file, "1"]).success();
     assert_eq!(temp.values("i.autumn"), first);
     let text = stderr(spinney(&["revert", &file, "3"]).success());
     assert!(text.contains("nothing has changed"), "{text}");
     // Fewer commits in a new file, with their old numbers.
-    let small = temp.at("small.autumn");
+    let small = temp.name("small.autumn");
     spinney(&["-q", "compact", &file, "-o", &small, "--commits", "1,2", "--share"]).success();
     assert_eq!(temp.values("small.autumn@1"), first);
     assert_eq!(temp.values("small.autumn"), temp.values("i.autumn@2"));
@@ -193,43 +184,43 @@ fn history_is_listed_and_reverted() {
 
 #[test]
 fn publishing_and_back_gives_the_same_bytes() {
-    let temp = TestDirectory::new();
-    let built = temp.at("built.goblin");
+    let temp = island();
+    let built = temp.name("built.goblin");
     spinney(&["-q", "build", CLASSES, "-o", &built]).success();
-    let published = temp.at("published.goblin");
-    spinney(&["-q", "convert", &temp.at("i.autumn"), &published]).success();
+    let published = temp.name("published.goblin");
+    spinney(&["-q", "convert", &temp.name("i.autumn"), &published]).success();
     assert!(std::fs::read(&built).unwrap() == std::fs::read(&published).unwrap());
     for share in [&["--share"][..], &[]] {
-        let name = temp.at(&format!("{}.autumn", share.len()));
+        let name = temp.name(&format!("{}.autumn", share.len()));
         spinney(&[&["-q", "convert", &built, &name], share].concat()).success();
         spinney(&["-q", "convert", &name, &published]).success();
         assert!(std::fs::read(&built).unwrap() == std::fs::read(&published).unwrap());
     }
     // Results of other commands can be edited, too.
-    let turned = temp.at("turned.autumn");
+    let turned = temp.name("turned.autumn");
     spinney(&["-q", "transform", &built, "rotate=90", "-o", &turned]).success();
     spinney(&["-q", "edit", &turned, "fill", "--window", "0,0,5,5", "--value", "1"]).success();
-    let both = temp.at("both.autumn");
+    let both = temp.name("both.autumn");
     spinney(&["-q", "combine", "union", &built, &format!("{turned}@1"), "-o", &both]).success();
     spinney(&["-q", "verify", &turned, &both]).success();
-    let ball = temp.at("ball.autumn");
+    let ball = temp.name("ball.autumn");
     spinney(&["-q", "convert", BALL, &ball, "--share"]).success();
     spinney(&["-q", "edit", &ball, "fill", "--window", "0,0,0,16,32,32", "--void"]).success();
     let solid = stdout(&["stats", &ball]);
     assert_ne!(solid, stdout(&["stats", &format!("{ball}@1")]));
-    spinney(&["-q", "export", &ball, &temp.at("ball.ply")]).success();
+    spinney(&["-q", "export", &ball, &temp.name("ball.ply")]).success();
 }
 
 #[test]
 fn what_cannot_be_done_is_refused_and_changes_nothing() {
-    let temp = TestDirectory::new();
-    let file = temp.at("i.autumn");
-    let goblin = temp.at("i.goblin");
+    let temp = island();
+    let file = temp.name("i.autumn");
+    let goblin = temp.name("i.goblin");
     spinney(&["-q", "convert", &file, &goblin]).success();
     let before = std::fs::read(&file).unwrap();
-    let bad = temp.at("bad.csv");
+    let bad = temp.name("bad.csv");
     std::fs::write(&bad, "1,2,3\n1,2\n").unwrap();
-    let outside = temp.at("outside.csv");
+    let outside = temp.name("outside.csv");
     std::fs::write(&outside, "256,0,3\n").unwrap();
     for (arguments, message) in [
         (&["edit", &goblin, "fill", "--window", "0,0,1,1", "--void"][..], "convert"),
@@ -274,11 +265,11 @@ fn what_cannot_be_done_is_refused_and_changes_nothing() {
             &["build", &goblin, &goblin, "-o", "x.autumn"],
             "expected one tree; `spinney combine over` merges trees",
         ),
-        (&["compact", &file, "-o", &temp.at("small.goblin")], "ends with .autumn, such as"),
+        (&["compact", &file, "-o", &temp.name("small.goblin")], "ends with .autumn, such as"),
         (&["info", &format!("{goblin}@2")], "commit: got 2, expected none: a Goblin file has no commits"),
         (&["info", &format!("{file}@99")], "commit: got 99, expected 1, the only commit"),
         (&["log", &goblin], "Autumnal"),
-        (&["edit", &temp.at("none.autumn"), "fill", "--window", "0,0,1,1", "--void"], "none.autumn"),
+        (&["edit", &temp.name("none.autumn"), "fill", "--window", "0,0,1,1", "--void"], "none.autumn"),
     ] {
         let text = stderr(spinney(arguments).failure());
         assert!(text.contains(message), "{arguments:?}: {text}");
@@ -288,24 +279,25 @@ fn what_cannot_be_done_is_refused_and_changes_nothing() {
     assert!(before[4096..] == after[4096..before.len()]);
     assert_eq!(stdout(&["log", &file, "--json"]).matches("\"number\"").count(), 1);
     let names: Vec<PathBuf> =
-        std::fs::read_dir(temp.directory.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
+        std::fs::read_dir(temp.root()).unwrap().map(|entry| entry.unwrap().path()).collect();
     assert_eq!(names.len(), 4, "{names:?}");
 }
 
 #[test]
 #[cfg(target_os = "linux")]
 fn conversions_stay_within_memory() {
-    let temp = TestDirectory::new();
-    let (large, file, back) = (temp.at("large.goblin"), temp.at("large.autumn"), temp.at("back.goblin"));
+    let temp = island();
+    let (large, file, back) =
+        (temp.name("large.goblin"), temp.name("large.autumn"), temp.name("back.goblin"));
     // 66 million cells, most of them next to other classes: the stored data far exceed the memory
     // limit.
-    let noise = temp.at("noise.csv");
+    let noise = temp.name("noise.csv");
     let lines = (0..200_000u64).map(|i| {
         let hash = i.wrapping_mul(0x9E37_79B9_7F4A_7C15);
         format!("{},{},{}\n", hash >> 20 & 8191, hash >> 40 & 8191, i % 250 + 1)
     });
     std::fs::write(&noise, lines.collect::<String>()).unwrap();
-    spinney(&["-q", "transform", &temp.at("i.autumn"), "scale=32,41", "-o", &large]).success();
+    spinney(&["-q", "transform", &temp.name("i.autumn"), "scale=32,41", "-o", &large]).success();
     spinney(&["-q", "convert", &large, &file]).success();
     let program = || std::process::Command::new(env!("CARGO_BIN_EXE_spinney"));
     let run = |arguments: &[&str]| {
@@ -316,8 +308,8 @@ fn conversions_stay_within_memory() {
     for arguments in [
         &["edit", &file, "set", &noise][..],
         &["convert", &file, &back],
-        &["convert", &back, &temp.at("again.autumn"), "--share"],
-        &["compact", &file, "-o", &temp.at("small.autumn"), "--keep", "2"],
+        &["convert", &back, &temp.name("again.autumn"), "--share"],
+        &["compact", &file, "-o", &temp.name("small.autumn"), "--keep", "2"],
     ] {
         let peak = run(&[arguments, &["--memory", "16M"]].concat());
         assert!(peak < cap, "{arguments:?}: {} MiB", peak >> 20);

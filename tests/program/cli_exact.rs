@@ -6,9 +6,9 @@ use std::path::Path;
 use serde_json::Value as Json;
 use spinney::Region;
 use spinney::raw::import::raster::{self, Pixels};
-use tempfile::TempDir;
 
 use crate::common::command::{command, complaint, spinney, stderr, stdout};
+use crate::common::directory::TestDirectory;
 use crate::common::shared_data;
 
 /// A cube with sides of 64 units.
@@ -20,29 +20,7 @@ const COLOURED: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float 
     property list uchar int vertex_indices\nend_header\n0 0 0 255 0 0\n6 0 0 255 0 0\n0 6 0 255 0 0\n\
     0 0 6 255 0 0\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
 
-struct TestDirectory(TempDir);
-
 impl TestDirectory {
-    fn new() -> TestDirectory {
-        TestDirectory(tempfile::tempdir().unwrap())
-    }
-
-    fn name(&self, name: &str) -> String {
-        self.0.path().join(name).to_str().unwrap().into()
-    }
-
-    fn mesh(&self, name: &str, text: &str) -> String {
-        std::fs::write(self.name(name), text).unwrap();
-        self.name(name)
-    }
-
-    /// Builds a file from a mesh.
-    fn built(&self, mesh: &str, name: &str, options: &[&str]) -> String {
-        let file = self.name(name);
-        command(&["build", "-q", mesh, "-o", &file]).args(options).assert().success();
-        file
-    }
-
     /// Returns the pixels of a rendered file.
     fn render(&self, file: &str, options: &[&str]) -> Vec<u8> {
         let out = self.name("out.png");
@@ -74,7 +52,7 @@ fn outline(pixels: &[bool], width: usize) -> usize {
 #[test]
 fn images_of_exact_models_match_those_of_fine_cells() {
     let directory = TestDirectory::new();
-    let mut meshes = vec![directory.mesh("cube.off", CUBE)];
+    let mut meshes = vec![directory.write("cube.off", CUBE)];
     match shared_data().map(|data| data.join("mesh/fandisk.ply")).filter(|path| path.exists()) {
         Some(path) => meshes.push(path.to_str().unwrap().into()),
         None => println!("skipped: no fandisk.ply"),
@@ -102,7 +80,7 @@ fn images_of_exact_models_match_those_of_fine_cells() {
 #[test]
 fn images_have_flat_faces_and_the_options_of_cells() {
     let directory = TestDirectory::new();
-    let cube = directory.built(&directory.mesh("cube.off", CUBE), "cube.goblin", &["--brep"]);
+    let cube = directory.built(&directory.write("cube.off", CUBE), "cube.goblin", &["--brep"]);
     // Seen straight on, with parallel light and rays: one colour inside, without highlights.
     let options = ["--size", "40x40", "--orthographic", "--from", "180,0", "--background", "#102030"];
     let pixels = directory.render(&cube, &options);
@@ -124,7 +102,7 @@ fn images_have_flat_faces_and_the_options_of_cells() {
     let pixels = directory.render(&cube, &options);
     assert_eq!((pixels.len(), &pixels[..4]), (1600, &[0; 4][..]));
     // Colours are those of vertices.
-    let coloured = directory.built(&directory.mesh("red.ply", COLOURED), "red.goblin", &["--brep"]);
+    let coloured = directory.built(&directory.write("red.ply", COLOURED), "red.goblin", &["--brep"]);
     let pixels = directory.render(&coloured, &["--size", "20x20", "--background", "black"]);
     let [red, green, blue] =
         [0, 1, 2].map(|channel| pixels.chunks(3).map(|pixel| u64::from(pixel[channel])).sum::<u64>());
@@ -142,7 +120,7 @@ fn images_have_flat_faces_and_the_options_of_cells() {
 #[test]
 fn leaves_are_found_by_their_kinds() {
     let directory = TestDirectory::new();
-    let mesh = directory.mesh("cube.off", CUBE);
+    let mesh = directory.write("cube.off", CUBE);
     let cube = directory.built(&mesh, "cube.goblin", &["--brep", "--leaf-size", "0"]);
     let info: Json = serde_json::from_str(&stdout(&["info", &cube, "--json"])).unwrap();
     let all = stdout(&["find", &cube, "--leaf", "void,full,face,edge,vertex,boolean"]);
@@ -183,7 +161,7 @@ fn leaves_are_found_by_their_kinds() {
 #[test]
 fn conditions_are_those_of_the_kind_of_file() {
     let directory = TestDirectory::new();
-    let mesh = directory.mesh("cube.off", CUBE);
+    let mesh = directory.write("cube.off", CUBE);
     let cube = directory.built(&mesh, "cube.goblin", &["--brep"]);
     let cells = directory.built(&mesh, "cells.goblin", &["--cells", "8"]);
     let refuse =
@@ -220,7 +198,7 @@ const CROSSING: &str = "OFF\n16 12 0\n0 0 0\n64 0 0\n64 64 0\n0 64 0\n0 0 64\n64
 #[test]
 fn self_intersections_are_repaired_on_request() {
     let directory = TestDirectory::new();
-    let mesh = directory.mesh("crossing.off", CROSSING);
+    let mesh = directory.write("crossing.off", CROSSING);
     let file = directory.name("x.goblin");
     let message = complaint(&["build", &mesh, "--brep", "-o", &file], 1);
     assert!(message.contains("intersects itself") && message.contains("--repair"), "{message}");
@@ -231,7 +209,7 @@ fn self_intersections_are_repaired_on_request() {
     // Six faces with a corner cut out, and the others of both.
     assert_eq!(stats["topology"]["faces"], 12);
     assert_eq!(stats["topology"]["genus"], 0);
-    let cube = directory.mesh("cube.off", CUBE);
+    let cube = directory.write("cube.off", CUBE);
     let message = complaint(&["build", &cube, "--brep", "--repair", "-o", &file], 0);
     assert!(message.contains("the surface is valid"), "{message}");
     // The option applies to exact models.
@@ -254,7 +232,7 @@ fn attributes_are_listed() {
         "geometry":[{{"type":"Solid","lod":"2","boundaries":[{sides}]}}]}},"x":{{"type":"GenericCityObject"}}}},
         "vertices":[[0,0,0],[4,0,0],[0,4,0],[0,0,4]]}}"#
     );
-    let mesh = directory.mesh("a.city.json", &text);
+    let mesh = directory.write("a.city.json", &text);
     let file = directory.name("a.goblin");
     let message = |arguments: &[&str]| stderr(command(arguments).assert().success());
     let built = message(&["build", "--brep", &mesh, "-o", &file]);
@@ -278,7 +256,7 @@ fn attributes_are_listed() {
 #[test]
 fn distances_and_rays_are_printed() {
     let directory = TestDirectory::new();
-    let cube = directory.built(&directory.mesh("cube.off", CUBE), "cube.goblin", &["--brep", "--snap", "1"]);
+    let cube = directory.built(&directory.write("cube.off", CUBE), "cube.goblin", &["--brep", "--snap", "1"]);
     let printed = stdout(&["point", &cube, "--distance", "--", "32,32,1", "64,0,0", "-3,32,32", "67,68,32"]);
     assert_eq!(printed, "-1\n0\n3\n5\n");
     // From inside, from outside, past it, along an edge, through two corners.
@@ -345,7 +323,7 @@ fn street(directory: &TestDirectory) -> String {
         }
         first += 8;
     }
-    directory.mesh("street.obj", &text)
+    directory.write("street.obj", &text)
 }
 
 #[test]
@@ -454,7 +432,7 @@ fn objects_are_found() {
     assert!(refused.contains("is not an exact model, which --leaf and --object need"), "{refused}");
 
     let wall = |low: i32| json_box([low, 0, 0], [low + 2, 2, 2]);
-    let city = directory.mesh("city.city.json", &city(&[("a", wall(0)), ("b b", wall(2))]));
+    let city = directory.write("city.city.json", city(&[("a", wall(0)), ("b b", wall(2))]));
     let out = directory.built(&city, "city.goblin", &["--brep"]);
     for file in [&city, &out] {
         let found = stdout(&["find", file, "--contacts", "--json", "--limit", "9"]);
@@ -477,7 +455,7 @@ fn combine_keeps_values_of_faces() {
     let directory = TestDirectory::new();
     let built = |name: &str, low: i32| {
         let mesh = city(&[(name, json_box([low; 3], [low + 4; 3]))]);
-        let mesh = directory.mesh(&format!("{name}.city.json"), &mesh);
+        let mesh = directory.write(&format!("{name}.city.json"), &mesh);
         directory.built(&mesh, &format!("{name}.goblin"), &["--brep", "--snap", "1"])
     };
     let (a, b) = (built("a", 0), built("b", 2));
@@ -500,7 +478,7 @@ fn divided_faces_keep_values() {
     let directory = TestDirectory::new();
     let built = |name: &str, low: i32| {
         let mesh = city(&[(name, json_box([low; 3], [low + 4; 3]))]);
-        let mesh = directory.mesh(&format!("{name}.city.json"), &mesh);
+        let mesh = directory.write(&format!("{name}.city.json"), &mesh);
         directory.built(&mesh, &format!("{name}.goblin"), &["--brep", "--snap", "1"])
     };
     let (a, b) = (built("a", 0), built("b", 2));

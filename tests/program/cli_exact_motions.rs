@@ -3,21 +3,21 @@
 use std::path::Path;
 
 use serde_json::{Value as Json, json};
-use tempfile::TempDir;
 
 use crate::common::command::{command, complaint, stderr, stdout};
+use crate::common::directory::TestDirectory;
 
 /// A wedge on a grid of thousandths.
-struct TestDirectory {
-    directory: TempDir,
+struct Wedge {
+    directory: TestDirectory,
     wedge: String,
 }
 
 const WEDGE: &str = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 2 0\n0 0 3\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
 
-impl TestDirectory {
-    fn new() -> TestDirectory {
-        let mut made = TestDirectory { directory: tempfile::tempdir().unwrap(), wedge: String::new() };
+impl Wedge {
+    fn new() -> Wedge {
+        let mut made = Wedge { directory: TestDirectory::new(), wedge: String::new() };
         let mesh = made.name("wedge.off");
         made.wedge = made.name("wedge.goblin");
         std::fs::write(&mesh, WEDGE).unwrap();
@@ -28,7 +28,7 @@ impl TestDirectory {
     }
 
     fn name(&self, name: &str) -> String {
-        self.directory.path().join(name).to_str().unwrap().into()
+        self.directory.name(name)
     }
 
     /// Transforms with some operations and options. Returns the file and the messages.
@@ -47,7 +47,7 @@ fn stats(file: &str, options: &[&str]) -> Json {
 
 #[test]
 fn steps_move_models_in_the_world() {
-    let directory = TestDirectory::new();
+    let directory = Wedge::new();
     for (steps, bounds, volume) in [
         (&["translate=1,-2,0.5"][..], json!([[1.0, -2.0, 0.5], [2.0, 0.0, 3.5]]), 1.0),
         (&["rotate=90"], json!([[-2.0, 0.0, 0.0], [0.0, 1.0, 3.0]]), 1.0),
@@ -79,7 +79,7 @@ fn steps_move_models_in_the_world() {
 
 #[test]
 fn queries_of_shifted_and_scaled_models() {
-    let directory = TestDirectory::new();
+    let directory = Wedge::new();
     let wedge = &directory.wedge;
     let (file, _) = directory.moved("moved.goblin", &["translate=5,0,0", "scale=0.1"]);
     let view = ["--view", "translate=5,0,0", "--view", "scale=0.1"];
@@ -109,7 +109,7 @@ fn queries_of_shifted_and_scaled_models() {
 /// Queries for numbers work on models through any map, and report rounding; all others need a file.
 #[test]
 fn queries_of_models_under_any_affine_map() {
-    let directory = TestDirectory::new();
+    let directory = Wedge::new();
     let wedge = &directory.wedge;
     let (file, _) = directory.moved("moved.goblin", &["rotate=90,x", "mirror=z", "translate=5,0,0"]);
     let view = ["--view", "rotate=90,x", "--view", "mirror=z", "--view", "translate=5,0,0"];
@@ -162,7 +162,7 @@ fn queries_of_models_under_any_affine_map() {
 
 #[test]
 fn options_without_an_effect_are_refused() {
-    let directory = TestDirectory::new();
+    let directory = Wedge::new();
     let (wedge, never) = (&directory.wedge, directory.name("never.goblin"));
     let cells = directory.name("cells.goblin");
     command(&["build", "-q", wedge, "-o", &cells, "--cells", "16"]).assert().success();

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use serde_json::Value as Json;
-use tempfile::TempDir;
 
 use crate::common::command::{command, complaint, stderr, stdout};
+use crate::common::directory::TestDirectory;
 
 /// Two cubes with sides of 64 that have one of 32 in common, and one of their own.
-struct TestDirectory {
-    directory: TempDir,
+struct CubePair {
+    directory: TestDirectory,
     a: String,
     b: String,
 }
@@ -25,17 +25,16 @@ fn cube(low: i32, high: i32) -> String {
     text + "4 3 2 1 0\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n"
 }
 
-impl TestDirectory {
-    fn new() -> TestDirectory {
-        let mut made =
-            TestDirectory { directory: tempfile::tempdir().unwrap(), a: String::new(), b: String::new() };
+impl CubePair {
+    fn new() -> CubePair {
+        let mut made = CubePair { directory: TestDirectory::new(), a: String::new(), b: String::new() };
         made.a = made.built("a", &cube(0, 64), &["--brep", "--snap", "1"]);
         made.b = made.built("b", &cube(32, 96), &["--brep", "--snap", "1"]);
         made
     }
 
     fn name(&self, name: &str) -> String {
-        self.directory.path().join(name).to_str().unwrap().into()
+        self.directory.name(name)
     }
 
     fn built(&self, name: &str, text: &str, options: &[&str]) -> String {
@@ -63,7 +62,7 @@ fn json(arguments: &[&str]) -> Json {
 
 #[test]
 fn operations_have_names_and_numbers() {
-    let directory = TestDirectory::new();
+    let directory = CubePair::new();
     let (side, common) = (64f64.powi(3), 32f64.powi(3));
     let cases = [
         ("none", "0", 0.0),
@@ -107,7 +106,7 @@ fn operations_have_names_and_numbers() {
 
 #[test]
 fn options_without_an_effect_are_refused() {
-    let directory = TestDirectory::new();
+    let directory = CubePair::new();
     let (a, b, never) = (&directory.a, &directory.b, directory.name("never.goblin"));
     let cells = directory.built("cells", &cube(0, 64), &["--cells", "16"]);
     let refuse = |arguments: &[&str]| {
@@ -162,7 +161,7 @@ fn options_without_an_effect_are_refused() {
 /// Empty and unbounded solids support the same queries as all others.
 #[test]
 fn queries_of_results() {
-    let directory = TestDirectory::new();
+    let directory = CubePair::new();
     let (a, never) = (&directory.a, directory.name("none.goblin"));
     command(&["combine", "-q", "a-b", a, a, "-o", &never]).assert().success();
     let cases = [
@@ -226,7 +225,7 @@ fn queries_of_results() {
 /// and exported ones that are built again.
 #[test]
 fn models_built_with_default_options_are_combined() {
-    let directory = TestDirectory::new();
+    let directory = CubePair::new();
     let scaled = |name: &str, file: &str, factor: &str| {
         let path = directory.name(name);
         command(&["transform", "-q", file, &format!("scale={factor}"), "-o", &path]).assert().success();
@@ -268,7 +267,7 @@ fn models_built_with_default_options_are_combined() {
 /// Tiles of one city, built separately, with the grids of their files.
 #[test]
 fn tiles_of_a_city_are_combined() {
-    let directory = TestDirectory::new();
+    let directory = CubePair::new();
     let tile = |name: &str, scale: &str, at: i32, side: i32| {
         let corner = |i: i32| [i & 1, i >> 1 & 1, i >> 2 & 1].map(|bit| bit * side);
         let vertices: Vec<String> =

@@ -4,32 +4,10 @@ use std::fs;
 use std::path::Path;
 
 use crate::common::command::{complaint, spinney, stderr, stdout};
+use crate::common::directory::TestDirectory;
 
 const RELIEF: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
 const CLASSES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
-
-/// A directory for one test.
-struct TestDirectory(tempfile::TempDir);
-
-impl TestDirectory {
-    fn new() -> TestDirectory {
-        TestDirectory(tempfile::tempdir().unwrap())
-    }
-
-    fn name(&self, name: &str) -> String {
-        self.0.path().join(name).to_str().unwrap().into()
-    }
-
-    fn copy(&self, source: &str, name: &str) -> String {
-        fs::copy(source, self.name(name)).unwrap();
-        self.name(name)
-    }
-
-    fn write(&self, name: &str, text: impl AsRef<[u8]>) -> String {
-        fs::write(self.name(name), text).unwrap();
-        self.name(name)
-    }
-}
 
 /// Statistics of a file, without its name.
 fn stats(path: &str) -> String {

@@ -8,6 +8,7 @@ use spinney::raw::store::TreeWriter;
 use spinney::{DataKind, Dimension, Frame, Metadata, Output, Rule, SampleType, TreeType};
 
 use crate::common::command::{complaint, spinney, stdout};
+use crate::common::directory::TestDirectory;
 use crate::common::{Cells, QUAD, options, quad, value};
 
 /// A layer to be written, with cells 2^coarser times as large as the finest.
@@ -19,35 +20,27 @@ struct Layer {
     coarser: u8,
 }
 
-/// A directory with a file of layers.
-struct TestDirectory(tempfile::TempDir);
-
-impl TestDirectory {
-    fn name(&self, name: &str) -> String {
-        self.0.path().join(name).to_str().unwrap().into()
+/// Writes a file of layers in a new directory. Returns the directory and the path.
+fn written(name: &str, layers: &[Layer]) -> (TestDirectory, String) {
+    let temp = TestDirectory::new();
+    let path = temp.name(name);
+    let output = Output::create(path.as_ref()).unwrap();
+    let mut file = TreeWriter::create(output, (Dimension::Quad, DEPTH), layers.len() as u32).unwrap();
+    for layer in layers {
+        let metadata = Metadata {
+            name: layer.name.into(),
+            time: layer.time.map(String::from),
+            frame: Frame::identity().coarser(layer.coarser),
+            ..Metadata::default()
+        };
+        let rule = if layer.kind == DataKind::Categorical { Rule::Majority } else { Rule::Mean };
+        let options = options(rule, layer.kind, DEPTH - layer.coarser).metadata(metadata);
+        let nodata = value(layer.cells.form.value, 250);
+        let mut slabs = layer.cells.slabs(nodata);
+        file.slabs(layer.cells.form, &mut slabs, Some(nodata), &options, &()).unwrap();
     }
-
-    fn write(name: &str, layers: &[Layer]) -> (TestDirectory, String) {
-        let temp = TestDirectory(tempfile::tempdir().unwrap());
-        let path = temp.name(name);
-        let output = Output::create(path.as_ref()).unwrap();
-        let mut file = TreeWriter::create(output, (Dimension::Quad, DEPTH), layers.len() as u32).unwrap();
-        for layer in layers {
-            let metadata = Metadata {
-                name: layer.name.into(),
-                time: layer.time.map(String::from),
-                frame: Frame::identity().coarser(layer.coarser),
-                ..Metadata::default()
-            };
-            let rule = if layer.kind == DataKind::Categorical { Rule::Majority } else { Rule::Mean };
-            let options = options(rule, layer.kind, DEPTH - layer.coarser).metadata(metadata);
-            let nodata = value(layer.cells.form.value, 250);
-            let mut slabs = layer.cells.slabs(nodata);
-            file.slabs(layer.cells.form, &mut slabs, Some(nodata), &options, &()).unwrap();
-        }
-        file.finish().unwrap();
-        (temp, path)
-    }
+    file.finish().unwrap();
+    (temp, path)
 }
 
 /// Depth of the files.
@@ -105,7 +98,7 @@ fn zones(temp: &TestDirectory) -> String {
 #[test]
 fn zone_statistics_cover_all_layers_with_their_times() {
     for name in ["series.goblin", "series.autumn"] {
-        let (temp, file) = TestDirectory::write(name, &series());
+        let (temp, file) = written(name, &series());
         let zones = zones(&temp);
         for edge in ["centre", "touch", "area"] {
             let words = ["stats", &file, "--zones", &zones, "--in", "world", "--edge", edge, "--json"];
@@ -136,7 +129,7 @@ fn zone_statistics_cover_all_layers_with_their_times() {
 
 #[test]
 fn zones_of_layers_become_tables() {
-    let (temp, file) = TestDirectory::write("series.goblin", &series());
+    let (temp, file) = written("series.goblin", &series());
     let zones = zones(&temp);
     let words = ["stats", &file, "--zones", &zones, "--in", "world"];
     let found = json(&[&words[..], &["--json"]].concat());
@@ -192,7 +185,7 @@ fn zones_of_layers_become_tables() {
 
 #[test]
 fn values_at_points_have_layers_and_times() {
-    let (_place, file) = TestDirectory::write("series.autumn", &series());
+    let (_place, file) = written("series.autumn", &series());
     let points = ["9,9", "30,51", "88,1", "200,3"];
     let words = [&["point", &file, "--in", "cells"], &points[..]].concat();
     let text = spinney(&words).success();
@@ -242,7 +235,7 @@ fn pixels(path: &str) -> (usize, Vec<[u8; 4]>) {
 #[test]
 fn images_have_layers_as_colours() {
     for name in ["bands.goblin", "bands.autumn"] {
-        let (temp, file) = TestDirectory::write(name, &bands());
+        let (temp, file) = written(name, &bands());
         let (out, names) = (temp.name("rgb.png"), ["B08", "B05", "B04"]);
         for more in [&["--range", "10,180"][..], &["--range", "10,180", "--level", "5"]] {
             let get = |layer: &str, out: &str| {
@@ -272,7 +265,7 @@ fn images_have_layers_as_colours() {
 
 #[test]
 fn colours_of_16_bits_are_stretched_and_others_reported() {
-    let (temp, file) = TestDirectory::write("bands.goblin", &bands());
+    let (temp, file) = written("bands.goblin", &bands());
     let out = temp.name("rgb.png");
     let run = spinney(&["get", &file, &out, "--layer", "B08,B05,B04"]).success();
     let said = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
@@ -313,14 +306,14 @@ fn colours_of_16_bits_are_stretched_and_others_reported() {
         let text = complaint(&[&["get", &file, &out], words].concat(), 1);
         assert!(text.contains(expected), "{text}");
     }
-    let (_place, mixed) = TestDirectory::write("series.goblin", &series());
+    let (_place, mixed) = written("series.goblin", &series());
     let text = complaint(&["get", &mixed, &out, "--layer", "june,cover"], 1);
     assert!(text.contains("`june` of i16, `cover` of u8, expected layers of one type"), "{text}");
 }
 
 #[test]
 fn tiles_of_layers_are_those_of_a_tree_with_their_channels() {
-    let temp = TestDirectory(tempfile::tempdir().unwrap());
+    let temp = TestDirectory::new();
     let [stack, tree] = ["stack.goblin", "tree.goblin"].map(|name| temp.name(name));
     let classes = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
     let elevation = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");

@@ -4,23 +4,11 @@ use serde_json::Value as Json;
 use spinney::{DataKind, Rule};
 
 use crate::common::command::{complaint, spinney, stdout};
+use crate::common::directory::TestDirectory;
 use crate::common::{Cells, QUAD, goblin_bytes};
 
 fn as_json(arguments: &[&str]) -> Json {
     serde_json::from_str(&stdout(arguments)).unwrap()
-}
-
-/// A directory for files.
-struct TestDirectory(tempfile::TempDir);
-
-impl TestDirectory {
-    fn new() -> TestDirectory {
-        TestDirectory(tempfile::tempdir().unwrap())
-    }
-
-    fn name(&self, name: &str) -> String {
-        self.0.path().join(name).to_str().unwrap().into()
-    }
 }
 
 #[test]

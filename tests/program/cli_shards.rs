@@ -1,7 +1,7 @@
 //! Trees built in shards: byte-identical to a single build, whatever happens in between.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
@@ -11,25 +11,11 @@ use spinney::{Crs, Frame, Metadata, Output, SampleType, ValueType};
 
 use crate::common::Random;
 use crate::common::command::{complaint, spinney, stderr};
+use crate::common::directory::TestDirectory;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
 
-/// A directory for one test.
-pub(crate) struct TestDirectory(tempfile::TempDir);
-
 impl TestDirectory {
-    pub(crate) fn new() -> TestDirectory {
-        TestDirectory(tempfile::tempdir().unwrap())
-    }
-
-    pub(crate) fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    pub(crate) fn name(&self, name: &str) -> String {
-        self.path(name).to_str().unwrap().into()
-    }
-
     /// Writes a grey image at a position of a grid: uniform squares and noise.
     pub(crate) fn raster(&self, name: &str, at: [u64; 2], size: [u64; 2]) -> String {
         let path = self.path(name);

@@ -10,8 +10,9 @@ use std::time::Duration;
 use spinney::Output;
 use spinney::raw::io::CompletionRecord;
 
-use crate::cli_shards::{TestDirectory, job};
+use crate::cli_shards::job;
 use crate::common::command::{complaint, spinney, stderr};
+use crate::common::directory::TestDirectory;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
 

@@ -6,9 +6,9 @@ use std::io::Write as _;
 use std::path::Path;
 use std::time::Duration;
 
-use crate::cli_shards::TestDirectory;
 use crate::common::Random;
 use crate::common::command::{complaint, spinney, stderr};
+use crate::common::directory::TestDirectory;
 
 /// Size of the volumes in cells: more than a unit of a tree of 8 levels along each axis.
 const SIZE: [usize; 3] = [140, 90, 150];
@@ -17,11 +17,6 @@ impl TestDirectory {
     /// Compares the bytes of sharded builds of volumes or models with those of a single build.
     fn compare_octrees(&self, inputs: &[&str], options: &[&str], shards: &[u32]) {
         self.compare_with(["build", "plan"], &[inputs, options].concat(), shards);
-    }
-
-    fn write(&self, name: &str, bytes: &[u8]) -> String {
-        fs::write(self.path(name), bytes).unwrap();
-        self.name(name)
     }
 }
 
@@ -63,11 +58,11 @@ fn npy() -> Vec<u8> {
 #[test]
 fn shards_of_volumes_make_the_bytes_of_a_build() {
     let temp = TestDirectory::new();
-    let array = temp.write("a.npy", &npy());
+    let array = temp.write("a.npy", npy());
     temp.compare_octrees(&[&array], &["--transform", "0.1,0.5,2"], &[1, 2, 7, 64]);
     temp.compare_octrees(&[&array], &["--codec", "packed", "--max-error", "0.1", "--depth", "9"], &[3]);
     let [x, y, z] = SIZE;
-    let raw = temp.write("a.raw", &[&[9; 5][..], &samples()].concat());
+    let raw = temp.write("a.raw", [&[9; 5][..], &samples()].concat());
     let size = format!("{x},{y},{z}");
     let layout = ["--raw-size", &size, "--raw-type", "u8", "--raw-skip", "5"];
     let void = [&layout[..], &["--nodata", "3", "--kind", "categorical"]].concat();
@@ -77,7 +72,7 @@ fn shards_of_volumes_make_the_bytes_of_a_build() {
     let long = temp.write("long.raw", &samples()[..160_000]);
     temp.compare_octrees(&[&long], &["--raw-size", "40000,2,2", "--raw-type", "u8"], &[5]);
     // Readable only from the start.
-    temp.write("b.raw.gz", &gzip(&samples()));
+    temp.write("b.raw.gz", gzip(&samples()));
     let head = format!(
         "NRRD0004\ntype: uint8\ndimension: 3\nsizes: {x} {y} {z}\nencoding: gzip\ndata file: b.raw.gz\n"
     );
@@ -183,10 +178,10 @@ fn octrees_of_other_inputs_than_planned_are_refused() {
     let said = complaint(&["shard", "build", &job, "1"], 1);
     assert!(said.contains("cube.mtl") && said.contains("was planned"), "{said}");
     // The samples of a volume.
-    temp.write("a.raw", &[1; 24]);
+    temp.write("a.raw", [1; 24]);
     let head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 3 2\nencoding: raw\ndata file: a.raw\n";
     plan(&[&temp.write("a.nhdr", head.as_bytes())]);
-    temp.write("a.raw", &[1; 25]);
+    temp.write("a.raw", [1; 25]);
     assert!(complaint(&["shard", "build", &job, "1"], 1).contains("a.raw"));
     // An image added to a directory of sections.
     fs::create_dir(temp.path("sections")).unwrap();
@@ -208,7 +203,7 @@ fn octrees_that_shards_cannot_build_are_reported() {
     let open = open.trim_end().rsplit_once('\n').unwrap().0.replacen(" 648 0", " 647 0", 1);
     let open = temp.write("open.off", open.as_bytes());
     let closed = temp.write("torus.off", torus().as_bytes());
-    let array = temp.write("a.npy", &npy());
+    let array = temp.write("a.npy", npy());
     let raster = temp.raster("p.tif", [0, 0], [30, 20]);
     for (words, expected) in [
         (&[&*open][..], "--shell"),

@@ -2,8 +2,8 @@
 
 use std::fs;
 
-use crate::cli_shards::TestDirectory;
 use crate::common::command::{complaint, spinney};
+use crate::common::directory::TestDirectory;
 
 const BUILD: [&str; 2] = ["build", "plan"];
 

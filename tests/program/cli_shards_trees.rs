@@ -4,8 +4,8 @@
 use std::fs;
 use std::time::Duration;
 
-use crate::cli_shards::TestDirectory;
 use crate::common::command::{complaint, spinney};
+use crate::common::directory::TestDirectory;
 
 const TRANSFORM: [&str; 2] = ["transform", "plan-transform"];
 const COMBINE: [&str; 2] = ["combine", "plan-combine"];

@@ -8,35 +8,13 @@ use spinney::Region;
 use spinney::raw::import::raster::{self, Pixels, RasterInfo};
 
 use crate::common::command::{complaint, spinney, stderr, stdout};
+use crate::common::directory::TestDirectory;
 use crate::common::tiff_file::{Ifd, Values, file};
 
 const CLASSES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/classes.goblin");
 const HEIGHTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/elevation.goblin");
 const BALL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/ball.goblin");
 const RASTER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
-
-/// A directory for one test.
-struct TestDirectory(tempfile::TempDir);
-
-impl TestDirectory {
-    fn new() -> TestDirectory {
-        TestDirectory(tempfile::tempdir().unwrap())
-    }
-
-    fn name(&self, name: &str) -> String {
-        self.0.path().join(name).to_str().unwrap().into()
-    }
-
-    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> String {
-        fs::write(self.name(name), bytes).unwrap();
-        self.name(name)
-    }
-
-    fn files(&self) -> Vec<String> {
-        let entries = fs::read_dir(self.0.path()).unwrap();
-        entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
-    }
-}
 
 /// Returns an image's properties and samples.
 fn read_image(path: &str) -> (RasterInfo, Vec<u8>) {

@@ -3,25 +3,8 @@
 use std::fs;
 
 use crate::common::command::{complaint, spinney, stdout};
+use crate::common::directory::TestDirectory;
 use crate::common::tiff_file::{Ifd, Values, file};
-
-/// A directory for one test.
-struct TestDirectory(tempfile::TempDir);
-
-impl TestDirectory {
-    fn new() -> TestDirectory {
-        TestDirectory(tempfile::tempdir().unwrap())
-    }
-
-    fn name(&self, name: &str) -> String {
-        self.0.path().join(name).to_str().unwrap().into()
-    }
-
-    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> String {
-        fs::write(self.name(name), bytes).unwrap();
-        self.name(name)
-    }
-}
 
 /// Georeferences an image: its corner is at west and 100, with a cell width.
 fn placed(ifd: Ifd, west: f64, cell: f64) -> Ifd {

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use spinney::raw::store::{Tag, Unit};
 use spinney::{Crs, DataKind, Dimension, Frame, Metadata, Number, Rule, SampleType, TreeType, ValueType};
-use tempfile::TempDir;
 
 use crate::common::command::command;
+use crate::common::directory::TestDirectory;
 use crate::common::{Cells, options, write_cells};
 
 /// Cells along each axis of both files.
@@ -64,20 +64,10 @@ fn frame(cell: f64, x: f64, y: f64) -> Frame {
     Frame { crs: Some(Crs::epsg(32632)), ..Frame::planar([cell, 0.0, x, 0.0, -cell, y]) }
 }
 
-struct TestDirectory(TempDir);
-
 impl TestDirectory {
-    fn new() -> TestDirectory {
-        TestDirectory(tempfile::tempdir().unwrap())
-    }
-
-    fn at(&self, name: &str) -> std::path::PathBuf {
-        self.0.path().join(name)
-    }
-
     /// Runs the program in the directory. Returns whether it succeeded, and its messages.
     fn run(&self, arguments: &[&str]) -> (bool, String) {
-        let output = command(arguments).current_dir(self.0.path()).output().unwrap();
+        let output = command(arguments).current_dir(self.root()).output().unwrap();
         let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code().is_some(), "{arguments:?} ended by a signal");
         (output.status.success(), said.into_owned())
@@ -94,7 +84,7 @@ impl TestDirectory {
     fn meaning(&self, name: &str, x: f64, y: f64) -> Option<f64> {
         let said = self.done(&["-q", "point", name, &format!("{x},{y}")]);
         let stored: f64 = said.trim().parse().ok()?;
-        let tree = spinney::open(self.at(name)).unwrap();
+        let tree = spinney::open(self.path(name)).unwrap();
         let (scale, offset) = tree.metadata().scale_offset.first().copied().unwrap_or((1.0, 0.0));
         let unit = tree.metadata().units.first().and_then(|unit| Unit::parse(unit));
         Some((stored * scale + offset) * unit.and_then(Unit::metres).unwrap_or(1.0))
@@ -201,8 +191,8 @@ fn every_operation_converts_every_difference_or_says_how() {
             let temp = TestDirectory::new();
             let first =
                 Uniform { scale: (0.1, 0.0), unit: "m", ..Uniform::new(SampleType::I16, FIRST, here()) };
-            first.write(&temp.at("a.goblin"));
-            second.write(&temp.at("b.goblin"));
+            first.write(&temp.path("a.goblin"));
+            second.write(&temp.path("b.goblin"));
             temp.done(&["-q", "convert", "a.goblin", "a.autumn"]);
             let with = |other: &str, more: &[&str]| -> Vec<String> {
                 let words = operation.iter().map(|word| word.replace("OTHER", other));
@@ -269,22 +259,22 @@ fn advice_is_a_command_that_works() {
     let temp = TestDirectory::new();
     let here = frame(10.0, 500_000.0, 5_200_000.0);
     let off = frame(10.0, 500_003.0, 5_200_000.0);
-    Uniform::new(SampleType::F32, 7.5, here.clone()).write(&temp.at("dem.goblin"));
-    Uniform::new(SampleType::F32, 7.5, off).write(&temp.at("off.goblin"));
+    Uniform::new(SampleType::F32, 7.5, here.clone()).write(&temp.path("dem.goblin"));
+    Uniform::new(SampleType::F32, 7.5, off).write(&temp.path("off.goblin"));
     let solid = Uniform {
         dimension: Dimension::Oct,
         size: [4, 4, 4],
         ..Uniform::new(SampleType::U8, 1.0, Frame::identity())
     };
-    solid.write(&temp.at("solid.goblin"));
+    solid.write(&temp.path("solid.goblin"));
     let fixture = |name: &str| format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"));
-    std::fs::copy(fixture("island_rgb.png"), temp.at("rgb.png")).unwrap();
-    std::fs::copy(fixture("island_classes.tif"), temp.at("classes.tif")).unwrap();
+    std::fs::copy(fixture("island_rgb.png"), temp.path("rgb.png")).unwrap();
+    std::fs::copy(fixture("island_classes.tif"), temp.path("classes.tif")).unwrap();
     temp.done(&["-q", "build", "classes.tif", "-o", "classes.goblin"]);
     temp.done(&["-q", "convert", "dem.goblin", "dem.autumn"]);
     // Zeros outside of the mask, and no VOID.
     let bytes = [&b"P5 12 10 255\n"[..], &[0; 60], &[1; 60]].concat();
-    std::fs::write(temp.at("mask.pgm"), bytes).unwrap();
+    std::fs::write(temp.path("mask.pgm"), bytes).unwrap();
     let corners = "10,0,500000,0,-10,5200000";
     let crs = "EPSG:32632";
     temp.done(&["-q", "build", "rgb.png", "--crs", crs, "--transform", corners, "-o", "rgb.goblin"]);
@@ -309,8 +299,8 @@ fn advice_is_a_command_that_works() {
             "<VRTDataset rasterXSize=\"256\" rasterYSize=\"200\"><SRS>EPSG:32628</SRS><GeoTransform>300000,50,0,3200000,0,-50</GeoTransform><VRTRasterBand dataType=\"Byte\" band=\"1\"><Scale>{scale}</Scale><SimpleSource>{source}</SimpleSource></VRTRasterBand></VRTDataset>"
         )
     };
-    std::fs::write(temp.at("tenths.vrt"), scaled("0.1")).unwrap();
-    std::fs::write(temp.at("ones.vrt"), scaled("1")).unwrap();
+    std::fs::write(temp.path("tenths.vrt"), scaled("0.1")).unwrap();
+    std::fs::write(temp.path("ones.vrt"), scaled("1")).unwrap();
     let cases: [(&[&str], &[&str]); 10] = [
         (
             &["export", "solid.goblin", "p.geojson", "--polygons"],
@@ -361,7 +351,7 @@ fn advice_is_a_command_that_works() {
         }
     }
     assert_eq!(
-        spinney::open(temp.at("x.goblin")).unwrap().statistics(None, &()).unwrap().cells,
+        spinney::open(temp.path("x.goblin")).unwrap().statistics(None, &()).unwrap().cells,
         60,
         "what the mask has"
     );
@@ -371,7 +361,7 @@ fn advice_is_a_command_that_works() {
         frame: Frame { crs: None, ..here },
         ..Uniform::new(SampleType::U8, 3.0, Frame::identity())
     };
-    plain.write(&temp.at("plain.goblin"));
+    plain.write(&temp.path("plain.goblin"));
     temp.done(&["-q", "export", "plain.goblin", "plain.geojson", "--polygons"]);
     temp.done(&["-q", "build", "plain.geojson", "--value", "class", "--cell", "10", "-o", "back.goblin"]);
     assert!(temp.done(&["diff", "plain.goblin", "back.goblin"]).contains("blocks     0,"));
@@ -386,12 +376,12 @@ fn classes_are_matched_by_name() {
         names,
         ..Uniform::new(SampleType::U8, number, at(x))
     };
-    classes(1.0, 0.0, &[(1, "forest"), (2, "lake")]).write(&temp.at("a.goblin"));
-    classes(1.0, 120.0, &[(1, "lake"), (2, "meadow")]).write(&temp.at("b.goblin"));
-    classes(2.0, 240.0, &[(1, "lake"), (2, "meadow")]).write(&temp.at("c.goblin"));
+    classes(1.0, 0.0, &[(1, "forest"), (2, "lake")]).write(&temp.path("a.goblin"));
+    classes(1.0, 120.0, &[(1, "lake"), (2, "meadow")]).write(&temp.path("b.goblin"));
+    classes(2.0, 240.0, &[(1, "lake"), (2, "meadow")]).write(&temp.path("c.goblin"));
     let said = temp.done(&["combine", "over", "a.goblin", "b.goblin", "c.goblin", "-o", "out.goblin"]);
     assert!(said.contains("lake 1 becomes 2") && said.contains("meadow 2 becomes 3"), "{said}");
-    let tree = spinney::open(temp.at("out.goblin")).unwrap();
+    let tree = spinney::open(temp.path("out.goblin")).unwrap();
     let names: Vec<String> =
         tree.metadata().class_names.iter().map(|(number, name)| format!("{number} {name}")).collect();
     assert_eq!(names, ["1 forest", "2 lake", "3 meadow"]);
@@ -405,13 +395,13 @@ fn classes_are_matched_by_name() {
     assert_eq!(found, ["1: 120", "2: 120", "3: 120"]);
     // By number, if requested.
     temp.done(&["-q", "combine", "over", "a.goblin", "b.goblin", "-o", "out.goblin", "--classes", "number"]);
-    let tree = spinney::open(temp.at("out.goblin")).unwrap();
+    let tree = spinney::open(temp.path("out.goblin")).unwrap();
     assert_eq!(tree.statistics(None, &()).unwrap().classes, [(Number::from(1), 240)]);
     // In an edited file, new names are added with the cells.
     temp.done(&["-q", "combine", "over", "a.goblin", "b.goblin", "-o", "land.autumn"]);
     temp.done(&["-q", "transform", "c.goblin", "translate=0,0", "-o", "moved.goblin"]);
     temp.done(&["edit", "land.autumn", "paste", "c.goblin", "--at", "3,2"]);
-    let tree = spinney::open(temp.at("land.autumn")).unwrap();
+    let tree = spinney::open(temp.path("land.autumn")).unwrap();
     assert_eq!(tree.metadata().class_names.values().collect::<Vec<_>>(), ["forest", "lake", "meadow"]);
     assert!(tree.statistics(None, &()).unwrap().classes.iter().any(|(number, _)| *number == Number::from(3)));
     // A table of pairs uses the first file's numbers.
@@ -425,8 +415,8 @@ fn colours_with_opacity_lie_over_colours_without() {
     let temp = TestDirectory::new();
     let rgba = [0, 64, 128, 255].map(|opacity| [200, 100, 50, opacity]).as_flattened().repeat(4);
     let header = "P7\nWIDTH 4\nHEIGHT 4\nDEPTH 4\nMAXVAL 255\nTUPLTYPE RGB_ALPHA\nENDHDR\n";
-    std::fs::write(temp.at("rgba.pam"), [header.as_bytes(), &rgba].concat()).unwrap();
-    std::fs::write(temp.at("rgb.pam"), [&b"P6 4 4 255\n"[..], &[10, 20, 30].repeat(16)].concat()).unwrap();
+    std::fs::write(temp.path("rgba.pam"), [header.as_bytes(), &rgba].concat()).unwrap();
+    std::fs::write(temp.path("rgb.pam"), [&b"P6 4 4 255\n"[..], &[10, 20, 30].repeat(16)].concat()).unwrap();
     for name in ["rgba", "rgb"] {
         let (from, to) = (format!("{name}.pam"), format!("{name}.goblin"));
         let corner = "10,0,500000,0,-10,5200000";
@@ -466,13 +456,13 @@ fn lengths_of_solids_are_converted() {
         let mut options = options(Rule::Occupancy, DataKind::Continuous, cells.depth());
         options.metadata.frame = solid.frame.clone();
         options.metadata.set_tag(Tag::Unit, name);
-        write_cells(&temp.at(&format!("{name}.goblin")), &cells, &options);
+        write_cells(&temp.path(&format!("{name}.goblin")), &cells, &options);
     };
     unit("m", 0.1);
     unit("mm", 100.0);
     for operation in ["union", "and"] {
         temp.done(&["-q", "combine", operation, "m.goblin", "mm.goblin", "-o", "out.goblin"]);
-        let tree = spinney::open(temp.at("out.goblin")).unwrap();
+        let tree = spinney::open(temp.path("out.goblin")).unwrap();
         assert_eq!(
             (tree.header().extent, tree.statistics(None, &()).unwrap().cells),
             ([10; 3], 1000),
@@ -487,14 +477,14 @@ fn lengths_of_solids_are_converted() {
 fn solids_on_other_cells_are_combined() {
     let temp = TestDirectory::new();
     let block = |name: &str, text: &str, cell: &str| {
-        std::fs::write(temp.at("block.csg"), text).unwrap();
+        std::fs::write(temp.path("block.csg"), text).unwrap();
         temp.done(&["-q", "build", "block.csg", "--cell", cell, "--edge", "area", "-o", name]);
     };
     block("a.goblin", "block(0,0,0, 8,8,8);", "0.25");
     block("b.goblin", "block(4.1,1,2, 12.3,9,10);", "0.3");
     temp.done(&["-q", "transform", "b.goblin", "rotate=90,x", "-o", "turned.goblin"]);
     let volume = |name: &str| {
-        let tree = spinney::open(temp.at(name)).unwrap();
+        let tree = spinney::open(temp.path(name)).unwrap();
         let cell = tree.metadata().frame.linear().determinant().abs();
         let mean = tree.statistics(None, &()).unwrap();
         mean.channels[0].mean / 255.0 * mean.cells as f64 * cell
@@ -526,7 +516,7 @@ fn a_file_of_web_maps_is_exported_around_its_data() {
     temp.done(&["-q", "build", input, "--grid", "xyz", "-o", "world.goblin"]);
     temp.done(&["-q", "export", "world.goblin", "island.tif"]);
     temp.done(&["-q", "build", "island.tif", "-o", "back.goblin"]);
-    let [world, back] = ["world.goblin", "back.goblin"].map(|name| spinney::open(temp.at(name)).unwrap());
+    let [world, back] = ["world.goblin", "back.goblin"].map(|name| spinney::open(temp.path(name)).unwrap());
     assert!(back.header().extent.iter().all(|cells| *cells < 1000) && world.header().extent[0] > 100_000);
     assert!(temp.done(&["diff", "world.goblin", "back.goblin"]).contains("blocks     0,"));
 }
@@ -546,7 +536,7 @@ fn longitudes_go_round_the_world_once() {
         let cells = Cells { form, size: [36, 18, 1], cells };
         let mut options = options(Rule::Mean, DataKind::Continuous, cells.depth());
         options.metadata.frame = frame;
-        write_cells(&temp.at(name), &cells, &options);
+        write_cells(&temp.path(name), &cells, &options);
     };
     world("east.goblin", 0.0);
     world("west.goblin", -180.0);
@@ -557,10 +547,10 @@ fn longitudes_go_round_the_world_once() {
         assert!(temp.done(&["diff", "west.goblin", "out.goblin"]).contains("blocks     0,"), "{step}");
     }
     temp.done(&["-q", "combine", "over", "west.goblin", "east.goblin", "-o", "out.goblin"]);
-    assert_eq!(spinney::open(temp.at("out.goblin")).unwrap().header().extent, [36, 18, 1]);
+    assert_eq!(spinney::open(temp.path("out.goblin")).unwrap().header().extent, [36, 18, 1]);
     // A window beyond the seam becomes adjacent to the other one.
     temp.done(&["-q", "transform", "east.goblin", "window=30,0,6,18", "-o", "part.goblin"]);
     temp.done(&["-q", "transform", "west.goblin", "window=18,0,6,18", "-o", "near.goblin"]);
     temp.done(&["-q", "combine", "over", "near.goblin", "part.goblin", "-o", "out.goblin"]);
-    assert_eq!(spinney::open(temp.at("out.goblin")).unwrap().header().extent, [12, 18, 1]);
+    assert_eq!(spinney::open(temp.path("out.goblin")).unwrap().header().extent, [12, 18, 1]);
 }

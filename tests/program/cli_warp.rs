@@ -7,37 +7,10 @@ use spinney::raw::space::web_mercator_depth;
 use spinney::{Bounds, Code, Dataset, Dimension};
 
 use crate::common::command::{command, spinney, stderr, stdout};
+use crate::common::directory::TestDirectory;
 
 const ELEVATION: &str = "fixtures/island_elevation.tif";
 const CLASSES: &str = "fixtures/island_classes.tif";
-
-/// A directory, and names in it.
-struct TestDirectory(tempfile::TempDir);
-
-impl TestDirectory {
-    fn new() -> TestDirectory {
-        TestDirectory(tempfile::tempdir().unwrap())
-    }
-
-    fn name(&self, name: &str) -> String {
-        self.0.path().join(name).to_str().unwrap().into()
-    }
-
-    /// Builds a file from an input.
-    fn built(&self, input: &str, name: &str, options: &[&str]) -> String {
-        let file = self.name(name);
-        command(&["build", "-q", input, "-o", &file]).args(options).assert().success().stderr("");
-        file
-    }
-
-    fn files(&self) -> Vec<String> {
-        let names = fs::read_dir(self.0.path()).unwrap();
-        let mut names: Vec<String> =
-            names.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
-        names.sort();
-        names
-    }
-}
 
 /// Returns all cells of a level that are not VOID, and the position of the first.
 fn cells(tree: &Dataset, level: u8, part: &Bounds) -> (Vec<u8>, Vec<bool>) {

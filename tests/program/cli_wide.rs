@@ -6,6 +6,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use crate::common::command::{complaint, spinney, stdout};
+use crate::common::directory::TestDirectory;
 use crate::common::tiff_file::{Ifd, Values, file};
 
 /// Numbers that are equal to their neighbours as f64, row by row; the last one is nodata.
@@ -18,15 +19,9 @@ const SIGNED: [i64; 12] = {
     [A, A, A + 1, A + 2, A, A, A - 1, i64::MAX, 0, -1, (1 << 53) + 1, i64::MIN + 1]
 };
 
-struct TestDirectory(tempfile::TempDir);
-
 impl TestDirectory {
-    fn at(&self, name: &str) -> String {
-        self.0.path().join(name).to_str().unwrap().into()
-    }
-
     fn bytes(&self, name: &str) -> Vec<u8> {
-        fs::read(self.at(name)).unwrap()
+        fs::read(self.name(name)).unwrap()
     }
 }
 
@@ -37,10 +32,10 @@ fn tiff(path: &str, bytes: Vec<u8>, format: u16, nodata: &'static str) {
 }
 
 fn unsigned() -> TestDirectory {
-    let directory = TestDirectory(tempfile::tempdir().unwrap());
+    let directory = TestDirectory::new();
     let bytes = NUMBERS.iter().flat_map(|number| number.to_le_bytes()).collect();
-    tiff(&directory.at("u.tif"), bytes, 1, "18446744073709551614");
-    spinney(&["-q", "build", &directory.at("u.tif"), "-o", &directory.at("u.goblin")]).success();
+    tiff(&directory.name("u.tif"), bytes, 1, "18446744073709551614");
+    spinney(&["-q", "build", &directory.name("u.tif"), "-o", &directory.name("u.goblin")]).success();
     directory
 }
 
@@ -51,7 +46,7 @@ fn json(arguments: &[&str]) -> Value {
 #[test]
 fn unsigned_numbers_are_preserved_in_images_points_and_searches() {
     let directory = unsigned();
-    let tree = directory.at("u.goblin");
+    let tree = directory.name("u.goblin");
     // Single cells, few and many.
     for (index, number) in NUMBERS.iter().enumerate() {
         let expected = if *number == u64::MAX - 1 { "void".into() } else { number.to_string() };
@@ -93,45 +88,45 @@ fn unsigned_numbers_are_preserved_in_images_points_and_searches() {
 fn unsigned_numbers_round_trip_through_files() {
     let directory = unsigned();
     // As classes: means could be any number, which would leave none free for VOID.
-    let tree = directory.at("classes.goblin");
-    spinney(&["-q", "build", &directory.at("u.tif"), "--kind", "categorical", "-o", &tree]).success();
+    let tree = directory.name("classes.goblin");
+    spinney(&["-q", "build", &directory.name("u.tif"), "--kind", "categorical", "-o", &tree]).success();
     let expected: Vec<u8> = NUMBERS.iter().flat_map(|number| number.to_le_bytes()).collect();
     for name in ["a.raw", "a.npy"] {
-        spinney(&["-q", "get", &tree, &directory.at(name)]).success();
+        spinney(&["-q", "get", &tree, &directory.name(name)]).success();
         assert!(directory.bytes(name).ends_with(&expected), "{name}");
     }
     assert!(String::from_utf8_lossy(&directory.bytes("a.npy")[..80]).contains("'<u8'"));
     // Another nodata value.
-    spinney(&["-q", "get", &tree, &directory.at("b.raw"), "--nodata", "9223372036854775809"]).success();
+    spinney(&["-q", "get", &tree, &directory.name("b.raw"), "--nodata", "9223372036854775809"]).success();
     assert_eq!(directory.bytes("b.raw")[88..], ((1u64 << 63) + 1).to_le_bytes());
     // TIFF, and cloud-optimized, and trees built from these.
-    spinney(&["-q", "get", &tree, &directory.at("a.tif")]).success();
-    spinney(&["-q", "export", &tree, &directory.at("c.tif")]).success();
+    spinney(&["-q", "get", &tree, &directory.name("a.tif")]).success();
+    spinney(&["-q", "export", &tree, &directory.name("c.tif")]).success();
     for name in ["a.tif", "c.tif"] {
-        let again = directory.at(&format!("{name}.goblin"));
-        spinney(&["-q", "build", &directory.at(name), "--kind", "categorical", "-o", &again]).success();
-        spinney(&["-q", "get", &again, &directory.at("again.raw")]).success();
+        let again = directory.name(&format!("{name}.goblin"));
+        spinney(&["-q", "build", &directory.name(name), "--kind", "categorical", "-o", &again]).success();
+        spinney(&["-q", "get", &again, &directory.name("again.raw")]).success();
         assert_eq!(directory.bytes("again.raw"), expected, "{name}");
         assert_eq!(json(&["info", &again, "--json"])["nodata"], u64::MAX - 1, "{name}");
     }
     assert!(String::from_utf8_lossy(&directory.bytes("c.tif")).contains(">18446744073709551615</Item>"));
     // PNG renders colours; EXR has no such samples.
-    spinney(&["-q", "get", &tree, &directory.at("a.png")]).success();
-    assert!(complaint(&["get", &tree, &directory.at("a.exr")], 1).contains("write .tif or .npy"));
+    spinney(&["-q", "get", &tree, &directory.name("a.png")]).success();
+    assert!(complaint(&["get", &tree, &directory.name("a.exr")], 1).contains("write .tif or .npy"));
 }
 
 #[test]
 fn edits_and_classes_have_all_digits() {
     let directory = unsigned();
-    let (tree, file) = (directory.at("u.goblin"), directory.at("u.autumn"));
+    let (tree, file) = (directory.name("u.goblin"), directory.name("u.autumn"));
     spinney(&["-q", "convert", &tree, &file]).success();
     let point = |cell: &str| stdout(&["point", "--in", "cells", &file, cell]).trim().to_string();
     spinney(&["-q", "edit", &file, "fill", "--window", "0,0,2,1", "--value", "9223372036854775813"])
         .success();
     assert_eq!([point("1,0"), point("0,1")], ["9223372036854775813", "9223372036854775811"]);
-    fs::write(directory.at("cells.csv"), "0,0,9223372036854775815\n3,2,18446744073709551613\n1,1,void\n")
+    fs::write(directory.name("cells.csv"), "0,0,9223372036854775815\n3,2,18446744073709551613\n1,1,void\n")
         .unwrap();
-    spinney(&["-q", "edit", &file, "set", &directory.at("cells.csv")]).success();
+    spinney(&["-q", "edit", &file, "set", &directory.name("cells.csv")]).success();
     assert_eq!(
         [point("0,0"), point("3,2"), point("1,1")],
         ["9223372036854775815", "18446744073709551613", "void"]
@@ -142,8 +137,8 @@ fn edits_and_classes_have_all_digits() {
     rows.extend(
         [0, 0, (1 << 63) + 7, 1, 0, u64::MAX - 4].iter().flat_map(|number: &u64| number.to_le_bytes()),
     );
-    fs::write(directory.at("cells.npy"), rows).unwrap();
-    spinney(&["-q", "edit", &file, "set", &directory.at("cells.npy")]).success();
+    fs::write(directory.name("cells.npy"), rows).unwrap();
+    spinney(&["-q", "edit", &file, "set", &directory.name("cells.npy")]).success();
     assert_eq!([point("0,0"), point("1,0")], ["9223372036854775815", "18446744073709551611"]);
     for wrong in ["-1", "18446744073709551616", "0.5"] {
         let said = complaint(&["edit", &file, "fill", "--window", "0,0,1,1", "--value", wrong], 1);
@@ -156,9 +151,9 @@ fn edits_and_classes_have_all_digits() {
         <Row index=\"0\"><F>9223372036854775811</F><F>most of it</F></Row>\
         <Row index=\"1\"><F>9223372036854775812</F><F>next to it</F></Row>\
         </GDALRasterAttributeTable></PAMRasterBand></PAMDataset>";
-    fs::write(directory.at("u.tif.aux.xml"), sidecar).unwrap();
-    let classes = directory.at("k.goblin");
-    spinney(&["-q", "build", &directory.at("u.tif"), "-o", &classes]).success();
+    fs::write(directory.name("u.tif.aux.xml"), sidecar).unwrap();
+    let classes = directory.name("k.goblin");
+    spinney(&["-q", "build", &directory.name("u.tif"), "-o", &classes]).success();
     let found = json(&["stats", &classes, "--json"]);
     let named = |value: u64| {
         let all = found["classes"].as_array().unwrap();
@@ -169,33 +164,33 @@ fn edits_and_classes_have_all_digits() {
     assert_eq!(named((1 << 63) + 4), (1, Some("next to it".into())));
     assert_eq!(named((1 << 63) + 5), (1, None));
     assert!(stdout(&["info", &classes]).contains("9223372036854775812              1 cells  next to it"));
-    spinney(&["-q", "get", &classes, &directory.at("k.tif")]).success();
-    let aux_xml = fs::read_to_string(directory.at("k.tif.aux.xml")).unwrap();
+    spinney(&["-q", "get", &classes, &directory.name("k.tif")]).success();
+    let aux_xml = fs::read_to_string(directory.name("k.tif.aux.xml")).unwrap();
     assert!(aux_xml.contains("<F>9223372036854775811</F><F>most of it</F>"), "{aux_xml}");
 }
 
 #[test]
 fn signed_numbers_of_all_widths_round_trip() {
-    let directory = TestDirectory(tempfile::tempdir().unwrap());
+    let directory = TestDirectory::new();
     let bytes: Vec<u8> = SIGNED.iter().flat_map(|number| number.to_le_bytes()).collect();
-    tiff(&directory.at("i.tif"), bytes.clone(), 2, "-9223372036854775807");
+    tiff(&directory.name("i.tif"), bytes.clone(), 2, "-9223372036854775807");
     let small: Vec<u8> = (0..12).map(|number| (number * 20 - 128) as i8 as u8).collect();
     let image = Ifd::grey(4, 3, small.clone()).short(339, &[2]);
-    fs::write(directory.at("s.tif"), file(&[image])).unwrap();
+    fs::write(directory.name("s.tif"), file(&[image])).unwrap();
     for (name, value, expected) in [("i", "i64", bytes), ("s", "i8", small)] {
-        let tree = directory.at(&format!("{name}.goblin"));
-        spinney(&["-q", "build", &directory.at(&format!("{name}.tif")), "-o", &tree]).success();
+        let tree = directory.name(&format!("{name}.goblin"));
+        spinney(&["-q", "build", &directory.name(&format!("{name}.tif")), "-o", &tree]).success();
         assert_eq!(json(&["info", &tree, "--json"])["value"], value);
         for output in ["a.raw", "a.npy"] {
-            spinney(&["-q", "get", &tree, &directory.at(output)]).success();
+            spinney(&["-q", "get", &tree, &directory.name(output)]).success();
             assert!(directory.bytes(output).ends_with(&expected), "{name} {output}");
         }
-        spinney(&["-q", "get", &tree, &directory.at("a.tif")]).success();
-        spinney(&["-q", "build", &directory.at("a.tif"), "-o", &directory.at("again.goblin")]).success();
-        spinney(&["-q", "get", &directory.at("again.goblin"), &directory.at("again.raw")]).success();
+        spinney(&["-q", "get", &tree, &directory.name("a.tif")]).success();
+        spinney(&["-q", "build", &directory.name("a.tif"), "-o", &directory.name("again.goblin")]).success();
+        spinney(&["-q", "get", &directory.name("again.goblin"), &directory.name("again.raw")]).success();
         assert_eq!(directory.bytes("again.raw"), expected);
     }
-    let tree = directory.at("i.goblin");
+    let tree = directory.name("i.goblin");
     assert_eq!(
         stdout(&["point", "--in", "cells", &tree, "0,0", "2,0"]),
         "-4611686018427387907\n-4611686018427387906\n"
@@ -210,30 +205,37 @@ fn signed_numbers_of_all_widths_round_trip() {
 fn means_of_large_numbers_that_are_alike_are_those_numbers() {
     // Large areas of one number, and halves of two numbers that differ by 2: through views, other
     // grids and images of other sizes.
-    let directory = TestDirectory(tempfile::tempdir().unwrap());
+    let directory = TestDirectory::new();
     let number = |x: usize| (1u64 << 63) + if x < 8 { 3 } else { 5 };
     let bytes: Vec<u8> = (0..16 * 16).flat_map(|index| number(index % 16).to_le_bytes()).collect();
     let image = Ifd::grey(16, 16, bytes).short(258, &[64]);
-    fs::write(directory.at("a.tif"), file(&[image])).unwrap();
-    spinney(&["-q", "build", &directory.at("a.tif"), "-o", &directory.at("a.goblin")]).success();
+    fs::write(directory.name("a.tif"), file(&[image])).unwrap();
+    spinney(&["-q", "build", &directory.name("a.tif"), "-o", &directory.name("a.goblin")]).success();
     let samples = |name: &str| -> Vec<u64> {
         let bytes = directory.bytes(name);
         bytes.chunks_exact(8).map(|bytes| u64::from_le_bytes(bytes.try_into().unwrap())).collect()
     };
     for exact in [&[][..], &["--exact"]] {
-        let arguments = ["-q", "get", &directory.at("a.goblin"), &directory.at("s.raw"), "--size", "5x5"];
+        let arguments = ["-q", "get", &directory.name("a.goblin"), &directory.name("s.raw"), "--size", "5x5"];
         spinney(&[&arguments[..], exact].concat()).success();
         let row = [3, 3, 4, 5, 5].map(|more| (1u64 << 63) + more);
         assert_eq!(samples("s.raw"), row.repeat(5), "{exact:?}");
     }
-    spinney(&["-q", "transform", &directory.at("a.goblin"), "scale=0.4", "-o", &directory.at("t.goblin")])
-        .success();
-    spinney(&["-q", "get", &directory.at("t.goblin"), &directory.at("t.raw"), "--nodata", "0"]).success();
+    spinney(&[
+        "-q",
+        "transform",
+        &directory.name("a.goblin"),
+        "scale=0.4",
+        "-o",
+        &directory.name("t.goblin"),
+    ])
+    .success();
+    spinney(&["-q", "get", &directory.name("t.goblin"), &directory.name("t.raw"), "--nodata", "0"]).success();
     let found = samples("t.raw");
     assert!(
         found.iter().all(|number| (3..=5).contains(&number.wrapping_sub(1 << 63)) || *number == 0),
         "{found:?}"
     );
     assert!(found.contains(&((1 << 63) + 3)) && found.contains(&((1 << 63) + 5)));
-    assert!(Path::new(&directory.at("t.raw")).exists());
+    assert!(Path::new(&directory.name("t.raw")).exists());
 }
