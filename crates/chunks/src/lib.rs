@@ -16,7 +16,8 @@ mod native;
 mod portable;
 mod predictor;
 mod samples;
-mod spec;
+#[expect(missing_docs, reason = "the names are those of the specification")]
+pub mod spec;
 #[cfg(test)]
 mod tests;
 

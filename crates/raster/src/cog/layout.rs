@@ -4,7 +4,8 @@
 use crate::image::ImageSpec;
 use crate::image::tiff::{descriptive_tags, mask_tags, sample_tags};
 use crate::image::tiff_coding::Coding;
-use crate::image::tiff_tags::{self, IfdField, WordWidth, directory, tag, tag_value, value_place, word};
+use crate::image::tiff_tags::{self, IfdField, WordWidth, directory, tag_value, value_place, word};
+use spinney_chunks::spec::tag;
 
 /// A level of the tree in tiles, in row-major order from the upper left.
 pub(super) struct LevelTiles {

@@ -4,11 +4,12 @@ use rayon::prelude::*;
 
 use super::seekable::Seekable;
 use super::tiff_coding::{Coder, Coding};
-use super::tiff_tags::{self, IfdField, tag, tag_value};
+use super::tiff_tags::{self, IfdField, tag_value};
 use super::{ImageSpec, RowWriter, Rows, gdal_xml};
 use spinney_base::io::Output;
 use spinney_base::value::{Palette, SampleType};
 use spinney_base::{Error, Result};
+use spinney_chunks::spec::{compression, photometric, tag};
 
 /// Uncompressed bytes per strip, unless a single row is longer.
 const STRIP_BYTES: u64 = 512 << 10;
@@ -113,16 +114,16 @@ pub(crate) fn sample_tags(spec: &ImageSpec, coding: &Coding) -> Vec<(u16, IfdFie
         && matches!(spec.value.sample, SampleType::U8 | SampleType::U16)
         && spec.metadata.rgb_channels() == [0, 1, 2];
     let photometric = if palette(spec).is_some() {
-        tag_value::PHOTOMETRIC_PALETTE
+        photometric::RGB_PALETTE
     } else if is_rgb {
-        tag_value::PHOTOMETRIC_RGB
+        photometric::RGB
     } else {
-        tag_value::PHOTOMETRIC_BLACK_IS_ZERO
+        photometric::BLACK_IS_ZERO
     };
     let mut tags = vec![
         (tag::BITS_PER_SAMPLE, Short(vec![spec.value.sample.size() as u16 * 8; channels])),
         (tag::COMPRESSION, Short(vec![coding.coder.number()])),
-        (tag::PHOTOMETRIC_INTERPRETATION, Short(vec![photometric])),
+        (tag::PHOTOMETRIC_INTERPRETATION, Short(vec![photometric as u16])),
         (tag::SAMPLES_PER_PIXEL, Short(vec![channels as u16])),
         (tag::PLANAR_CONFIGURATION, Short(vec![tag_value::PLANAR_CHUNKY])),
         (tag::PREDICTOR, Short(vec![coding.predictor as u16])),
@@ -161,8 +162,8 @@ pub(crate) fn mask_tags() -> Vec<(u16, IfdField)> {
     use IfdField::Short;
     vec![
         (tag::BITS_PER_SAMPLE, Short(vec![1])),
-        (tag::COMPRESSION, Short(vec![tag_value::COMPRESSION_DEFLATE])),
-        (tag::PHOTOMETRIC_INTERPRETATION, Short(vec![tag_value::PHOTOMETRIC_MASK])),
+        (tag::COMPRESSION, Short(vec![compression::ADOBE_DEFLATE as u16])),
+        (tag::PHOTOMETRIC_INTERPRETATION, Short(vec![photometric::TRANSPARENCY_MASK as u16])),
         (tag::SAMPLES_PER_PIXEL, Short(vec![1])),
         (tag::PLANAR_CONFIGURATION, Short(vec![tag_value::PLANAR_CHUNKY])),
         (tag::SAMPLE_FORMAT, Short(vec![tag_value::FORMAT_UNSIGNED])),

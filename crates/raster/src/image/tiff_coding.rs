@@ -5,8 +5,8 @@ use std::io::Write;
 use flate2::Compression as DeflateLevel;
 use flate2::write::ZlibEncoder;
 
-use super::tiff_tags::tag_value;
 use spinney_base::value::ValueType;
+use spinney_chunks::spec::compression;
 
 /// Lossless compression of strips or tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,11 +19,12 @@ pub(crate) enum Coder {
 impl Coder {
     /// Value of the compression tag.
     pub(crate) fn number(self) -> u16 {
-        match self {
-            Coder::Uncompressed => tag_value::COMPRESSION_NONE,
-            Coder::Deflate { .. } => tag_value::COMPRESSION_DEFLATE,
-            Coder::Zstd { .. } => tag_value::COMPRESSION_ZSTD,
-        }
+        let number = match self {
+            Coder::Uncompressed => compression::NONE,
+            Coder::Deflate { .. } => compression::ADOBE_DEFLATE,
+            Coder::Zstd { .. } => compression::ZSTD,
+        };
+        number as u16
     }
 
     /// Compresses bytes.

@@ -4,58 +4,14 @@ use std::collections::BTreeMap;
 
 use spinney_base::sort;
 use spinney_base::value::Number;
+use spinney_chunks::spec::{field_type, tag};
 use spinney_crs::{ControlPoint, ControlPoints, Crs, Frame, GeoKeys};
 
-/// Tag numbers, by their names in TIFF 6.0, GeoTIFF 1.1 and GDAL.
-pub(crate) mod tag {
-    pub(crate) const NEW_SUBFILE_TYPE: u16 = 254;
-    pub(crate) const IMAGE_WIDTH: u16 = 256;
-    pub(crate) const IMAGE_LENGTH: u16 = 257;
-    pub(crate) const BITS_PER_SAMPLE: u16 = 258;
-    pub(crate) const COMPRESSION: u16 = 259;
-    pub(crate) const PHOTOMETRIC_INTERPRETATION: u16 = 262;
-    pub(crate) const DOCUMENT_NAME: u16 = 269;
-    pub(crate) const IMAGE_DESCRIPTION: u16 = 270;
-    pub(crate) const STRIP_OFFSETS: u16 = 273;
-    pub(crate) const SAMPLES_PER_PIXEL: u16 = 277;
-    pub(crate) const ROWS_PER_STRIP: u16 = 278;
-    pub(crate) const STRIP_BYTE_COUNTS: u16 = 279;
-    pub(crate) const PLANAR_CONFIGURATION: u16 = 284;
-    pub(crate) const SOFTWARE: u16 = 305;
-    pub(crate) const DATE_TIME: u16 = 306;
-    pub(crate) const ARTIST: u16 = 315;
-    pub(crate) const HOST_COMPUTER: u16 = 316;
-    pub(crate) const PREDICTOR: u16 = 317;
-    pub(crate) const COLOR_MAP: u16 = 320;
-    pub(crate) const TILE_WIDTH: u16 = 322;
-    pub(crate) const TILE_LENGTH: u16 = 323;
-    pub(crate) const TILE_OFFSETS: u16 = 324;
-    pub(crate) const TILE_BYTE_COUNTS: u16 = 325;
-    pub(crate) const EXTRA_SAMPLES: u16 = 338;
-    pub(crate) const SAMPLE_FORMAT: u16 = 339;
-    pub(crate) const COPYRIGHT: u16 = 33432;
-    pub(crate) const MODEL_PIXEL_SCALE: u16 = 33550;
-    pub(crate) const MODEL_TIEPOINT: u16 = 33922;
-    pub(crate) const MODEL_TRANSFORMATION: u16 = 34264;
-    pub(crate) const GEO_KEY_DIRECTORY: u16 = 34735;
-    pub(crate) const GEO_DOUBLE_PARAMS: u16 = 34736;
-    pub(crate) const GEO_ASCII_PARAMS: u16 = 34737;
-    pub(crate) const GDAL_METADATA: u16 = 42112;
-    pub(crate) const GDAL_NODATA: u16 = 42113;
-}
-
-/// Tag values, by their names in TIFF 6.0 and its supplements.
+/// Other tag values that are written, by their names in TIFF 6.0 and its supplements.
 pub(crate) mod tag_value {
     /// Bits of the image kind in a file of several images.
     pub(crate) const SUBFILE_REDUCED: u32 = 1;
     pub(crate) const SUBFILE_MASK: u32 = 4;
-    pub(crate) const COMPRESSION_NONE: u16 = 1;
-    pub(crate) const COMPRESSION_DEFLATE: u16 = 8;
-    pub(crate) const COMPRESSION_ZSTD: u16 = 50000;
-    pub(crate) const PHOTOMETRIC_BLACK_IS_ZERO: u16 = 1;
-    pub(crate) const PHOTOMETRIC_RGB: u16 = 2;
-    pub(crate) const PHOTOMETRIC_PALETTE: u16 = 3;
-    pub(crate) const PHOTOMETRIC_MASK: u16 = 4;
     /// Samples of a pixel are stored together.
     pub(crate) const PLANAR_CHUNKY: u16 = 1;
     pub(crate) const SAMPLE_UNSPECIFIED: u16 = 0;
@@ -70,15 +26,6 @@ pub(crate) mod tag_value {
 const RASTER_TYPE: u16 = 1025;
 const RASTER_PIXEL_IS_AREA: u16 = 1;
 const RASTER_PIXEL_IS_POINT: u16 = 2;
-
-/// Field types, by their names in TIFF 6.0 and BigTIFF.
-mod field_type {
-    pub(super) const ASCII: u16 = 2;
-    pub(super) const SHORT: u16 = 3;
-    pub(super) const LONG: u16 = 4;
-    pub(super) const DOUBLE: u16 = 12;
-    pub(super) const LONG8: u16 = 16;
-}
 
 /// A tag's value.
 #[derive(Clone)]

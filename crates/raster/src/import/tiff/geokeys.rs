@@ -1,8 +1,8 @@
 //! Georeferencing of a GeoTIFF: the model tags and the GeoKeys.
 
 use super::ifd::Directory;
-use super::spec::tag;
 use spinney_base::Result;
+use spinney_chunks::spec::tag;
 use spinney_crs::{ControlPoint, ControlPoints, Crs, Frame, GeoKeys};
 
 // GeoKey of the raster type and its value for points, by their names in the GeoTIFF specification.

@@ -4,10 +4,10 @@ use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::spec::field_type as field;
 use crate::import::RasterOptions;
 use spinney_base::io::InputFile;
 use spinney_base::{Error, Result};
+use spinney_chunks::spec::field_type as field;
 use spinney_container::shell_word;
 
 /// Maximum number of directories of a file; there may be many pages.

@@ -8,10 +8,10 @@ use rayon::prelude::*;
 use super::cache::{ChunkCache, ChunkKey};
 use super::ifd::{Directory, Input};
 use super::layout::{ChunkLayout, ChunkLocation};
-use super::spec::{photometric, tag};
 use crate::index::{RecordedChunks, RecordedImage};
 use spinney_base::space::Region;
 use spinney_base::{Error, Result};
+use spinney_chunks::spec::{photometric, tag};
 use spinney_chunks::{
     ChunkFormat, ChunkSelection, Colour, Compression, DecoderStates, Predictor, SampleFormat, Yuv,
 };

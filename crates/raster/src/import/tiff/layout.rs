@@ -1,10 +1,10 @@
 //! Division of an image into chunks (strips or tiles), and their locations in the file.
 
 use super::ifd::{Directory, Input};
-use super::spec::tag;
 use spinney_base::Result;
 use spinney_base::sort;
 use spinney_base::space::Region;
+use spinney_chunks::spec::tag;
 
 /// Uncompressed strips may be of any size, so they are read in chunks of about this many bytes.
 const CHUNK_BYTES: u64 = 1 << 20;

@@ -6,7 +6,6 @@ mod ifd;
 mod image;
 mod layout;
 mod pages;
-mod spec;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,7 +14,6 @@ use std::sync::Arc;
 use self::geokeys::Georeferencing;
 use self::ifd::{Directory, Input};
 use self::image::Image;
-use self::spec::{photometric, tag};
 use super::validity::sample_bytes;
 use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, gdal};
 use crate::index::{RecordedSource, SourceWindow};
@@ -25,6 +23,7 @@ use spinney_base::value::{DataKind, Palette};
 use spinney_base::{Error, Result};
 use spinney_chunks::Colour;
 pub(crate) use spinney_chunks::SampleFormat;
+use spinney_chunks::spec::{photometric, tag};
 use spinney_references::PixelRule;
 
 /// Opens one page of a TIFF file.
@@ -156,10 +155,10 @@ impl Raster for Tiff {
         true
     }
 
-    fn prefetch(&mut self, regions: &[Region]) -> Result<()> {
+    fn prefetch(&mut self, regions: &[Region]) -> Result<usize> {
         let OpenFile { input, image, mask, .. } = &*self.file;
         if !input.is_remote() {
-            return Ok(());
+            return Ok(regions.len());
         }
         let mut ranges = Vec::new();
         for region in regions {
@@ -168,7 +167,8 @@ impl Raster for Tiff {
                 mask.ranges(*region, &[0], &mut ranges);
             }
         }
-        input.prefetch(&ranges)
+        input.prefetch(&ranges)?;
+        Ok(regions.len())
     }
 
     fn source_windows(&self) -> Option<Vec<SourceWindow>> {

@@ -1,8 +1,8 @@
 //! Pages: independent images in one file, as opposed to overviews and masks.
 
 use super::ifd::{Directory, Input, LinkedDirectory};
-use super::spec::tag;
 use spinney_base::{Error, Result};
+use spinney_chunks::spec::tag;
 
 /// Bits of NewSubfileType: overview, mask.
 const REDUCED_OR_MASK: u64 = 1 | 4;
