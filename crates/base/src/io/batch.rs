@@ -25,11 +25,11 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 use std::ops::Range;
-use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::ranges::RangeFile;
+use super::waiting::run_waiting;
 use crate::{Error, Result, parallel};
 
 /// Maximum number of batches of a query, after which it reads range by range.
@@ -292,16 +292,10 @@ fn fetch(missing: Vec<MissingRange>, fetched: &mut Fetched) -> Result<usize> {
         count += 1;
         files.entry(file.number()).or_insert_with(|| (file, Vec::new())).1.push(range);
     }
-    let mut files = files.into_values();
-    let first = files.next();
-    std::thread::scope(|scope| {
-        let others: Vec<_> =
-            files.map(|(file, ranges)| scope.spawn(move || file.fetch(&ranges).map(drop))).collect();
-        let first = first.map_or(Ok(()), |(file, ranges)| file.fetch(&ranges).map(drop));
-        // Resumes a panic in the calling thread.
-        let others =
-            others.into_iter().map(|other| other.join().unwrap_or_else(|panic| resume_unwind(panic)));
-        others.fold(first, Result::and)
+    let files: Vec<_> = files.into_values().collect();
+    run_waiting(files.len(), &|index| {
+        let (file, ranges) = &files[index];
+        file.fetch(ranges).map(drop)
     })?;
     Ok(count)
 }

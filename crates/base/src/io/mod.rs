@@ -24,6 +24,7 @@ pub mod spill;
 mod spool;
 mod stat;
 mod unpacked;
+mod waiting;
 mod write;
 
 pub use crate::url::{
@@ -52,5 +53,6 @@ pub use sorter::Sorter;
 pub use spool::{Spool, SpooledWords, WordSpooler};
 pub use stat::{FileStat, FileVersion};
 pub use unpacked::Unpacked;
+pub use waiting::run_waiting;
 pub use write::FileBackend;
 pub use write::WriteBackend;

@@ -308,6 +308,10 @@ impl Raster for Bands {
         self.raster.reads_anywhere()
     }
 
+    fn prefetch(&mut self, regions: &[Region]) -> Result<usize> {
+        self.raster.prefetch(regions)
+    }
+
     fn path(&self) -> &Path {
         self.raster.path()
     }

@@ -65,6 +65,8 @@ pub(super) struct Lazy {
     /// The selected channels; `None` means all.
     chosen: Option<Vec<usize>>,
     info: RasterInfo,
+    /// The windows of files with all channels.
+    windows: Option<Vec<SourceWindow>>,
     /// Whether any region can be read at any time. Otherwise rows are skipped, or read from the top
     /// again.
     anywhere: bool,
@@ -84,6 +86,7 @@ impl Lazy {
             options: options.clone(),
             chosen: None,
             info: raster.info().clone(),
+            windows: raster.source_windows(),
             anywhere: raster.reads_anywhere(),
             pool: Arc::clone(pool),
             id: pool.next.fetch_add(1, Ordering::Relaxed),
@@ -105,6 +108,7 @@ impl Lazy {
             options: self.options.clone(),
             chosen: self.chosen.clone(),
             info: self.info.clone(),
+            windows: self.windows.clone(),
             anywhere: self.anywhere,
             pool: Arc::clone(&self.pool),
             id: self.pool.next.fetch_add(1, Ordering::Relaxed),
@@ -120,6 +124,14 @@ impl Lazy {
             (band.palette, band.class_names) = (None, Vec::new());
         }
         self.info = info;
+    }
+
+    /// Takes the open file from the pool, or opens it again.
+    fn take_open(&self) -> Result<OpenRaster> {
+        match self.pool.take(self.id) {
+            Some(opened) => Ok(opened),
+            None => self.reopen(),
+        }
     }
 
     fn reopen(&self) -> Result<OpenRaster> {
@@ -187,10 +199,7 @@ impl Raster for Lazy {
             *pixels = Pixels::default();
             return Ok(());
         }
-        let mut opened = match self.pool.take(self.id) {
-            Some(opened) => opened,
-            None => self.reopen()?,
-        };
+        let mut opened = self.take_open()?;
         self.read_from(&mut opened, region, pixels)?;
         // A raster that was read to its end is usually not needed again.
         if self.info.order == Order::Anywhere || region.bottom() < self.info.height {
@@ -213,9 +222,28 @@ impl Raster for Lazy {
         true
     }
 
+    fn prefetch(&mut self, regions: &[Region]) -> Result<usize> {
+        if !self.anywhere {
+            return Ok(regions.len());
+        }
+        let mut opened = self.take_open()?;
+        let taken = opened.raster.prefetch(regions)?;
+        self.pool.put(self.id, opened);
+        Ok(taken)
+    }
+
     fn source_windows(&self) -> Option<Vec<SourceWindow>> {
-        // (Files that cannot be opened any more are reported when they are read.)
-        self.reopen().ok()?.raster.source_windows()
+        let Some(chosen) = &self.chosen else { return self.windows.clone() };
+        let Some(windows) = &self.windows else {
+            // Some bands of a virtual raster may have windows, even if others have not. (Files that
+            // cannot be opened any more are reported when they are read.)
+            return self.reopen().ok()?.raster.source_windows();
+        };
+        let chosen = |window: &SourceWindow| SourceWindow {
+            channels: chosen.iter().map(|channel| window.channels[*channel]).collect(),
+            ..window.clone()
+        };
+        Some(windows.iter().map(chosen).collect())
     }
 }
 

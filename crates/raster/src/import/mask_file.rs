@@ -84,4 +84,10 @@ impl Raster for Masked {
     fn reads_anywhere(&self) -> bool {
         self.raster.reads_anywhere()
     }
+
+    fn prefetch(&mut self, regions: &[Region]) -> Result<usize> {
+        let mut mask = self.mask.lock().expect("no panic while held");
+        let taken = self.raster.prefetch(regions)?;
+        mask.prefetch(&regions[..taken])
+    }
 }

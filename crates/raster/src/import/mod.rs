@@ -1,5 +1,6 @@
 //! Import of raster files: one trait, one reader per format, and mosaics of several files.
 
+mod ahead;
 mod bands;
 mod build;
 mod exr;
@@ -179,12 +180,14 @@ pub trait Raster: Send {
         self.info().order == Order::Anywhere
     }
 
-    /// Announces regions that will be read soon: those of a remote file are fetched together.
+    /// Announces regions that will be read next: those of remote files are fetched together. Returns
+    /// the number of regions that were announced, at least 1; the others should be announced again
+    /// when these have been read.
     ///
     /// # Errors
     /// If they cannot be fetched.
-    fn prefetch(&mut self, _: &[Region]) -> Result<()> {
-        Ok(())
+    fn prefetch(&mut self, regions: &[Region]) -> Result<usize> {
+        Ok(regions.len())
     }
 
     /// Returns the windows of files whose pixels are those of this raster, unchanged, from the

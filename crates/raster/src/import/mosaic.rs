@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::ahead::{PlacedRaster, Placement, prefetch_placed};
 use super::validity::Validity;
 use super::{Order, Pixels, Raster, RasterInfo};
 use crate::index::SourceWindow;
@@ -261,6 +262,10 @@ impl Raster for Mosaic {
         Ok(())
     }
 
+    fn prefetch(&mut self, regions: &[Region]) -> Result<usize> {
+        prefetch_placed(regions, self.inputs.iter_mut().map(Input::placed).collect())
+    }
+
     fn source_windows(&self) -> Option<Vec<SourceWindow>> {
         let mut windows = Vec::new();
         for input in &self.inputs {
@@ -278,6 +283,15 @@ impl Raster for Mosaic {
 }
 
 impl Input {
+    fn placed(&mut self) -> PlacedRaster<'_> {
+        let origin = [self.region.x as i64, self.region.y as i64];
+        PlacedRaster {
+            raster: &mut *self.raster,
+            covers: self.region,
+            placement: Placement { origin, factor: [1; 2] },
+        }
+    }
+
     /// Reads a region of the mosaic that is within the input.
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
         let Region { x, y, width, height } = region;

@@ -4,6 +4,7 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::ahead::open_each;
 use super::lazy::{Lazy, Pool};
 use super::mosaic::{Mosaic, MosaicPlan};
 use super::sidecar::DescribedRaster;
@@ -285,19 +286,21 @@ fn open_inputs(
             open(path, &open_options)?
         };
         check_pages(&*raster)?;
-        let raster = match &options.bands {
-            Some(chosen) => bands::select(raster, chosen)?,
-            None => raster,
-        };
+        match &options.bands {
+            Some(chosen) => bands::select(raster, chosen),
+            None => Ok(raster),
+        }
+    };
+    let described = |raster: Box<dyn Raster>| -> Box<dyn Raster> {
         let mut info = raster.info().clone();
         apply_options(&mut info, options, overruled);
         if are_several && info.transparent == Transparent::Masked {
             // Images below are visible through transparent pixels.
             info.transparent = Transparent::Void;
         }
-        Ok(Box::new(DescribedRaster { raster, info }))
+        Box::new(DescribedRaster { raster, info })
     };
-    inputs.iter().map(open_one).collect()
+    Ok(open_each(inputs, &open_one)?.into_iter().map(described).collect())
 }
 
 /// The treatment of an image's transparent pixels, depending on the option to keep them.

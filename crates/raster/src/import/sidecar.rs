@@ -51,7 +51,7 @@ impl Raster for DescribedRaster {
         self.raster.reads_anywhere()
     }
 
-    fn prefetch(&mut self, regions: &[Region]) -> Result<()> {
+    fn prefetch(&mut self, regions: &[Region]) -> Result<usize> {
         self.raster.prefetch(regions)
     }
 

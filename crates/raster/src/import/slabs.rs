@@ -22,12 +22,14 @@ pub struct RasterSlabs {
     squares: SlabBoxes,
     /// Maximum number of cells per side of a square.
     side: u64,
-    /// Squares that were announced to the raster.
+    /// The next squares.
     ahead: VecDeque<Region>,
+    /// Number of these that were announced to the raster.
+    announced: usize,
     next_row: u64,
 }
 
-/// Number of squares that are announced together: in FD order, a square of four by four.
+/// Maximum number of squares that are announced together: in FD order, a square of four by four.
 const AHEAD: usize = 16;
 
 impl RasterSlabs {
@@ -50,6 +52,7 @@ impl RasterSlabs {
             squares: SlabBoxes::new(extent, all, side),
             side,
             ahead: VecDeque::new(),
+            announced: 0,
             next_row: 0,
         }
     }
@@ -68,12 +71,13 @@ impl RasterSlabs {
     }
 
     fn next_square(&mut self) -> Result<Option<Region>> {
-        if self.ahead.is_empty() {
+        if self.announced == 0 {
             let square =
                 |([x, y, _], [width, height, _]): ([u64; 3], [u64; 3])| Region::new(x, y, width, height);
-            self.ahead.extend(self.squares.by_ref().take(AHEAD).map(square));
-            self.raster.prefetch(self.ahead.make_contiguous())?;
+            self.ahead.extend(self.squares.by_ref().take(AHEAD - self.ahead.len()).map(square));
+            self.announced = self.raster.prefetch(self.ahead.make_contiguous())?;
         }
+        self.announced = self.announced.saturating_sub(1);
         Ok(self.ahead.pop_front())
     }
 }

@@ -112,15 +112,16 @@ pub fn sections_of_shards(
 /// Returns the numbers of the files in the order of their cells, so that those near each other are
 /// described together.
 fn in_order_of_cells(layers: &[&IndexPlan]) -> Vec<usize> {
-    let mut firsts: HashMap<usize, u64> = HashMap::new();
-    for window in layers.iter().flat_map(|layer| &layer.windows) {
+    // (Files are recorded in any order, so a file's first window decides between equal places.)
+    let mut firsts: HashMap<usize, (u64, usize)> = HashMap::new();
+    for (number, window) in layers.iter().flat_map(|layer| &layer.windows).enumerate() {
         let spread = |at: u64| morton_encode(Dimension::Quad, at as u32);
         let (x, y) = (window.cells.x + window.cells.width / 2, window.cells.y + window.cells.height / 2);
         let at = spread(x) | spread(y) << 1;
-        let first = firsts.entry(window.source).or_insert(at);
-        *first = at.min(*first);
+        let first = firsts.entry(window.source).or_insert((at, number));
+        first.0 = at.min(first.0);
     }
-    let mut order: Vec<(usize, u64)> = firsts.into_iter().collect();
-    sort::by(&mut order, &mut |a, b| (a.1, a.0).cmp(&(b.1, b.0)));
+    let mut order: Vec<(usize, (u64, usize))> = firsts.into_iter().collect();
+    sort::by(&mut order, &mut |a, b| a.1.cmp(&b.1));
     order.into_iter().map(|(number, _)| number).collect()
 }

@@ -16,6 +16,7 @@ use self::grid::Grid;
 pub use self::layer::StackLayer;
 use self::layer::divide;
 pub use self::write::{write_layers, write_stack};
+use super::ahead::open_each;
 use super::plan::{DEFAULT_MEMORY, ImportOptions, apply_options, depth_of, listed};
 use super::{RasterInfo, RasterOptions, open, tiff};
 use crate::index::SourceRecorder;
@@ -117,10 +118,9 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
     let memory = import.memory.unwrap_or(DEFAULT_MEMORY);
     let mut overruled = None;
     let recorder = import.referenced.map(|_| Arc::new(SourceRecorder::default()));
-    let (mut images, mut remarks) = (Vec::new(), Vec::new());
-    for input in inputs {
-        read_headers(input, options, (memory / 2, &recorder), &mut images)?;
-    }
+    let read = |input: &PathBuf| read_headers(input, options, (memory / 2, &recorder));
+    let mut images: Vec<InputImage> = open_each(inputs, &read)?.into_iter().flatten().collect();
+    let mut remarks = Vec::new();
     for image in &mut images {
         apply_options(&mut image.info, import, &mut overruled);
         remarks.extend(image.info.remark.take().map(|remark| (image.path.clone(), remark)));
@@ -198,8 +198,7 @@ fn read_headers(
     path: &Path,
     options: &StackOptions,
     (memory, recorder): (u64, &Option<Arc<SourceRecorder>>),
-    images: &mut Vec<InputImage>,
-) -> Result<()> {
+) -> Result<Vec<InputImage>> {
     let ImportOptions { layer, page, access, .. } = &options.import;
     let (layer, access) = (layer.clone(), access.clone());
     let recorder = recorder.clone();
@@ -208,15 +207,20 @@ fn read_headers(
     let pages = raster.info().pages;
     if pages < 2 || !options.every_page {
         super::plan::check_pages(&*raster)?;
-        images.push(InputImage { path: path.into(), options: how, page: None, info: raster.info().clone() });
-        return Ok(());
+        return Ok(vec![InputImage {
+            path: path.into(),
+            options: how,
+            page: None,
+            info: raster.info().clone(),
+        }]);
     }
+    let mut images = Vec::new();
     for (number, directory) in tiff::page_directories(path, &how)?.into_iter().enumerate() {
         let how = RasterOptions { page: Some(number), directory: Some(directory), ..how.clone() };
         let info = open(path, &how)?.info().clone();
         images.push(InputImage { path: path.into(), options: how, page: Some(number), info });
     }
-    Ok(())
+    Ok(images)
 }
 
 /// Lines of [`Stack::description`].

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use super::ahead::{PlacedRaster, Placement, prefetch_placed};
 use super::lazy::Lazy;
 use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
 use crate::index::SourceWindow;
@@ -117,12 +118,9 @@ struct Band {
 /// A region of one channel of another raster.
 struct Source {
     raster: Lazy,
-    /// The pixels of the band that this source covers. Each pixel of the other raster becomes
-    /// `factor` pixels along each axis.
+    /// The pixels of the band that this source covers.
     region: Region,
-    /// The pixel of the band at which the other raster's first pixel begins.
-    origin: [i64; 2],
-    factor: [u64; 2],
+    placement: Placement,
     missing: Missing,
 }
 
@@ -197,15 +195,13 @@ impl Band {
 }
 
 impl Source {
+    fn placed(&mut self) -> PlacedRaster<'_> {
+        PlacedRaster { raster: &mut self.raster, covers: self.region, placement: self.placement }
+    }
+
     /// Reads the samples for some pixels of the band; returns their region in the other raster.
     fn read(&mut self, wanted: Region, part: &mut Pixels) -> Result<Region> {
-        let along = |axis: usize, start: u64, end: u64| {
-            let offset = |at: u64| (at as i64 - self.origin[axis]) as u64;
-            (offset(start) / self.factor[axis], offset(end).div_ceil(self.factor[axis]))
-        };
-        let (left, right) = along(0, wanted.x, wanted.right());
-        let (top, bottom) = along(1, wanted.y, wanted.bottom());
-        let from = Region::new(left, top, right - left, bottom - top);
+        let from = self.placement.own_region(wanted);
         self.raster.read(from, part)?;
         Ok(from)
     }
@@ -226,9 +222,10 @@ impl Source {
         region: Region,
     ) {
         let (size, wide) = (sample.size(), to.size());
+        let Placement { origin, factor } = self.placement;
         let mut widened = Vec::new();
         for y in wanted.y..wanted.bottom() {
-            let row = (y as i64 - self.origin[1]) as u64 / self.factor[1] - from.y;
+            let row = (y as i64 - origin[1]) as u64 / factor[1] - from.y;
             let row = &part.bytes[(row * from.width) as usize * size..][..from.width as usize * size];
             let start = ((y - region.y) * region.width + wanted.x - region.x) as usize;
             let range = start..start + wanted.width as usize;
@@ -240,15 +237,15 @@ impl Source {
                 widen(row, sample, to, &mut widened);
                 &widened
             };
-            if self.factor[0] == 1 && matches!(self.missing, Missing::None) && !covered.contains(&true) {
+            if factor[0] == 1 && matches!(self.missing, Missing::None) && !covered.contains(&true) {
                 target.copy_from_slice(samples);
                 covered.fill(true);
                 plane.left -= covered.len();
                 continue;
             }
-            let first = (wanted.x as i64 - self.origin[0]) as u64;
+            let first = (wanted.x as i64 - origin[0]) as u64;
             for ((x, covered), target) in (first..).zip(covered).zip(target.chunks_exact_mut(wide)) {
-                let column = (x / self.factor[0] - from.x) as usize;
+                let column = (x / factor[0] - from.x) as usize;
                 if !*covered && !self.missing.is(&row[column * size..][..size]) {
                     target.copy_from_slice(&samples[column * wide..][..wide]);
                     *covered = true;
@@ -332,6 +329,11 @@ impl Raster for Vrt {
         true
     }
 
+    fn prefetch(&mut self, regions: &[Region]) -> Result<usize> {
+        let sources = self.bands.iter_mut().flat_map(|band| &mut band.sources);
+        prefetch_placed(regions, sources.map(Source::placed).collect())
+    }
+
     fn source_windows(&self) -> Option<Vec<SourceWindow>> {
         let (first, others) = self.bands.split_first()?;
         // Every band has the same windows of the same files.
@@ -361,14 +363,15 @@ impl Raster for Vrt {
 impl Source {
     /// Returns the window of a file that the source is, if its samples are used unchanged.
     fn window(&self, sample: SampleType) -> Option<SourceWindow> {
-        if self.factor != [1; 2] || self.raster.info().sample != sample {
+        if self.placement.factor != [1; 2] || self.raster.info().sample != sample {
             return None;
         }
         let [window] = <[SourceWindow; 1]>::try_from(self.raster.source_windows()?).ok()?;
         if window.rule != PixelRule::default() {
             return None;
         }
-        let along = |axis: usize, start: u64| (start as i64 - self.origin[axis]) as u64 + window.from[axis];
+        let along =
+            |axis: usize, start: u64| (start as i64 - self.placement.origin[axis]) as u64 + window.from[axis];
         let from = [along(0, self.region.x), along(1, self.region.y)];
         let (nodata, nan) = match &self.missing {
             Missing::None => (None, false),

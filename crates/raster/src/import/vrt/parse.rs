@@ -5,6 +5,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::super::ahead::Placement;
 use super::super::bands::{BandInfo, common_type};
 use super::super::lazy::{Lazy, Pool};
 use super::super::plan::MAX_OPEN;
@@ -304,8 +305,8 @@ impl Reader<'_> {
             return self.refuse(format!("{resampling} resampling in a source of band {band}"));
         }
         let region = Region::new(x.first, y.first, x.length, y.length);
-        let (origin, factor) = ([x.origin, y.origin], [x.factor, y.factor]);
-        Ok((!region.is_empty()).then_some(Source { raster, region, origin, factor, missing }))
+        let placement = Placement { origin: [x.origin, y.origin], factor: [x.factor, y.factor] };
+        Ok((!region.is_empty()).then_some(Source { raster, region, placement, missing }))
     }
 
     fn rectangle(&self, element: &XmlElement<'_>) -> Result<[f64; 4]> {

@@ -1,0 +1,94 @@
+//! Remote files that are opened, and read ahead, at the same time.
+
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+
+use super::Raster;
+use super::plan::MAX_OPEN;
+use spinney_base::Result;
+use spinney_base::io::{run_waiting, url_of};
+use spinney_base::space::Region;
+
+/// Opens inputs, in their order: if one is remote, several at the same time.
+///
+/// # Errors
+/// The error of the first input that cannot be opened.
+pub(super) fn open_each<T: Send>(
+    inputs: &[PathBuf],
+    open: &(dyn Fn(&PathBuf) -> Result<T> + Sync),
+) -> Result<Vec<T>> {
+    if !inputs.iter().any(|input| url_of(input).is_some()) {
+        return inputs.iter().map(open).collect();
+    }
+    let opened: Vec<Mutex<Option<T>>> = inputs.iter().map(|_| Mutex::new(None)).collect();
+    run_waiting(inputs.len(), &|number| {
+        let input = open(&inputs[number])?;
+        *opened[number].lock().unwrap_or_else(PoisonError::into_inner) = Some(input);
+        Ok(())
+    })?;
+    let opened =
+        opened.into_iter().filter_map(|input| input.into_inner().unwrap_or_else(PoisonError::into_inner));
+    Ok(opened.collect())
+}
+
+/// A raster whose pixels are those of a region of another raster.
+pub(super) struct PlacedRaster<'a> {
+    pub(super) raster: &'a mut dyn Raster,
+    /// The pixels of the other raster that it covers.
+    pub(super) covers: Region,
+    pub(super) placement: Placement,
+}
+
+/// Where the pixels of a raster are in the other one.
+#[derive(Clone, Copy)]
+pub(super) struct Placement {
+    /// The pixel of the other raster at which the first pixel begins.
+    pub(super) origin: [i64; 2],
+    /// Each pixel becomes so many pixels along each axis.
+    pub(super) factor: [u64; 2],
+}
+
+impl Placement {
+    /// Returns the raster's own region for pixels of the other one, which it covers.
+    pub(super) fn own_region(&self, pixels: Region) -> Region {
+        let along = |axis: usize, start: u64, end: u64| {
+            let offset = |at: u64| (at as i64 - self.origin[axis]) as u64;
+            (offset(start) / self.factor[axis], offset(end).div_ceil(self.factor[axis]))
+        };
+        let (left, right) = along(0, pixels.x, pixels.right());
+        let (top, bottom) = along(1, pixels.y, pixels.bottom());
+        Region::new(left, top, right - left, bottom - top)
+    }
+}
+
+/// Announces regions of a raster to the remote ones that it consists of, all at the same time. Returns
+/// the number of regions that were announced: as many as touch few rasters, since only few stay open.
+///
+/// # Errors
+/// If they cannot be fetched.
+pub(super) fn prefetch_placed(regions: &[Region], rasters: Vec<PlacedRaster<'_>>) -> Result<usize> {
+    let is_remote = |placed: &PlacedRaster<'_>| url_of(placed.raster.path()).is_some();
+    let mut remote: Vec<(PlacedRaster<'_>, Vec<Region>)> =
+        rasters.into_iter().filter(is_remote).map(|placed| (placed, Vec::new())).collect();
+    let (mut taken, mut touched) = (0, 0);
+    for region in regions {
+        let is_touched = |covers: &Region| !covers.intersect(region).is_empty();
+        let fresh =
+            |(placed, own): &&(PlacedRaster<'_>, Vec<Region>)| own.is_empty() && is_touched(&placed.covers);
+        touched += remote.iter().filter(fresh).count();
+        if touched > MAX_OPEN && taken > 0 {
+            break;
+        }
+        for (placed, own) in remote.iter_mut().filter(|(placed, _)| is_touched(&placed.covers)) {
+            own.push(placed.placement.own_region(placed.covers.intersect(region)));
+        }
+        taken += 1;
+    }
+    let announced: Vec<_> = remote.into_iter().filter(|(_, own)| !own.is_empty()).map(Mutex::new).collect();
+    run_waiting(announced.len(), &|number| {
+        let mut announced = announced[number].lock().unwrap_or_else(PoisonError::into_inner);
+        let (placed, own) = &mut *announced;
+        placed.raster.prefetch(own).map(drop)
+    })?;
+    Ok(taken)
+}
