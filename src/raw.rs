@@ -32,7 +32,7 @@ pub mod io {
     pub use spinney_base::io::{
         CachedBytes, CompletionRecord, DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileStat, FileVersion,
         Mapped, OutputDirectory, Positioned, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter,
-        Warn, WriteBackend, any_file, listed_path, redacted, shown, url_of, without_query,
+        Warn, WriteBackend, any_file, gdal_url, listed_path, redacted, shown, url_of, without_query,
     };
 
     /// Restartable, batched queries of remote files.
@@ -130,7 +130,7 @@ pub mod ops {
         Regions, RotationAxis, Sampling, Sieve, TreeFile, TreeFileNode, View, ViewNode, ViewSource,
         ViewSourceNode, WarpGrid, WarpTarget, Warped, add_layer, apply_edits, blame, build, combine_with,
         crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer, layer_paths,
-        only_layer, transform_to, warp,
+        only_layer, overwritten_input, transform_to, warp,
     };
 }
 

@@ -19,7 +19,6 @@ use spinney::raw::lines::is_line_file;
 use spinney::raw::ops::{self, AffineMap, FdRange, Outcome, Prefer, ReconcileOptions};
 use spinney::raw::points::is_point_file;
 use spinney::raw::store::autumnal::{self, CompactOptions, History, Keep};
-use spinney::raw::store::file_of;
 use spinney::{
     Codec, CombineOperation, CombineOptions, ExactModel, FileView, Header, Metadata, Number, Progress as _,
     Universe, ViewOperation, WarpOptions,
@@ -31,14 +30,10 @@ use crate::jobs::{self, Terms, access};
 use crate::numbers::{PyNumber, plain};
 use crate::packing::Packing;
 
-/// Fails if an input is the output file.
+/// Fails if the output is one of the inputs, or has cells of one.
 pub(crate) fn check_output(inputs: &[PathBuf], output: &Path) -> PyResult<()> {
-    match inputs.iter().find(|input| is_same_file(&file_of(input), output)) {
-        Some(input) => {
-            Err(invalid(format!("{}: is an input and the output; choose another output", input.display())))
-        }
-        None => Ok(()),
-    }
+    let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
+    ops::overwritten_input(&inputs, output).map_or(Ok(()), |message| Err(invalid(message)))
 }
 
 /// Returns whether two names refer to one file.

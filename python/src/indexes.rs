@@ -7,7 +7,7 @@ use spinney::import::raster::{plan, plan_stack};
 use spinney::raw::import::raster::{self, IndexUpdate};
 
 use crate::build::FileOptions;
-use crate::files::check_output;
+use crate::files::{check_output, is_same_file};
 use crate::jobs::{self, Terms};
 
 /// Makes an index of files.
@@ -40,6 +40,10 @@ pub(crate) fn update_index(
     memory: u64,
     terms: Terms,
 ) -> PyResult<(usize, usize, usize, usize)> {
+    if !is_same_file(&out, &index) {
+        let inputs = [vec![index.clone()], paths.clone().unwrap_or_default()].concat();
+        check_output(&inputs, &out)?;
+    }
     let mut update = IndexUpdate::default();
     (update.sources, update.prefixes, update.memory) = (paths, prefixes, memory);
     jobs::run(py, terms, |work| {

@@ -12,7 +12,7 @@ use spinney::raw::store::check_tree_name;
 use spinney::{Crs, DataKind, Number, Rule};
 
 use super::Global;
-use super::args::{Memory, OutputLimit, check_output, expand_lists, expand_sources, parse_crs};
+use super::args::{Memory, OutputLimit, check_output, expand_lists, expand_sources, parse_crs, same_file};
 use super::build::Pages;
 use super::report::{Work, report_built};
 
@@ -155,6 +155,9 @@ impl Args {
     fn update(&self, index: &Path, global: &Global) -> Result<()> {
         let start = Instant::now();
         let output = self.output.as_deref().unwrap_or(index);
+        if !same_file(output, index) {
+            check_output([index].into_iter().chain(self.sources.iter().map(PathBuf::as_path)), output)?;
+        }
         check_tree_name(output)?;
         let mut update = IndexUpdate::default();
         update.sources = (!self.sources.is_empty()).then(|| self.sources.clone());

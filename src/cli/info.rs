@@ -263,8 +263,12 @@ type Sources = (usize, Vec<(String, u64)>);
 fn indexed_sources(tree: &Dataset) -> Option<Result<Sources>> {
     let Some(TreeFile::Goblin(file)) = tree.as_file() else { return None };
     let (cells, bytes) = file.references()?;
-    let some = (0..cells.sources().min(MAX_SOURCES)).map(|number| cells.source(bytes, number));
-    Some(some.collect::<spinney::Result<_>>().map(|some| (cells.sources(), some)).map_err(Into::into))
+    let mut some = Vec::new();
+    let visited = cells.visit_sources(bytes, &mut |name, stat| {
+        some.push((name.to_string(), stat.length));
+        Ok(some.len() < MAX_SOURCES)
+    });
+    Some(visited.map(|()| (cells.sources(), some)).map_err(Into::into))
 }
 
 /// Whether a tree comes from a manifest.

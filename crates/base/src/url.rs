@@ -26,18 +26,41 @@ pub fn without_query(path: &Path) -> &Path {
     url_of(path).map_or(path, |url| Path::new(split_query(url).0))
 }
 
+/// Prefixes of remote files in GDAL's names, and the beginnings of their URLs.
+const GDAL_PREFIXES: [(&str, &str); 6] = [
+    ("/vsicurl/", ""),
+    ("/vsis3/", "s3://"),
+    ("/vsigs/", "gs://"),
+    ("/vsiaz/", "az://"),
+    ("/vsicurl_streaming/", ""),
+    ("/vsis3_streaming/", "s3://"),
+];
+
+/// Returns the URL of a remote file that GDAL's virtual file system has by this name, such as
+/// `/vsis3/bucket/file.tif`; `None` for other names.
+pub fn gdal_url(name: &str) -> Option<String> {
+    let url = |(prefix, url): &(&str, &str)| Some(format!("{url}{}", name.strip_prefix(prefix)?));
+    GDAL_PREFIXES.iter().find_map(url).filter(|url| url_of(Path::new(url)).is_some())
+}
+
 /// Returns the path or URL of a file that a list names: an absolute path, one relative to the
-/// list's directory, or a URL.
+/// list's directory, a URL, or the [name that GDAL has](gdal_url) for a URL. The directory of a
+/// symbolic link is that of its target.
 ///
 /// # Errors
 /// If a remote list names a file of this machine: it is untrusted, and must not select local files.
 pub fn listed_path(list: &Path, name: &str) -> Result<PathBuf> {
+    if let Some(url) = gdal_url(name) {
+        return Ok(url.into());
+    }
     let own = Path::new(name);
     if url_of(own).is_some() {
         return Ok(own.into());
     }
     let Some(url) = url_of(list) else {
-        return Ok(list.parent().unwrap_or(Path::new("")).join(own));
+        let is_link = list.symlink_metadata().is_ok_and(|found| found.is_symlink());
+        let target = if is_link { list.canonicalize().ok() } else { None };
+        return Ok(target.as_deref().unwrap_or(list).parent().unwrap_or(Path::new("")).join(own));
     };
     if own.is_absolute() || name.starts_with("file:") {
         let found = format!("the local file {name} in a remote list");

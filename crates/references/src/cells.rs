@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use super::list::SourceList;
+use super::pages::IndexedSource;
 use super::pixels::{apply_opacity, paint};
-use super::placements::{MappedWindow, MappedWindowIndex};
+use super::placements::{MappedWindow, MappedWindowIndex, union};
 use super::sources::{ChunkPosition, Decoder, OpenSource, Sources};
 use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::io::{FileStat, ReadBackend};
@@ -12,7 +13,7 @@ use spinney_base::space::Region;
 use spinney_base::value::{Value, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_chunks::ChunkSelection;
-use spinney_container::{Codec, Finding, Header, MAX_FINDINGS, Section};
+use spinney_container::{Codec, Finding, Header, MAX_FINDINGS};
 use spinney_engine::store::Slab;
 use spinney_engine::store::goblin::{OpenReferences, ReferencedCells, ReferringFile, register_references};
 
@@ -40,11 +41,14 @@ pub fn open(file: &ReferringFile<'_>) -> Result<Box<dyn ReferencedCells>> {
         let (value, extent) = (header.form.value, header.extent);
         let placements = list.placements(file.path, number)?;
         let all = Region::new(0, 0, extent[0], extent[1]);
+        // (Painting relies on the number of channels, and on the rule's channel. Windows and channels of
+        // sources are checked when a source is read.)
         let fits = |placement: &MappedWindow| {
-            let alpha = list.rules[placement.rule as usize].alpha;
+            let rule = &list.rules[placement.rule as usize];
             all.contains(&placement.cells)
                 && list.channels[placement.channels as usize].len() == usize::from(value.channels)
-                && alpha.is_none_or(|alpha| alpha < value.channels.into())
+                && rule.alpha.is_none_or(|alpha| alpha < value.channels.into())
+                && rule.nodata.as_ref().is_none_or(|nodata| nodata.len() == value.size())
         };
         if header.codec == Codec::Reference && !placements.iter().all(fits) {
             let expected = "cells within the extent, and as many channels as the layer has";
@@ -60,10 +64,12 @@ pub fn open(file: &ReferringFile<'_>) -> Result<Box<dyn ReferencedCells>> {
     };
     let layers = file.headers.iter().enumerate().map(layer).collect::<Result<_>>()?;
     let sources = Sources::new(file.path, list, file.pages, file.access);
-    let cells = IndexedCells { sources, layers, pages: file.pages };
+    let cells = IndexedCells { sources, layers };
     // A single page is fetched with what else opening reads.
-    if cells.sources.list.pages.len() == 1 {
-        file.bytes.prefetch(&[cells.page_range(0)])?;
+    if let [page] = &cells.sources.list.pages[..] {
+        let start = file.pages.offset + page.location.offset;
+        let range = start..start + u64::from(page.location.length);
+        file.bytes.prefetch(std::slice::from_ref(&range))?;
     }
     Ok(Box::new(cells))
 }
@@ -72,7 +78,6 @@ pub fn open(file: &ReferringFile<'_>) -> Result<Box<dyn ReferencedCells>> {
 struct IndexedCells {
     sources: Sources,
     layers: Vec<IndexedLayer>,
-    pages: Section,
 }
 
 struct IndexedLayer {
@@ -81,6 +86,9 @@ struct IndexedLayer {
     nodata: Option<Value>,
 }
 
+/// Maximum number of placements that touch a region that is read.
+const MAX_TOUCHING: usize = 1 << 16;
+
 /// Pixels of a region that are known so far.
 struct Canvas {
     region: Region,
@@ -88,19 +96,61 @@ struct Canvas {
     covered: Vec<bool>,
 }
 
+impl Canvas {
+    fn new(region: Region, value: ValueType) -> Canvas {
+        let area = region.area() as usize;
+        Canvas { region, bytes: vec![0; area * value.size()], covered: vec![false; area] }
+    }
+
+    /// Returns whether the pixels of a part are known, row by row.
+    fn rows(&mut self, part: Region) -> impl Iterator<Item = &mut [bool]> {
+        let [left, top] = [part.x - self.region.x, part.y - self.region.y].map(|at| at as usize);
+        let rows = self.covered.chunks_exact_mut(self.region.width as usize);
+        let rows = rows.skip(top).take(part.height as usize);
+        rows.map(move |row| &mut row[left..left + part.width as usize])
+    }
+
+    /// Marks the pixels of a part as known.
+    fn cover(&mut self, part: Region) {
+        self.rows(part).for_each(|row| row.fill(true));
+    }
+
+    /// Returns the smallest part of some cells that has all of their pixels that are not known;
+    /// `None` if all are known.
+    fn unknown(&mut self, cells: Region) -> Option<Region> {
+        let part = cells.intersect(&self.region);
+        let of_row = |(y, row): (u64, &mut [bool])| {
+            let first = row.iter().position(|known| !known)?;
+            let end = row.iter().rposition(|known| !known)? + 1;
+            Some(Region::new(part.x + first as u64, y, (end - first) as u64, 1))
+        };
+        (part.y..).zip(self.rows(part)).filter_map(of_row).reduce(union)
+    }
+}
+
 impl ReferencedCells for IndexedCells {
     fn read(&self, bytes: &dyn ReadBackend, layer: usize, region: Region) -> Result<Slab> {
         let IndexedLayer { placements, value, .. } = &self.layers[layer];
-        let area = region.area() as usize;
-        let mut canvas = Canvas { region, bytes: vec![0; area * value.size()], covered: vec![false; area] };
+        let touching = placements.touching(&region);
+        if touching.len() > MAX_TOUCHING {
+            let found = format!("{} sources in cells {region:?}", touching.len());
+            return Err(Error::corrupt(
+                &self.sources.path,
+                "list of sources",
+                found,
+                MAX_TOUCHING.to_string(),
+            ));
+        }
+        let mut canvas = Canvas::new(region, *value);
         let mut decoder = self.sources.decoder();
         let mut is_unread = false;
-        // From the top down, until all cells are known.
-        for placement in placements.touching(&region).into_iter().rev() {
-            let painted = self.paint(bytes, *value, placement, &mut canvas, &mut decoder);
-            defer_missing(painted, &mut is_unread)?;
-            if !canvas.covered.contains(&false) {
-                break;
+        // From the top down: a source is read only where no other is above it.
+        for placement in touching.into_iter().rev() {
+            let Some(part) = canvas.unknown(placement.cells) else { continue };
+            let painted = self.paint(bytes, *value, (placement, part), &mut canvas, &mut decoder);
+            if defer_missing(painted, &mut is_unread)?.is_none() && self.is_opaque(bytes, placement) {
+                // (This pass is discarded. The sources below are not needed in the next one either.)
+                canvas.cover(part);
             }
         }
         self.sources.put_back(decoder);
@@ -119,7 +169,7 @@ impl ReferencedCells for IndexedCells {
             let Ok(open) = self.sources.source(bytes, placement.source) else { continue };
             let part = placement.cells.intersect(&region);
             let from = source_region(placement, &part);
-            for image in 0..1 + usize::from(open.source.mask.is_some()) {
+            for image in (0..2).filter(|image| open.source.image(*image).is_some()) {
                 let format = self.sources.format(&open.source, image);
                 let (across, down) = (from.x / format.chunk_width, from.y / format.chunk_height);
                 if across * format.chunk_width < open.source.size[0]
@@ -133,43 +183,34 @@ impl ReferencedCells for IndexedCells {
         }
     }
 
-    fn verify(&self, bytes: &dyn ReadBackend, progress: &dyn Progress) -> Result<Vec<Finding>> {
+    fn verify(
+        &self,
+        bytes: &dyn ReadBackend,
+        with_files: bool,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
+        let corrupt = |error: Error| Finding { place: "sources".into(), problem: error.to_string() };
         for page in 0..self.sources.list.pages.len() {
             progress.check()?;
             let sources = match self.sources.read_page(bytes, page) {
                 Ok((_, sources)) => sources,
                 Err(error @ Error::Corrupt { .. }) => {
-                    findings.push(Finding { place: "sources".into(), problem: error.to_string() });
+                    findings.push(corrupt(error));
                     continue;
                 }
                 Err(error) => return Err(error),
             };
-            let paths =
-                sources.iter().map(|source| self.sources.path_of(source)).collect::<Result<Vec<_>>>()?;
-            let paths: Vec<&Path> = paths.iter().map(|path| &**path).collect();
-            for (source, found) in sources.iter().zip(self.sources.access.stat(&paths)?) {
-                let problem = match found {
-                    Ok(Some(found)) if found.agrees(&source.stat()) => continue,
-                    Ok(Some(found)) if found.length != source.length => {
-                        format!("{} bytes, expected {}", found.length, source.length)
-                    }
-                    Ok(Some(_)) => "another version than was indexed".into(),
-                    Ok(None) => "it is missing".into(),
-                    Err(error) => error.to_string(),
-                };
-                if findings.len() < MAX_FINDINGS {
-                    findings.push(Finding { place: format!("source {}", source.name), problem });
-                }
+            if with_files {
+                self.compare_files(&sources, &mut findings)?;
             }
             for source in sources {
                 match self.sources.check_tables(bytes, source) {
-                    Err(error @ Error::Corrupt { .. }) => {
-                        findings.push(Finding { place: "sources".into(), problem: error.to_string() });
-                    }
+                    Err(error @ Error::Corrupt { .. }) => findings.push(corrupt(error)),
                     checked => checked?,
                 }
             }
+            findings.truncate(MAX_FINDINGS);
         }
         Ok(findings)
     }
@@ -178,13 +219,19 @@ impl ReferencedCells for IndexedCells {
         self.sources.list.sources as usize
     }
 
-    fn source(&self, bytes: &dyn ReadBackend, number: usize) -> Result<(String, u64)> {
-        let open = self.sources.source(bytes, number as u32)?;
-        Ok((open.source.name.clone(), open.source.length))
-    }
-
-    fn source_stat(&self, bytes: &dyn ReadBackend, number: usize) -> Result<FileStat> {
-        Ok(self.sources.source(bytes, number as u32)?.source.stat())
+    fn visit_sources(
+        &self,
+        bytes: &dyn ReadBackend,
+        visit: &mut dyn FnMut(&str, FileStat) -> Result<bool>,
+    ) -> Result<()> {
+        for page in 0..self.sources.list.pages.len() {
+            for source in self.sources.read_page(bytes, page)?.1 {
+                if !visit(&source.name, source.stat())? {
+                    return Ok(());
+                }
+            }
+        }
+        Ok(())
     }
 }
 
@@ -195,23 +242,45 @@ fn source_region(placement: &MappedWindow, cells: &Region) -> Region {
 }
 
 impl IndexedCells {
-    fn page_range(&self, page: usize) -> std::ops::Range<u64> {
-        let at = self.sources.list.pages[page].location;
-        let start = self.pages.offset.saturating_add(at.offset).min(self.pages.range().end);
-        start..start.saturating_add(at.length.into()).min(self.pages.range().end)
+    /// Compares sources with their files.
+    fn compare_files(&self, sources: &[IndexedSource], findings: &mut Vec<Finding>) -> Result<()> {
+        let paths = sources.iter().map(|source| self.sources.path_of(source)).collect::<Result<Vec<_>>>()?;
+        let paths: Vec<&Path> = paths.iter().map(|path| &**path).collect();
+        for (source, found) in sources.iter().zip(self.sources.access.stat(&paths)?) {
+            let problem = match found {
+                Ok(Some(found)) if found.agrees(&source.stat()) => continue,
+                Ok(Some(found)) if found.length != source.length => {
+                    format!("{} bytes, expected {}", found.length, source.length)
+                }
+                Ok(Some(_)) => "another version than was indexed".into(),
+                Ok(None) => "it is missing".into(),
+                Err(error) => error.to_string(),
+            };
+            findings.push(Finding { place: format!("source {}", source.name), problem });
+        }
+        Ok(())
     }
 
-    /// Paints the cells of a placement that are not known yet.
+    /// Whether no pixel of a placement is VOID, according to what is known of its source.
+    fn is_opaque(&self, bytes: &dyn ReadBackend, placement: &MappedWindow) -> bool {
+        let rule = &self.sources.list.rules[placement.rule as usize];
+        let has_no_mask = || {
+            let source = self.sources.source(bytes, placement.source);
+            rule.ignores_mask || source.is_ok_and(|open| open.source.mask.is_none())
+        };
+        rule.is_none() && rule.opacity.is_none() && has_no_mask()
+    }
+
+    /// Paints the cells of a part of a placement that are not known yet.
     fn paint(
         &self,
         bytes: &dyn ReadBackend,
         value: ValueType,
-        placement: &MappedWindow,
+        (placement, part): (&MappedWindow, Region),
         canvas: &mut Canvas,
         decoder: &mut Decoder,
     ) -> Result<()> {
         let open = self.sources.source(bytes, placement.source)?;
-        let part = placement.cells.intersect(&canvas.region);
         let from = source_region(placement, &part);
         let channels = &self.sources.list.channels[placement.channels as usize];
         let channels: Vec<usize> = channels.iter().map(|channel| usize::from(*channel)).collect();
@@ -300,7 +369,11 @@ impl IndexedCells {
                     let decoded = self.sources.decoded(bytes, open, at, decoder);
                     let Some(decoded) = defer_missing(decoded, &mut is_unread)? else { continue };
                     let Some(decoded) = decoded else {
-                        let hole = if image == 0 { &open.source.hole[..] } else { &[0][..] };
+                        // (Pixels of a mask are 0 already.)
+                        if image == 1 {
+                            continue;
+                        }
+                        let hole = &open.source.hole[..];
                         let (skip, step) = if format.planes > 1 { (slot, channels.len()) } else { (0, 1) };
                         let samples = rows
                             .iter_mut()

@@ -38,9 +38,8 @@ impl IndexContents {
             for source in all.read_page(file.bytes, page)?.1 {
                 let open = all.opened(source);
                 let mut chunks = [Vec::new(), Vec::new()];
-                let images = [Some(&open.source.image), open.source.mask.as_ref()];
-                for (image, (of_image, chunks)) in images.into_iter().zip(&mut chunks).enumerate() {
-                    for number in 0..of_image.map_or(0, |image| image.chunks) {
+                for (image, chunks) in chunks.iter_mut().enumerate() {
+                    for number in 0..open.source.image(image).map_or(0, |image| image.chunks) {
                         let at = all.position(&open.source, image, number);
                         chunks.push(all.chunk_of(file.bytes, &open, at)?.1);
                     }

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::pages::PageEntry;
+use super::pages::{MAX_PAGE, PageEntry};
 use super::pixels::PixelRule;
-use super::placements::{self, MappedWindow};
+use super::placements::{self, MAX_PLACEMENTS, MappedWindow};
 use spinney_base::{Error, Result};
 use spinney_chunks::ChunkFormat;
 use spinney_container::VersionedSection;
@@ -65,7 +65,7 @@ impl SourceList {
     /// Reads the list of a file.
     pub(crate) fn read(file: &ReferringFile<'_>) -> Result<SourceList> {
         let stored = file.sources.read(file.path, file.bytes, SECTION.name)?;
-        SourceList::from_bytes(file.path, &stored, file.headers.len())
+        SourceList::from_bytes(file.path, &stored, (file.headers.len(), file.pages.length))
     }
 
     /// Encodes the list.
@@ -73,14 +73,23 @@ impl SourceList {
     /// # Errors
     /// If it is too large.
     pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
-        SECTION.encode(self).ok_or_else(|| {
-            let found = format!("an index of {} sources, whose list exceeds 256 MiB", self.sources);
+        let refused = |limit: String| {
+            let found = format!("an index of {} sources, whose list exceeds {limit}", self.sources);
             Error::unsupported(path, found, "index parts of them, and combine these with `spinney manifest`")
-        })
+        };
+        if self.placement_count() > MAX_PLACEMENTS {
+            return Err(refused(format!("{MAX_PLACEMENTS} placements")));
+        }
+        SECTION.encode(self).ok_or_else(|| refused("256 MiB".into()))
     }
 
-    /// Checks and decodes the list of a file of `layers` layers.
-    fn from_bytes(path: &Path, bytes: &[u8], layers: usize) -> Result<SourceList> {
+    /// Number of placements of all layers.
+    fn placement_count(&self) -> u64 {
+        self.layers.iter().fold(0, |sum, layer| sum.saturating_add(layer.count))
+    }
+
+    /// Checks and decodes the list of a file with a number of layers, and a number of bytes in pages.
+    fn from_bytes(path: &Path, bytes: &[u8], (layers, page_bytes): (usize, u64)) -> Result<SourceList> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, SECTION.name, found, expected);
         let (list, used): (SourceList, usize) = SECTION.decode(path, bytes)?;
         if used != bytes.len() || list.layers.len() != layers {
@@ -96,6 +105,14 @@ impl SourceList {
                     format!("a source with tiles of {} x {}", format.chunk_width, format.chunk_height);
                 return Err(Error::unsupported(path, found, "rewrite it with tiles of at most 256 MiB"));
             }
+        }
+        if list.placement_count() > MAX_PLACEMENTS {
+            let found = format!("{} placements", list.placement_count());
+            return Err(corrupt(found, &MAX_PLACEMENTS.to_string()));
+        }
+        if list.pages.iter().any(|page| page.location.within(page_bytes, MAX_PAGE).is_none()) {
+            let found = format!("pages of sources that are not among {page_bytes} bytes");
+            return Err(corrupt(found, "pages within their section"));
         }
         let described: u64 = list.pages.iter().map(|page| u64::from(page.sources)).sum();
         if described != u64::from(list.sources) || list.pages.iter().any(|page| page.sources == 0) {

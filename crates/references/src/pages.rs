@@ -1,5 +1,6 @@
 //! Pages that describe sources.
 
+use std::ops::Range;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -9,8 +10,11 @@ use super::table::{self, Chunk, PAGE_CHUNKS};
 use spinney_base::Result;
 use spinney_container::VersionedSection;
 
-/// Name and version of a page, and its maximum size.
-pub(crate) const SOURCE_PAGE: VersionedSection<{ 16 << 20 }> =
+/// Maximum size of a page of sources in bytes.
+pub(crate) const MAX_PAGE: usize = 16 << 20;
+
+/// Name and version of a page of sources, and its maximum size.
+pub(crate) const SOURCE_PAGE: VersionedSection<MAX_PAGE> =
     VersionedSection { name: "page of sources", version: 1 };
 
 /// Size in bytes from which a page of sources is complete.
@@ -86,6 +90,15 @@ pub(crate) struct PageEntry {
     /// Number of sources.
     pub(crate) sources: u32,
     pub(crate) location: Location,
+}
+
+impl Location {
+    /// Returns the bytes of the page in a section of `length` bytes; `None` if it is not within it,
+    /// or longer than `max`.
+    pub(crate) fn within(&self, length: u64, max: usize) -> Option<Range<u64>> {
+        let end = self.offset.checked_add(self.length.into())?;
+        (end <= length && self.length as usize <= max).then_some(self.offset..end)
+    }
 }
 
 impl SourceImage {

@@ -22,7 +22,7 @@ pub struct PixelRule {
 
 impl PixelRule {
     /// Whether no pixel is VOID by its samples.
-    fn is_none(&self) -> bool {
+    pub(crate) fn is_none(&self) -> bool {
         self.nodata.is_none() && !self.nan && self.alpha.is_none() && !self.zero
     }
 

@@ -19,8 +19,8 @@ pub struct MappedWindow {
     pub from: [u64; 2],
 }
 
-/// Maximum number of placements of a layer.
-const MAX_PLACEMENTS: u64 = 1 << 24;
+/// Maximum number of placements of all layers.
+pub(crate) const MAX_PLACEMENTS: u64 = 1 << 22;
 /// Maximum number of placements per byte that they take.
 const MAX_PER_BYTE: u64 = 1 << 6;
 /// Contexts of numbers: a placement has nine.
@@ -43,9 +43,10 @@ pub(crate) fn encode(placements: &[MappedWindow]) -> Vec<u8> {
     columns.finish()
 }
 
-/// Decodes `count` placements of sources below `sources`; `None` if they are invalid.
+/// Decodes `count` placements, at most [`MAX_PLACEMENTS`], of sources below `sources`; `None` if they
+/// are invalid.
 pub(crate) fn decode(bytes: &[u8], count: u64, sources: u32) -> Option<Vec<MappedWindow>> {
-    if count > MAX_PLACEMENTS.min(MAX_PER_BYTE.saturating_mul(bytes.len() as u64)) {
+    if count > MAX_PER_BYTE.saturating_mul(bytes.len() as u64) {
         return None;
     }
     let mut columns = Columns::reader(bytes, 1, NUMBERS)?;
@@ -131,7 +132,8 @@ impl MappedWindowIndex {
     }
 }
 
-fn union(a: Region, b: Region) -> Region {
+/// Returns the smallest region that has all cells of two regions.
+pub(crate) fn union(a: Region, b: Region) -> Region {
     let (x, y) = (a.x.min(b.x), a.y.min(b.y));
     Region::new(x, y, a.right().max(b.right()) - x, a.bottom().max(b.bottom()) - y)
 }

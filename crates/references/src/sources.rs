@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use super::list::SourceList;
-use super::pages::{IndexedSource, Location, SOURCE_PAGE, SourceImage, SourceVersion, Table};
+use super::pages::{IndexedSource, Location, MAX_PAGE, SOURCE_PAGE, SourceImage, SourceVersion, Table};
 use super::table::{self, Chunk, MAX_TABLE, PAGE_CHUNKS};
 use spinney_base::io::{
     CachedBytes, FileAccess, FileStat, FileVersion, ReadBackend, Unpacked, listed_path, url_of,
@@ -15,10 +15,13 @@ use spinney_container::Section;
 
 /// Maximum number of sources that are kept open.
 const MAX_OPEN: usize = 128;
-/// Decoded chunks are `2^CHUNK_BITS` bytes apart in the cache: more than a chunk has.
+/// Decoded chunks are `2^CHUNK_BITS` bytes apart in the cache: more than a chunk has. Numbers of
+/// chunks are below 2^35, since a page of 2^24 bytes has at most 2^23 tables of 1024 chunks.
 const CHUNK_BITS: u32 = 29;
-/// Number of locks for decoding.
-const LOCKS: usize = 64;
+/// Number of locks for decoding of an image.
+const LOCKS: usize = 8;
+/// Maximum size in bytes of a pixel of a mask.
+const MAX_MASK_PIXEL: usize = 16;
 
 /// The sources of an index.
 pub(crate) struct Sources {
@@ -34,8 +37,6 @@ pub(crate) struct Sources {
     open: Mutex<Vec<(u32, Arc<OpenSource>)>>,
     /// Decoders and buffers that no thread uses.
     decoders: Mutex<Vec<Decoder>>,
-    /// Held while a chunk is decoded, by its number: another thread that needs it waits.
-    locks: [Mutex<()>; LOCKS],
 }
 
 #[derive(Default)]
@@ -57,6 +58,8 @@ struct OpenImage {
     /// Decoded pages of its table.
     table: Vec<OnceLock<Vec<Chunk>>>,
     decoded: Unpacked,
+    /// Held while a chunk is decoded, by its number: another thread that needs it waits.
+    locks: [Mutex<()>; LOCKS],
 }
 
 /// A chunk of a source: number of the image (0, or 1 for the mask), and position.
@@ -77,8 +80,7 @@ impl Sources {
         });
         let firsts = firsts.collect();
         let (open, decoders) = Default::default();
-        let locks = std::array::from_fn(|_| Mutex::default());
-        Sources { path: path.into(), list, access: access.clone(), pages, firsts, open, decoders, locks }
+        Sources { path: path.into(), list, access: access.clone(), pages, firsts, open, decoders }
     }
 
     /// Returns the path or URL of a source.
@@ -89,11 +91,12 @@ impl Sources {
     }
 
     /// Reads a page of the section.
-    fn page(&self, bytes: &dyn ReadBackend, at: Location, what: &str, most: u64) -> Result<Vec<u8>> {
-        let corrupt = |found: String, expected: &str| Error::corrupt(&self.path, what, found, expected);
-        let length = u64::from(at.length);
-        let end = at.offset.checked_add(length).filter(|end| *end <= self.pages.length && length <= most);
-        end.ok_or_else(|| corrupt(format!("{length} bytes at {}", at.offset), "a page within the section"))?;
+    fn page(&self, bytes: &dyn ReadBackend, at: Location, name: &str, max: usize) -> Result<Vec<u8>> {
+        let corrupt = |found: String, expected: &str| Error::corrupt(&self.path, name, found, expected);
+        if at.within(self.pages.length, max).is_none() {
+            let found = format!("{} bytes at {}", at.length, at.offset);
+            return Err(corrupt(found, "a page within the section"));
+        }
         let page = bytes.share(self.pages.offset + at.offset, at.length as usize)?;
         let checksum = crc32c::crc32c(&page);
         match checksum == at.checksum {
@@ -109,7 +112,7 @@ impl Sources {
         page: usize,
     ) -> Result<(u32, Vec<IndexedSource>)> {
         let entry = self.list.pages[page];
-        let stored = self.page(bytes, entry.location, SOURCE_PAGE.name, 16 << 20)?;
+        let stored = self.page(bytes, entry.location, SOURCE_PAGE.name, MAX_PAGE)?;
         let (sources, used): (Vec<IndexedSource>, usize) = SOURCE_PAGE.decode(&self.path, &stored)?;
         if sources.len() != entry.sources as usize || used != stored.len() {
             let found = format!("{} sources and {} other bytes", sources.len(), stored.len() - used);
@@ -128,10 +131,12 @@ impl Sources {
             chunks == Some(image.chunks)
                 && image.table.len() as u64 == image.chunks.div_ceil(PAGE_CHUNKS as u64)
         };
+        let mask = source.mask.as_ref().and_then(|mask| self.list.formats.get(mask.format as usize));
         let sample = self.list.formats.get(source.image.format as usize).map(|format| format.sample_format);
         let is_good = source.size.iter().all(|side| (1..1 << 31).contains(side))
             && is_whole(&source.image)
             && source.mask.as_ref().is_none_or(is_whole)
+            && mask.is_none_or(|format| format.pixel_bytes() <= MAX_MASK_PIXEL)
             && sample.is_some_and(|sample| sample.sample().size() == source.hole.len());
         is_good.then_some(()).ok_or_else(|| {
             let found = format!("source {} with tables of other sizes than its chunks", source.name);
@@ -155,14 +160,15 @@ impl Sources {
         if let Some(source) = known() {
             return Ok(source);
         }
+        // (The first page begins with source 0, and placements name only sources of the list.)
         let page = self.firsts.partition_point(|first| *first <= number) - 1;
         let (first, mut sources) = self.read_page(bytes, page)?;
         let source = Arc::new(self.opened(sources.swap_remove((number - first) as usize)));
         // (Another thread may have opened it meanwhile.)
-        if let Some(source) = known() {
-            return Ok(source);
-        }
         let mut open = self.open_sources();
+        if let Some((_, source)) = open.iter().find(|(known, _)| *known == number) {
+            return Ok(source.clone());
+        }
         open.push((number, source.clone()));
         if open.len() > MAX_OPEN {
             open.remove(0);
@@ -174,15 +180,15 @@ impl Sources {
         let image = |image: Option<&SourceImage>| OpenImage {
             table: (0..image.map_or(0, |image| image.table.len())).map(|_| OnceLock::new()).collect(),
             decoded: Unpacked::new(&self.access, CHUNK_BITS),
+            locks: std::array::from_fn(|_| Mutex::default()),
         };
-        let images = [image(Some(&source.image)), image(source.mask.as_ref())];
+        let images = [0, 1].map(|number| image(source.image(number)));
         OpenSource { source, file: OnceLock::new(), images }
     }
 
     /// Returns the format of an image of a source.
     pub(crate) fn format(&self, source: &IndexedSource, image: usize) -> &ChunkFormat {
-        let image = if image == 0 { Some(&source.image) } else { source.mask.as_ref() };
-        &self.list.formats[image.unwrap_or(&source.image).format as usize]
+        &self.list.formats[source.image(image).expect(IMAGE_EXISTS).format as usize]
     }
 
     /// Returns a decoder, which [`Sources::put_back`] takes back.
@@ -209,8 +215,7 @@ impl Sources {
         if let Some(table) = slot.get() {
             return Ok((number, table[within]));
         }
-        let image = if at.image == 0 { Some(&open.source.image) } else { open.source.mask.as_ref() };
-        let image = image.expect("chunks of existing images are requested");
+        let image = open.source.image(at.image).expect(IMAGE_EXISTS);
         let what = "table of chunks";
         let read;
         let stored = match &image.table[page] {
@@ -231,9 +236,8 @@ impl Sources {
     /// Reads all tables of a source.
     pub(crate) fn check_tables(&self, bytes: &dyn ReadBackend, source: IndexedSource) -> Result<()> {
         let open = self.opened(source);
-        for (image, of_image) in [Some(&open.source.image), open.source.mask.as_ref()].into_iter().enumerate()
-        {
-            let Some(of_image) = of_image else { continue };
+        for image in 0..2 {
+            let Some(of_image) = open.source.image(image) else { continue };
             for number in (0..of_image.chunks).step_by(PAGE_CHUNKS) {
                 self.chunk_of(bytes, &open, self.position(&open.source, image, number))?;
             }
@@ -265,9 +269,10 @@ impl Sources {
         if let Some(known) = decoded.get(number) {
             return Ok(Some(known));
         }
-        // Invariant: a chunk is decoded by one thread at a time, so that the others find it in the
-        // cache. No lock is taken while this one is held.
-        let lock = self.locks[(number as usize + at.image) % LOCKS].lock();
+        // Invariant: one thread decodes a chunk, the others wait and find it in the cache. A thread
+        // holds at most one of these locks, and no thread that holds the lock of a cache or of a file
+        // waits for one of them. So there is no deadlock.
+        let lock = open.images[at.image].locks[number as usize % LOCKS].lock();
         let _lock = lock.unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = decoded.get(number) {
             return Ok(Some(known));
@@ -349,7 +354,8 @@ impl Sources {
         let file = match url_of(path).is_some() || cfg!(target_family = "wasm") {
             true => self.access.open_known(path, &known)?,
             false => {
-                let opened = self.access.open(path, &[]).map_err(|error| match error {
+                // (Other programs may write to it while it is read, so it is not mapped.)
+                let opened = self.access.peek(path).map_err(|error| match error {
                     Error::Io { cause, .. } => {
                         let doing =
                             "open, a source of an index (`spinney index --update` makes one of other files)";
@@ -357,7 +363,7 @@ impl Sources {
                     }
                     error => error,
                 });
-                let (file, _) = opened?;
+                let file = opened?;
                 if file.stat()?.is_some_and(|found| !found.agrees(&known)) {
                     let text = "has another length or modification time than when it was indexed; \
                                 its tiles are compared with the checksums in the index";
@@ -370,7 +376,15 @@ impl Sources {
     }
 }
 
+/// Callers request only what [`IndexedSource::image`] has.
+const IMAGE_EXISTS: &str = "an image of the source";
+
 impl IndexedSource {
+    /// Returns the image with a number: 0 for its pixels, 1 for its mask.
+    pub(crate) fn image(&self, number: usize) -> Option<&SourceImage> {
+        if number == 0 { Some(&self.image) } else { self.mask.as_ref() }
+    }
+
     /// Returns length and version when it was indexed.
     pub(crate) fn stat(&self) -> FileStat {
         let version = match &self.version {

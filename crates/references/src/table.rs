@@ -19,7 +19,7 @@ pub const HOLE: Chunk = Chunk { offset: 0, length: 0, checksum: 0 };
 /// Number of chunks in a page of a table.
 pub(crate) const PAGE_CHUNKS: usize = 1024;
 /// Maximum size in bytes of a page of a table.
-pub(crate) const MAX_TABLE: u64 = 64 << 10;
+pub(crate) const MAX_TABLE: usize = 64 << 10;
 
 /// Encodes a table: the length of the columns, the columns (of each chunk, the gap between the end
 /// of the chunk before and its beginning, and the difference of their lengths), and the checksums.

@@ -125,7 +125,9 @@ pub(super) fn open_known(
     let path = Path::new(url);
     let connections = &stores.connections;
     let location = ObjectLocation::of(url, &[], connections)?;
-    let key = key(url, known);
+    // (Bytes of a known version are compared with checksums when they are read, so they may be those of
+    // another version. Other readers of the file must not get these.)
+    let key = format!("indexed\n{}", key(url, known));
     let remote = RemoteFile {
         location: Mutex::new((std::process::id(), location)),
         storage: Vec::new(),
@@ -269,7 +271,13 @@ impl Fetch for RemoteFile {
     }
 
     fn store_cached(&self, range: &Range<u64>, bytes: &[u8]) {
-        if let Some(kept) = &self.kept {
+        let is_other = || {
+            self.found
+                .as_ref()
+                .and_then(|(first, _)| first.get())
+                .is_some_and(|found| !found.agrees(&self.state))
+        };
+        if let Some(kept) = self.kept.as_ref().filter(|_| !is_other()) {
             kept.put(range, bytes);
         }
     }

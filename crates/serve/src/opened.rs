@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use spinney_base::io::{FileAccess, url_of};
+use spinney_base::io::{FileAccess, directory_of, url_of};
 use spinney_base::{Error, Result};
 use spinney_container::FileReference;
 use spinney_engine::dataset::{self, Dataset};
@@ -134,9 +134,15 @@ pub(crate) struct OpenTrees {
 
 /// Refuses files of a served directory whose cells may be in files outside of it.
 fn check_is_inside(path: &Path, tree: &Dataset) -> Result<()> {
+    let directory = directory_of(path);
     let is_outside = |name: &str| {
-        url_of(Path::new(name)).is_some()
-            || !Path::new(name).components().all(|part| matches!(part, Component::Normal(_)))
+        let is_plain = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+        // (Symbolic links must not leave the directory.)
+        let leaves = || match (directory.canonicalize(), directory.join(name).canonicalize()) {
+            (Ok(directory), Ok(source)) => !source.starts_with(directory),
+            _ => false,
+        };
+        url_of(Path::new(name)).is_some() || !is_plain || leaves()
     };
     let found = match tree.as_file() {
         Some(TreeFile::Mosaic(_)) => "a manifest in a served directory (its files may be outside)".into(),

@@ -43,12 +43,16 @@ impl IndexSources {
 
     /// Returns the names of an index's sources.
     fn names(&self, path: &Path) -> Result<Arc<HashSet<String>>> {
-        let version = FileVersion::at(path)?;
+        let (version, _) = FileVersion::settled(path, || path.metadata())?;
         let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, names)) = known().get(path).filter(|(known, _)| *known == version) {
             return Ok(names.clone());
         }
-        let names = Arc::new(read_names(path, &self.access)?);
+        let names = match read_names(path, &self.access) {
+            Err(error @ Error::Io { .. }) => return Err(error),
+            // (A corrupt index is not opened for each request.)
+            names => Arc::new(names.unwrap_or_default()),
+        };
         let mut known = known();
         // (Files that were replaced or removed.)
         known.retain(|path, (version, _)| FileVersion::at(path).is_ok_and(|found| found == *version));
@@ -81,9 +85,12 @@ fn read_names(path: &Path, access: &FileAccess) -> Result<HashSet<String>> {
     let opened = if is_goblin { dataset::open(path, &access.into())?.as_file() } else { None };
     let Some(TreeFile::Goblin(file)) = opened else { return Ok(HashSet::new()) };
     let Some((cells, bytes)) = file.references() else { return Ok(HashSet::new()) };
-    (0..cells.sources())
-        .map(|number| cells.source(bytes, number).map(|(name, _)| name))
-        .collect::<Result<_, Error>>()
+    let mut names = HashSet::new();
+    cells.visit_sources(bytes, &mut |name, _| {
+        names.insert(name.to_string());
+        Ok(true)
+    })?;
+    Ok(names)
 }
 
 #[cfg(test)]

@@ -1,8 +1,7 @@
 //! Options of all subcommands.
 
-use std::collections::HashSet;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 #[cfg(feature = "remote")]
 use std::time::Duration;
 
@@ -101,13 +100,7 @@ impl Global {
     /// If the cache directory or the list of signed URLs cannot be used.
     pub(crate) fn start(&mut self) -> spinney::Result<()> {
         spinney::raw::register();
-        // Files are opened repeatedly: one warning for each is enough.
-        let warned = Mutex::new(HashSet::new());
-        let warn = move |file: &Path, text: &str| {
-            if warned.lock().unwrap_or_else(PoisonError::into_inner).insert(file.to_path_buf()) {
-                report::warn(&format!("{}: {text}", shown(file)));
-            }
-        };
+        let warn = |file: &Path, text: &str| report::warn(&format!("{}: {text}", shown(file)));
         let mut access = FileAccess::new().on_warning(Arc::new(warn));
         if self.positioned {
             access = access.positioned(None);

@@ -7,19 +7,19 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use spinney::FileAccess;
 use spinney::raw::import::raster::assets_of;
-use spinney::raw::io::listed_path;
+use spinney::raw::io::{gdal_url, listed_path};
 
 /// Maximum size of a list, in bytes.
 const MAX_BYTES: u64 = 64 << 20;
 
 /// Replaces each `@file` by the paths in that file: one a line, relative to the file's directory.
-/// Lines that begin with # are comments.
+/// Lines that begin with # are comments. GDAL's names of remote files become URLs.
 pub(crate) fn expand_lists(inputs: Vec<PathBuf>) -> Result<Vec<PathBuf>> {
     let mut expanded = Vec::with_capacity(inputs.len());
     for input in inputs {
         match input.to_str().and_then(|text| text.strip_prefix('@')) {
             Some(list) => read(Path::new(list), &mut expanded)?,
-            None => expanded.push(input),
+            None => expanded.push(input.to_str().and_then(gdal_url).map_or(input, PathBuf::from)),
         }
     }
     Ok(expanded)

@@ -6,7 +6,8 @@ use anyhow::{Context as _, Result, bail};
 use spinney::Output;
 use spinney::export::VectorFormat;
 use spinney::raw::export::image::{Format, format_of};
-use spinney::raw::store::{create_tree_file, file_of};
+use spinney::raw::ops::overwritten_input;
+use spinney::raw::store::create_tree_file;
 
 use super::Global;
 use super::memory::parse_bytes;
@@ -82,13 +83,10 @@ pub(crate) fn vector_format_of(output: &Path) -> Result<VectorFormat> {
         .with_context(|| format!("{}: unknown format; use {VECTOR_ENDINGS}", output.display()))
 }
 
-/// Fails if one of the inputs is the output.
+/// Fails if the output is one of the inputs, or has cells of one.
 pub(crate) fn check_output<'a>(inputs: impl IntoIterator<Item = &'a Path>, output: &Path) -> Result<()> {
-    // (A commit of a file counts as the file.)
-    match inputs.into_iter().find(|input| same_file(&file_of(input), output)) {
-        Some(input) => bail!("{}: is an input and the output; choose another output", input.display()),
-        None => Ok(()),
-    }
+    let inputs: Vec<&Path> = inputs.into_iter().collect();
+    overwritten_input(&inputs, output).map_or(Ok(()), |message| bail!("{message}"))
 }
 
 /// Whether two paths name the same file.

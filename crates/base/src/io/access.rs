@@ -1,10 +1,11 @@
 //! Settings of file access: mapped or positioned reads, caches, and the client for remote files.
 
+use std::collections::HashSet;
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use super::batch::Traffic;
 use super::cache::{RangeCache, with_cache};
@@ -64,7 +65,7 @@ struct Settings {
     /// Whether files are refused whose data is in other files.
     is_external_refused: bool,
     /// Receives warnings about files that are read.
-    warn: Option<Arc<Warn>>,
+    warnings: Option<Arc<Warnings>>,
     /// Number of local files that were mapped, and of those that were opened for positioned reads.
     opened: Arc<[AtomicU64; 2]>,
 }
@@ -83,7 +84,7 @@ impl Default for FileAccess {
                 remote: None,
                 is_remote_refused: false,
                 is_external_refused: false,
-                warn: None,
+                warnings: None,
                 opened: Arc::default(),
             }))
         });
@@ -93,6 +94,12 @@ impl Default for FileAccess {
 
 /// Receiver of warnings about files that are read: the file, and the text.
 pub type Warn = dyn Fn(&Path, &str) + Send + Sync;
+
+/// A receiver of warnings, and those that it has received.
+struct Warnings {
+    receive: Arc<Warn>,
+    received: Mutex<HashSet<(PathBuf, String)>>,
+}
 
 /// Two accesses are equal if one is a clone of the other.
 impl PartialEq for FileAccess {
@@ -273,16 +280,24 @@ impl FileAccess {
         self.client(path)?.open_known(path.to_str().unwrap_or_default(), known, self)
     }
 
-    /// Sets a function that receives warnings about files that are read: the file, and the text.
+    /// Sets a function that receives warnings about files that are read: the file, and the text. It
+    /// receives each once, also if a file is opened again.
     #[must_use]
-    pub fn on_warning(self, warn: Arc<Warn>) -> FileAccess {
-        self.with(|settings| settings.warn = Some(warn))
+    pub fn on_warning(self, receive: Arc<Warn>) -> FileAccess {
+        self.with(|settings| {
+            settings.warnings = Some(Arc::new(Warnings { receive, received: Mutex::default() }))
+        })
     }
 
     /// Gives a warning about a file that is read.
     pub fn warn(&self, path: &Path, text: &str) {
-        if let Some(warn) = &self.0.warn {
-            warn(path, text);
+        let Some(Warnings { receive, received }) = self.0.warnings.as_deref() else { return };
+        let is_new = {
+            let mut received = received.lock().unwrap_or_else(PoisonError::into_inner);
+            received.insert((path.to_path_buf(), text.to_string()))
+        };
+        if is_new {
+            receive(path, text);
         }
     }
 

@@ -28,7 +28,7 @@ mod waiting;
 mod write;
 
 pub use crate::url::{
-    is_redacted, listed_path, local_path, redacted, shown, split_query, url_of, without_query,
+    gdal_url, is_redacted, listed_path, local_path, redacted, shown, split_query, url_of, without_query,
 };
 pub use access::{FileAccess, Warn, any_file};
 pub use cache::{CachedBytes, RangeCache};

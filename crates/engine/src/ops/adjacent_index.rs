@@ -70,22 +70,20 @@ fn is_index_of(index: &Goblin, file: &Path, raster: &dyn ReadBackend) -> Result<
     if cells.sources() == 0 || cells.sources() > MAX_SOURCES {
         return Ok(false);
     }
-    for number in 0..cells.sources() {
-        let (name, _) = cells.source(bytes, number)?;
-        if !listed_path(index.path(), &name).is_ok_and(|source| is_same(&source, file)) {
-            return Ok(false);
-        }
-    }
-    let indexed = cells.source_stat(bytes, 0)?;
+    let mut indexed = None;
+    cells.visit_sources(bytes, &mut |name, stat| {
+        let is_own = listed_path(index.path(), name).is_ok_and(|source| is_same(&source, file));
+        indexed = is_own.then_some(stat);
+        Ok(is_own)
+    })?;
+    let Some(indexed) = indexed else { return Ok(false) };
     let update = format!("`spinney index --update {}`", shell_word(index.path()));
     if indexed.length != raster.len() {
         let expected = format!("{} bytes, as indexed ({update} reads it again)", indexed.length);
         return Err(Error::corrupt(file, "length", format!("{} bytes", raster.len()), expected));
     }
     // (An index of a local file may have been uploaded with it.)
-    let is_other = raster.stat()?.is_some_and(|found| {
-        std::mem::discriminant(&found.version) == std::mem::discriminant(&indexed.version) && found != indexed
-    });
+    let is_other = raster.stat()?.is_some_and(|found| !found.agrees(&indexed));
     if is_other {
         let text = format!(
             "was written again after its index was made, whose statistics may be out of date ({update})"

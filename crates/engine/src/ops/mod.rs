@@ -25,6 +25,7 @@ mod files;
 mod layers;
 mod mosaic;
 mod operation;
+mod overwritten;
 mod patch;
 mod patched;
 mod reconcile;
@@ -58,6 +59,7 @@ pub use files::{
 pub use layers::{add_layer, drop_layer, layer_paths, only_layer};
 pub use mosaic::{Mosaic, MosaicNode, list_files};
 pub use operation::{CombineOperation, Prefer};
+pub use overwritten::overwritten_input;
 pub use patch::{CellPatch, Change, FillPatch, FillRegion, Patch};
 pub use patched::{Patched, PatchedNode};
 pub use reconcile::{ClassMatching, Conversion, OutputExtent, ReconcileOptions, grid_like};

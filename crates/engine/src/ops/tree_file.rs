@@ -314,7 +314,7 @@ impl TreeFile {
     pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let findings = match self {
             TreeFile::Goblin(file) if file.references().is_some() => {
-                return file.verify_quickly(memory, progress);
+                return file.verify_quickly(progress);
             }
             TreeFile::Goblin(file) => file.verify(memory, progress),
             TreeFile::Autumnal(file) => file.verify_quickly(memory, progress),

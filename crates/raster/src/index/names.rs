@@ -26,7 +26,9 @@ pub(super) fn name_in_index(index: &Path, source: &Path) -> Result<String> {
             Err(Error::unsupported(index, found, "write the index next to its sources, or index them by URL"))
         }
         (None, None) => {
-            let [from, to] = [directory_of(index), source].map(absolute);
+            // (Readers follow a link to an index, too.)
+            let index = index.canonicalize().unwrap_or_else(|_| index.to_path_buf());
+            let [from, to] = [directory_of(&index), source].map(absolute);
             Ok(relative(&from, &to).unwrap_or(to).to_string_lossy().into_owned())
         }
     }

@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
-use spinney_base::io::{FileAccess, InputFile, listed_path, local_path, split_query, url_of, without_query};
+use spinney_base::io::{
+    FileAccess, InputFile, gdal_url, listed_path, local_path, split_query, url_of, without_query,
+};
 use spinney_base::{Error, Result};
 
 /// Maximum size of an item, and of what is between items, in bytes.
@@ -26,16 +28,6 @@ const MAX_ASSETS: usize = 10_000;
 
 /// Extensions of files that are no STAC documents, so that these are not opened for it.
 const RASTERS: [&str; 4] = ["tif", "tiff", "gtiff", "vrt"];
-
-/// GDAL's prefixes of remote files, and the beginnings of their URLs.
-const GDAL_PREFIXES: [(&str, &str); 6] = [
-    ("/vsicurl/", ""),
-    ("/vsis3/", "s3://"),
-    ("/vsigs/", "gs://"),
-    ("/vsiaz/", "az://"),
-    ("/vsicurl_streaming/", ""),
-    ("/vsis3_streaming/", "s3://"),
-];
 
 /// Returns the files of an asset of STAC items, in the items' order; `None` if a file has no STAC
 /// items. Without the name of an asset, each item must have one GeoTIFF asset with the role "data".
@@ -338,13 +330,12 @@ impl Items<'_> {
         if href.is_empty() || href.len() > 1 << 13 || href.contains(char::is_control) {
             return invalid(format!("a name of {} bytes", href.len()));
         }
-        let known = GDAL_PREFIXES.iter().find_map(|(prefix, url)| Some((href.strip_prefix(prefix)?, url)));
-        let url = known.map(|(rest, url)| format!("{url}{rest}"));
+        let url = gdal_url(href);
         let href = url.as_deref().unwrap_or(href);
         if url_of(Path::new(href)).is_some() {
             return Ok(href.into());
         }
-        if href.starts_with("/vsi") || url.is_some() || href.contains("://") && !href.starts_with("file://") {
+        if href.starts_with("/vsi") || href.contains("://") && !href.starts_with("file://") {
             return invalid(format!("the name {href}"));
         }
         if url_of(self.path).is_none() && href.starts_with("file://") {

@@ -242,7 +242,12 @@ impl Goblin {
             }
             let (numbers, packed) = rest.split_at_checked(copies * 8)?;
             let entries = unpack_entries(self.header.form.value, copies + own, packed)?;
-            Some([&bytes[..HEAD_SIZE], numbers, &entries].concat())
+            // (A page that is unpacked again may be another one, if the file was overwritten.)
+            let slot = self.directory.pages[page as usize].get();
+            slot.is_none_or(|checked| {
+                (checked.copies, self.directory.page_entries(page)) == (copies, own as u64)
+            })
+            .then(|| [&bytes[..HEAD_SIZE], numbers, &entries].concat())
         });
         let plain =
             plain.ok_or_else(|| self.bad_page(0, page, "invalid packed entries", "packed entries"))?;

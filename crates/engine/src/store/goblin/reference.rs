@@ -63,27 +63,31 @@ pub trait ReferencedCells: Send + Sync {
     /// fetched in the present batch.
     fn announce(&self, bytes: &dyn ReadBackend, layer: usize, region: Region);
 
-    /// Checks the sections, and lengths and versions of the other files. (Their cells are checked
-    /// with the tree.)
+    /// Checks the sections; with `with_files` also lengths and versions of the other files, instead
+    /// of their cells, which are checked with the tree.
     ///
     /// # Errors
     /// If this file cannot be read, or on cancellation.
-    fn verify(&self, bytes: &dyn ReadBackend, progress: &dyn Progress) -> Result<Vec<Finding>>;
+    fn verify(
+        &self,
+        bytes: &dyn ReadBackend,
+        with_files: bool,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Finding>>;
 
     /// Returns the number of other files.
     fn sources(&self) -> usize;
 
-    /// Returns name and length in bytes of another file, by number.
+    /// Passes the name of each other file to a function, with the length and version that it had
+    /// when it was indexed, until the function returns false.
     ///
     /// # Errors
-    /// If its description is corrupt.
-    fn source(&self, bytes: &dyn ReadBackend, number: usize) -> Result<(String, u64)>;
-
-    /// Returns length and version that another file had when it was indexed, by number.
-    ///
-    /// # Errors
-    /// If its description is corrupt.
-    fn source_stat(&self, bytes: &dyn ReadBackend, number: usize) -> Result<FileStat>;
+    /// If a description is corrupt, and those of the function.
+    fn visit_sources(
+        &self,
+        bytes: &dyn ReadBackend,
+        visit: &mut dyn FnMut(&str, FileStat) -> Result<bool>,
+    ) -> Result<()>;
 }
 
 /// Tag of the section that lists the other files.
@@ -295,13 +299,12 @@ impl Goblin {
     /// If the description of a source is corrupt.
     pub fn find_source(&self, is_wanted: &dyn Fn(&str) -> bool) -> Result<Option<String>> {
         let Some((cells, bytes)) = self.references() else { return Ok(None) };
-        for number in 0..cells.sources() {
-            let (name, _) = cells.source(bytes, number)?;
-            if is_wanted(&name) {
-                return Ok(Some(name));
-            }
-        }
-        Ok(None)
+        let mut found = None;
+        cells.visit_sources(bytes, &mut |name, _| {
+            found = is_wanted(name).then(|| name.to_string());
+            Ok(found.is_none())
+        })?;
+        Ok(found)
     }
 
     /// Reads the reference of an entry.

@@ -27,28 +27,7 @@ impl Goblin {
     /// If the file cannot be read, or on cancellation. A problem of the file's contents is not an
     /// error but a finding; at most 100 are collected.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
-        let count = self.layers().len();
-        if count == 1 {
-            return self.verify_layer(memory, progress);
-        }
-        let mut findings = Vec::new();
-        for number in 0..count {
-            if findings.len() >= MAX_FINDINGS {
-                break;
-            }
-            let name = &self.layers()[number].name;
-            let found = match self.open_layer(number).and_then(|layer| layer.verify_layer(memory, progress)) {
-                Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. } | Error::Unsupported { .. })) => {
-                    vec![Finding { place: "layer".into(), problem: error.to_string() }]
-                }
-                found => found?,
-            };
-            let place =
-                |finding: Finding| Finding { place: format!("layer `{name}`, {}", finding.place), ..finding };
-            findings.extend(found.into_iter().map(place));
-        }
-        findings.truncate(MAX_FINDINGS);
-        Ok(findings)
+        self.verify_layers(false, &|layer| layer.verify_layer(memory, progress), progress)
     }
 
     /// Checks an index without the cells in other files: all that it stores, and lengths and
@@ -56,27 +35,59 @@ impl Goblin {
     ///
     /// # Errors
     /// Those of [`Goblin::verify`].
-    pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
-        let Some((cells, bytes)) = self.references() else { return self.verify(memory, progress) };
-        let mut findings = Vec::new();
-        for number in 0..self.layers().len() {
-            progress.check()?;
-            let layer = self.open_layer(number)?;
-            let mut checker = Checker { file: &layer, findings, seen: 0, records: 0 };
-            checker.checksums()?;
-            checker.directory()?;
-            findings = checker.findings;
+    pub fn verify_quickly(&self, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        self.verify_layers(true, &|layer| Ok(layer.verify_stored()?.findings), progress)
+    }
+
+    /// Checks each layer, and what an index says about its sources; with `with_files` also these.
+    fn verify_layers(
+        &self,
+        with_files: bool,
+        verify: &dyn Fn(&Goblin) -> Result<Vec<Finding>>,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Finding>> {
+        let mut findings = match self.references() {
+            Some((cells, bytes)) => cells.verify(bytes, with_files, progress)?,
+            None => Vec::new(),
+        };
+        if self.layers().len() == 1 {
+            findings.extend(verify(self)?);
+        } else {
+            for (number, layer) in self.layers().iter().enumerate() {
+                progress.check()?;
+                let found = match self.open_layer(number).and_then(|layer| verify(&layer)) {
+                    Err(
+                        error @ (Error::Corrupt { .. } | Error::Invalid { .. } | Error::Unsupported { .. }),
+                    ) => {
+                        vec![Finding { place: "layer".into(), problem: error.to_string() }]
+                    }
+                    found => found?,
+                };
+                let place = |finding: Finding| Finding {
+                    place: format!("layer `{}`, {}", layer.name, finding.place),
+                    ..finding
+                };
+                findings.extend(found.into_iter().map(place));
+                if findings.len() >= MAX_FINDINGS {
+                    break;
+                }
+            }
         }
-        findings.extend(cells.verify(bytes, progress)?);
         findings.truncate(MAX_FINDINGS);
         Ok(findings)
     }
 
-    /// Checks this layer.
-    fn verify_layer(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+    /// Checks what the file itself stores of this layer.
+    fn verify_stored(&self) -> Result<Checker<'_>> {
         let mut checker = Checker { file: self, findings: Vec::new(), seen: 0, records: 0 };
         checker.checksums()?;
         checker.directory()?;
+        Ok(checker)
+    }
+
+    /// Checks this layer.
+    fn verify_layer(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        let mut checker = self.verify_stored()?;
         // Rebuilding a tree from bytes known to be corrupt would only repeat the findings, at
         // length.
         if !checker.findings.is_empty() {

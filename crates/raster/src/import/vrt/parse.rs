@@ -13,6 +13,7 @@ use super::super::validity::{as_stored, sample_bytes};
 use super::super::xml::XmlElement;
 use super::super::{Raster, RasterInfo, RasterOptions, gdal, sidecar, worldfile};
 use super::{Band, Missing, Nesting, Plane, Source, Vrt, order, unsupported};
+use spinney_base::io::{gdal_url, listed_path, url_of};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, SampleType};
 use spinney_base::{Error, Result};
@@ -263,11 +264,16 @@ impl Reader<'_> {
                 "<SourceFilename>",
             ));
         };
-        if name.starts_with("/vsi") || name.contains(['"', '<']) {
-            return self.refuse(format!("a source {name}, which is not a file,"));
-        }
-        let directory = self.path.parent().filter(|_| relative).unwrap_or(Path::new(""));
-        let mut raster = self.open(&directory.join(&name))?;
+        let path = match gdal_url(&name) {
+            Some(url) => url.into(),
+            None if name.starts_with("/vsi") || name.contains(['"', '<']) => {
+                return self.refuse(format!("a source {name}, which is not a file,"));
+            }
+            // (A remote one must not select files of this machine.)
+            None if relative || url_of(self.path).is_some() => listed_path(self.path, &name)?,
+            None => name.into(),
+        };
+        let mut raster = self.open(&path)?;
         let info = raster.info();
         if !(1..=info.channels).contains(&channel) {
             let expected = format!("1 to {}, the bands of {}", info.channels, raster.path().display());
