@@ -300,7 +300,7 @@ pub mod import {
     /// Raster files.
     #[cfg(feature = "raster")]
     pub mod raster {
-        pub use spinney_raster::assets_of;
+        pub use spinney_raster::{StacAsset, assets_of};
         pub use spinney_raster::import::{
             Band, BandInfo, DEFAULT_MEMORY, Order, Pixels, Raster, RasterInfo, RasterOptions, RasterSlabs,
             StackLayer, TargetGrid, WarpedBuilt, mosaic, needs_layers, open, select, spill, value_type,

@@ -178,7 +178,12 @@ impl Args {
 pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     args.sources = expand_lists(std::mem::take(&mut args.sources))?;
-    args.sources = expand_sources(&args.sources, args.asset.as_deref(), global.access())?;
+    let (sources, times) = expand_sources(&args.sources, args.asset.as_deref(), global.access())?;
+    args.sources = sources;
+    // STAC items have times of layers.
+    if args.stack && args.times.is_none() {
+        args.times = times.into_iter().collect();
+    }
     if args.output.as_deref() == Some(Path::new("-")) {
         bail!("--output: an index names its sources relative to itself; expected a file name")
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use spinney::raw::store::goblin::Goblin;
 use spinney::{Bounds, Error, FileAccess, OpenOptions};
 use spinney_references::{
-    Chunk, IndexContents, IndexedSource, LayerCells, MappedWindow, SourceList, write_pages,
+    Chunk, IndexContents, IndexedSource, LayerCells, MappedWindow, SourceImage, SourceList, write_pages,
 };
 
 use crate::common::command::{complaint, is_alone, own_peak_memory};
@@ -144,7 +144,7 @@ fn absurd_contents_are_refused() {
     let side = (1 << 31) - 1;
     let first =
         |contents: &mut Contents, change: &dyn Fn(&mut Chunk)| change(&mut contents.sources[0].1[0][7]);
-    let changes: [Change<'_>; 33] = [
+    let changes: [Change<'_>; 35] = [
         ("offset", &|it| first(it, &|chunk| chunk.offset = 1 << 40)),
         ("end of the number range", &|it| first(it, &|chunk| chunk.offset = u64::MAX - chunk.length)),
         ("length", &|it| first(it, &|chunk| chunk.length = 1 << 40)),
@@ -171,6 +171,16 @@ fn absurd_contents_are_refused() {
             (format.chunk_width, format.chunk_height) = (1, 1);
             (format.samples, format.planes) = (65535, 65535);
         }),
+        ("a wide mask", &|it| {
+            let (size, mut format) = (it.sources[0].0.size, it.list.formats[0].clone());
+            (format.chunk_width, format.chunk_height) = (1, 1);
+            (format.samples, format.planes) = (65535, 1);
+            it.list.formats.push(format);
+            it.sources[0].0.mask = Some(SourceImage::new(it.list.formats.len() as u32 - 1));
+            it.sources[0].1[1] =
+                vec![Chunk { offset: 0, length: 0, checksum: 0 }; (size[0] * size[1]) as usize];
+        }),
+        ("nodata of a rule", &|it| it.list.rules[0].nodata = Some(vec![0; 9])),
         ("no columns", &|it| it.sources[0].0.size = [0, 5]),
         ("no samples", &|it| it.list.formats[0].samples = 0),
         ("samples", &|it| it.list.formats[0].samples = 65535),

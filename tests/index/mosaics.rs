@@ -10,8 +10,8 @@ use spinney::{Bounds, Error};
 use crate::common::command::{complaint, spinney};
 use crate::common::{Random, with};
 use crate::compare::{
-    Directory, assert_equal, assert_equal_trees, assert_resolves, build, index, indexed, open, stack, tree,
-    window,
+    Directory, MEMORY, assert_equal, assert_equal_trees, assert_resolves, build, index, indexed, open, stack,
+    tree, window,
 };
 use crate::tiffs::{Chunks, Packing, Samples, Tiff, pages};
 
@@ -114,6 +114,44 @@ fn sources_that_others_hide_are_indexed() {
     // The hidden file is not read.
     std::fs::remove_file(&paths[0]).unwrap();
     assert_equal_trees(&open(&made), &open(&whole), "hidden");
+}
+
+/// A block with cells that no file has needs no hidden file either.
+#[test]
+fn hidden_sources_next_to_gaps_are_not_read() {
+    let directory = Directory::new();
+    let files = [("a.tif", [64, 64], [0, 0]), ("b.tif", [64, 64], [0, 0]), ("c.tif", [32, 32], [96, 96])];
+    let paths: Vec<PathBuf> = files.iter().map(|(name, ..)| directory.path(name)).collect();
+    for (path, (_, size, origin)) in paths.iter().zip(files) {
+        Tiff { origin: Some(origin), ..Tiff::new(size, 5) }.filled(size[0]).write(path);
+    }
+    let [made, whole] = ["x.goblin", "whole.goblin"].map(|name| directory.path(name));
+    index(&paths, &made);
+    tree(&paths, &whole);
+    std::fs::remove_file(&paths[0]).unwrap();
+    assert_equal_trees(&open(&made), &open(&whole), "hidden next to a gap");
+}
+
+/// Pages that describe sources are checked even if no cell needs them.
+#[test]
+fn corrupt_pages_of_hidden_sources_are_found() {
+    let directory = Directory::new();
+    let path = |number: u32| directory.path(&format!("{number:0100}.tif"));
+    let paths: Vec<PathBuf> = (0..200).map(path).collect();
+    paths.iter().for_each(|path| Tiff { origin: Some([0, 0]), ..Tiff::new([8, 8], 5) }.filled(3).write(path));
+    let made = directory.path("x.goblin");
+    index(&paths, &made);
+    let mut bytes = std::fs::read(&made).unwrap();
+    let name = format!("{:0100}.tif", 7);
+    let at = bytes.windows(name.len()).position(|found| found == name.as_bytes()).unwrap();
+    bytes[at] ^= 1;
+    std::fs::write(&made, bytes).unwrap();
+    let tree = open(&made);
+    window(&tree, tree.depth(), &Bounds::of_extent([8, 8, 1])).unwrap();
+    let findings = [tree.verify(MEMORY, &()).unwrap(), tree.verify_quickly(MEMORY, &()).unwrap()];
+    for findings in findings {
+        assert!(findings.len() == 1 && findings[0].problem.contains("page of sources"), "{findings:?}");
+    }
 }
 
 #[test]

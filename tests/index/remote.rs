@@ -1,6 +1,7 @@
 //! Indexes and sources on hosts: a client in memory records what is requested.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -11,7 +12,7 @@ use spinney::raw::io::{
 use spinney::{Bounds, Dataset, Error, FileAccess, OpenOptions, Result};
 
 use crate::common::with;
-use crate::compare::{Directory, assert_equal_trees, index, open, tree, window};
+use crate::compare::{Directory, assert_equal_trees, build, index, indexed, open, tree, window};
 use crate::tiffs::{Chunks, Tiff};
 
 /// URLs that were requested, and the ranges; none for an opened file.
@@ -139,6 +140,74 @@ fn cells_come_from_the_sources_ranges() {
     // (A block of 16 tiles of 110.)
     assert!(of_source.len() == 1 && bytes > 0 && bytes < source / 4, "{fetched:?} of {source}");
     assert_equal_trees(&found, &expected, "remote");
+}
+
+/// Sources that others hide are not even fetched ahead.
+#[test]
+fn hidden_sources_are_not_fetched() {
+    let directory = files();
+    let [first, second] = ["a.tif", "b.tif"].map(|name| directory.path(name));
+    std::fs::copy(&first, &second).unwrap();
+    index(&[first, second], &directory.path("x.goblin"));
+    let mut host = host(&directory, std::fs::read(directory.path("x.goblin")).unwrap());
+    host.files.insert("https://host/maps/b.tif".into(), host.files["https://host/maps/a.tif"].clone());
+    let requests = host.requests.clone();
+    let found = opened(host).unwrap();
+    assert_equal_trees(&found, &open(&directory.path("whole.goblin")), "hidden");
+    let requests = requests.lock().unwrap();
+    assert!(requests.iter().any(|(url, _)| url.ends_with("b.tif")));
+    assert!(!requests.iter().any(|(url, _)| url.ends_with("a.tif")), "{requests:?}");
+}
+
+/// Many remote files, and a virtual raster of them under GDAL's names: a file is opened for its
+/// header, and again for its cells.
+#[test]
+fn remote_mosaics() {
+    let directory = Directory::new();
+    let mut host = Host::default();
+    let (mut local, mut remote, mut sources) = (Vec::new(), Vec::new(), String::new());
+    for number in 0..40u64 {
+        let at = [number % 8 * 100, number / 8 * 90];
+        let path = directory.path(&format!("{number}.tif"));
+        let origin = Some(at.map(|at| at as i64));
+        Tiff { origin, ..Tiff::new([100, 90], 3) }.filled(number + 1).write(&path);
+        let url = format!("https://host/maps/{number}.tif");
+        host.files.insert(url.clone(), Arc::new(std::fs::read(&path).unwrap()));
+        let [x, y] = at;
+        write!(
+            sources,
+            "<SimpleSource><SourceFilename>/vsicurl/{url}</SourceFilename><SourceBand>1</SourceBand>\
+             <DstRect xOff=\"{x}\" yOff=\"{y}\" xSize=\"100\" ySize=\"90\"/></SimpleSource>"
+        )
+        .unwrap();
+        (local.push(path), remote.push(url.into()));
+    }
+    let whole = directory.path("whole.goblin");
+    tree(&local, &whole);
+    let list = directory.path("list.vrt");
+    let band = format!("<VRTRasterBand dataType=\"Byte\" band=\"1\">{sources}</VRTRasterBand>");
+    std::fs::write(&list, format!("<VRTDataset rasterXSize=\"800\" rasterYSize=\"450\">{band}</VRTDataset>"))
+        .unwrap();
+    let requests = host.requests.clone();
+    let access = FileAccess::new().unpacked_cache(8 << 20).remote(Arc::new(host));
+    let options = with(indexed(2), |it| it.access = access.clone());
+    for inputs in [remote, vec![list]] {
+        let made = directory.path("x.goblin");
+        build(&inputs, &made, &options).unwrap();
+        let opened = requests.lock().unwrap().iter().filter(|(_, ranges)| ranges.is_empty()).count();
+        // (The header is opened to find the format, and to read it.)
+        assert!(opened <= 4 * 40, "{opened}");
+        requests.lock().unwrap().clear();
+        let found = spinney::open_with(&made, &OpenOptions::new().access(access.clone())).unwrap();
+        let all = Bounds::of_extent([800, 450, 1]);
+        assert!(
+            window(&found, found.depth(), &all).unwrap()
+                == window(&open(&whole), found.depth(), &all).unwrap()
+        );
+        let sums = |tree: &Dataset| tree.statistics(None, &()).unwrap().classes;
+        assert_eq!(sums(&found), sums(&open(&whole)));
+        requests.lock().unwrap().clear();
+    }
 }
 
 #[test]

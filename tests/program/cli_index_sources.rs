@@ -26,7 +26,7 @@ fn item(id: &str, assets: &[(&str, &str)]) -> String {
         })
         .collect();
     format!(
-        "{{\"type\":\"Feature\",\"stac_version\":\"1.0.0\",\"id\":\"{id}\",\"assets\":{{{}}},\"links\":[]}}",
+        "{{\"type\":\"Feature\",\"stac_version\":\"1.0.0\",\"id\":\"{id}\",\"properties\":{{\"datetime\":\"2024-05-31T10:30:00Z\"}},\"assets\":{{{}}},\"links\":[]}}",
         assets.join(",")
     )
 }
@@ -117,6 +117,52 @@ fn an_index_of_other_files_is_not_used() {
     assert!(message.contains("relief.tif: length: found") && message.contains("index --update"), "{message}");
 }
 
+/// An output never replaces a file that has cells of an input.
+#[test]
+fn sources_are_not_overwritten() {
+    let temp = TestDirectory::new();
+    let tif = temp.copy(RELIEF, "relief.tif");
+    let index = temp.name("x.goblin");
+    spinney(&["-q", "index", &tif, "-o", &index]).success();
+    let before = fs::read(&tif).unwrap();
+    for words in [
+        &["export", &index, &tif][..],
+        &["get", &index, &tif, "--window", "0,0,9,9"],
+        &["transform", &index, "-o", &tif],
+        &["convert", &index, &tif],
+        &["index", "--update", &index, "-o", &tif],
+    ] {
+        let message = complaint(words, 1);
+        assert!(message.contains("relief.tif: has cells of"), "{words:?}: {message}");
+        assert!(fs::read(&tif).unwrap() == before, "{words:?}");
+    }
+    // The same holds for files of a manifest.
+    let (part, all) = (temp.built(RELIEF, "part.goblin", &[]), temp.name("all.goblin"));
+    spinney(&["-q", "manifest", &part, "-o", &all]).success();
+    let before = fs::read(&part).unwrap();
+    let message = complaint(&["transform", &all, "-o", &part], 1);
+    assert!(message.contains("part.goblin: has cells of"), "{message}");
+    assert!(fs::read(&part).unwrap() == before);
+}
+
+/// Names of sources are relative to the index itself, also if it is opened through a link.
+#[cfg(unix)]
+#[test]
+fn links_to_indexes_are_followed() {
+    let temp = TestDirectory::new();
+    fs::create_dir(temp.name("data")).unwrap();
+    let tif = temp.copy(RELIEF, "data/relief.tif");
+    let (index, link) = (temp.name("data/x.goblin"), temp.name("link.goblin"));
+    spinney(&["-q", "index", &tif, "-o", &index]).success();
+    std::os::unix::fs::symlink("data/x.goblin", &link).unwrap();
+    spinney(&["-q", "get", &link, &temp.name("o.npy")]).success();
+    spinney(&["-q", "index", &tif, "-o", &link]).success();
+    assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+    for name in [&link, &index] {
+        spinney(&["-q", "get", name, &temp.name("o.npy")]).success();
+    }
+}
+
 #[test]
 fn patterns_and_lists_name_sources() {
     let temp = TestDirectory::new();
@@ -165,6 +211,9 @@ fn stac_items_name_sources() {
         let info = stdout(&["info", &index]);
         assert!(info.contains("data/classes.tif") && !info.contains("relief"), "{info}");
     }
+    // Layers of a stack have the items' times.
+    spinney(&["-q", "index", &one, "--stack", "-o", &index]).success();
+    assert!(stdout(&["info", &index, "--json"]).contains("\"2024-05-31T10:30:00Z\""));
     let message = complaint(&["index", &one, "-o", &index, "--no-external"], 1);
     assert!(
         message.contains("one.json: data in another file") && message.contains("--no-external"),

@@ -303,7 +303,10 @@ impl Sources {
         let place = || format!("tile or strip at column {x}, row {y}");
         let expected = || {
             let index = spinney_container::shell_word(&self.path);
-            format!("the bytes that were indexed (`spinney index --update {index}` reads it again)")
+            format!(
+                "the bytes that were indexed (`spinney index --update {index}` reads it again if its length \
+                 or time has changed; otherwise make the index again)"
+            )
         };
         let differs = |found: String| Error::corrupt(&path, place(), found, expected());
         let file = match self.file(open, &path) {

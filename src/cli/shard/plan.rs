@@ -11,7 +11,7 @@ use spinney::raw::io::any_file;
 use spinney::raw::points::is_las_file;
 use spinney::raw::reconstruction::is_views_name;
 use spinney::raw::shards::{JobSpec, plan};
-use spinney::raw::store::{self, TreeFormat, file_is_tree};
+use spinney::raw::store::{TreeFormat, file_is_tree};
 
 use super::super::args::{Packing, check_output, expand_lists};
 use super::super::build::{Common, RasterArgs, SolidArgs, check_kinds, points as scans, tree_spec};
@@ -143,10 +143,11 @@ pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
     if args.index {
         let mut options = rasters.import_options(common)?;
         options.referenced = Some(args.stored_level.unwrap_or(2));
-        if rasters.of_stacks().or(rasters.of_warping()).is_some()
-            || options.packing != store::Packing::default()
-        {
-            bail!("--index: shards of an index have one layer, on the grid of the files; see `spinney index`")
+        if let Some(option) = rasters.of_stacks().or(rasters.of_warping()) {
+            bail!("{option}: shards of an index have one layer, on the grid of the files; see `spinney index`")
+        }
+        if let Some(option) = ["--codec", "--max-error"].into_iter().find(|name| common.given.has(name)) {
+            bail!("{option}: has no effect on an index, whose cells stay in the files")
         }
         return job.plan(&JobSpec::Rasters { inputs, options }, global);
     }

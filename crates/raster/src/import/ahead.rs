@@ -4,10 +4,12 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use super::Raster;
-use super::plan::MAX_OPEN;
 use spinney_base::Result;
 use spinney_base::io::{run_waiting, url_of};
 use spinney_base::space::Region;
+
+/// Maximum number of rasters that are announced at the same time, if several regions touch more.
+const MAX_AHEAD: usize = 64;
 
 /// Opens inputs, in their order: if one is remote, several at the same time.
 ///
@@ -72,11 +74,12 @@ pub(super) fn prefetch_placed(regions: &[Region], rasters: Vec<PlacedRaster<'_>>
         rasters.into_iter().filter(is_remote).map(|placed| (placed, Vec::new())).collect();
     let (mut taken, mut touched) = (0, 0);
     for region in regions {
+        // (A region that touches more is announced alone, and as a whole.)
         let is_touched = |covers: &Region| !covers.intersect(region).is_empty();
         let fresh =
             |(placed, own): &&(PlacedRaster<'_>, Vec<Region>)| own.is_empty() && is_touched(&placed.covers);
         touched += remote.iter().filter(fresh).count();
-        if touched > MAX_OPEN && taken > 0 {
+        if touched > MAX_AHEAD && taken > 0 {
             break;
         }
         for (placed, own) in remote.iter_mut().filter(|(placed, _)| is_touched(&placed.covers)) {

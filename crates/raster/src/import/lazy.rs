@@ -11,6 +11,8 @@ use crate::index::SourceWindow;
 use spinney_base::space::Region;
 use spinney_base::{Error, Result};
 
+/// Maximum number of open files of a pool.
+pub(super) const MAX_POOL: usize = 128;
 /// Maximum number of open files that can only be read from the top down, in addition to a pool's
 /// limit. Reopening one of them means to read all rows above.
 const MAX_SEQUENTIAL: usize = 128;
@@ -19,7 +21,10 @@ const SKIPPED: u64 = 64;
 
 /// The most recently read files, which are kept open.
 pub(super) struct Pool {
-    most: usize,
+    /// Maximum number of files that can be read anywhere.
+    files: usize,
+    /// Limit of the bytes that open files that can be read anywhere may hold.
+    memory: u64,
     next: AtomicU64,
     /// The least recently used come first.
     open: Mutex<VecDeque<(u64, OpenRaster)>>,
@@ -29,12 +34,14 @@ pub(super) struct Pool {
 struct OpenRaster {
     raster: Box<dyn Raster>,
     next_row: u64,
+    /// Maximum number of bytes that its reader holds.
+    held: u64,
 }
 
 impl Pool {
-    /// A pool of at most `most` files.
-    pub(super) fn new(most: usize) -> Arc<Pool> {
-        Arc::new(Pool { most, next: AtomicU64::new(0), open: Mutex::default() })
+    /// A pool of at most `files` files that together hold at most `memory` bytes, or of one.
+    pub(super) fn new(files: usize, memory: u64) -> Arc<Pool> {
+        Arc::new(Pool { files, memory, next: AtomicU64::new(0), open: Mutex::default() })
     }
 
     fn take(&self, id: u64) -> Option<OpenRaster> {
@@ -45,13 +52,22 @@ impl Pool {
 
     fn put(&self, id: u64, opened: OpenRaster) {
         let sequential = !opened.raster.reads_anywhere();
-        let most = if sequential { MAX_SEQUENTIAL } else { self.most };
+        let (files, memory) = if sequential { (MAX_SEQUENTIAL, u64::MAX) } else { (self.files, self.memory) };
         let mut open = self.open.lock().expect("no panic while held");
         open.push_back((id, opened));
         let alike = |(_, other): &(u64, OpenRaster)| other.raster.reads_anywhere() != sequential;
-        let oldest =
-            open.iter().position(alike).filter(|_| open.iter().filter(|other| alike(other)).count() > most);
-        let gone = oldest.and_then(|oldest| open.remove(oldest));
+        let mut gone = Vec::new();
+        loop {
+            let (count, held) = open
+                .iter()
+                .filter(|other| alike(other))
+                .fold((0, 0), |(count, held), other| (count + 1, other.1.held.saturating_add(held)));
+            if count <= files && (held <= memory || count == 1) {
+                break;
+            }
+            let oldest = open.iter().position(alike);
+            gone.extend(oldest.and_then(|oldest| open.remove(oldest)));
+        }
         // Closing a file may involve other pools, so release this one's lock first.
         drop(open);
         drop(gone);
@@ -147,7 +163,9 @@ impl Lazy {
         if about(raster.info()) != about(&self.info) || raster.reads_anywhere() != self.anywhere {
             return Err(self.changed());
         }
-        Ok(OpenRaster { raster, next_row: 0 })
+        let held =
+            self.options.memory.min(self.info.width * self.info.height * self.info.pixel_bytes() as u64);
+        Ok(OpenRaster { raster, next_row: 0, held })
     }
 
     fn changed(&self) -> Error {
@@ -271,8 +289,8 @@ mod tests {
     #[test]
     fn rows_from_the_top_are_read_in_any_order() {
         let directory = tempfile::tempdir().unwrap();
-        let pool = Pool::new(2);
         let (width, height) = (9, 300);
+        let pool = Pool::new(2, u64::MAX);
         let mut lazies: Vec<Lazy> = (0..4)
             .map(|number| {
                 let path = directory.path().join(format!("{number}.png"));
@@ -298,7 +316,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.png");
         grey_png(&path, 5, 5, 0);
-        let mut lazy = Lazy::open(&path, &RasterOptions::default(), &Pool::new(1)).unwrap();
+        let mut lazy = Lazy::open(&path, &RasterOptions::default(), &Pool::new(1, u64::MAX)).unwrap();
         grey_png(&path, 5, 6, 0);
         let read = lazy.read(Region::new(0, 0, 5, 5), &mut Pixels::default());
         assert!(matches!(read, Err(Error::Changed { .. })));

@@ -26,7 +26,7 @@ pub(super) fn mask_of(raster: &Path) -> PathBuf {
     })
 }
 
-/// Adds the mask file to a raster, if there is one. A mask inside the raster's own file takes
+/// Adds the mask file, which exists, to a raster. A mask inside the raster's own file takes
 /// precedence, as in GDAL.
 ///
 /// # Errors
@@ -34,7 +34,7 @@ pub(super) fn mask_of(raster: &Path) -> PathBuf {
 pub(super) fn masked(raster: Box<dyn Raster>, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let path = mask_of(raster.path());
     // The mask file belongs to the first page.
-    if options.page.is_some_and(|page| page > 0) || options.access.find_companion(&path)?.is_none() {
+    if options.page.is_some_and(|page| page > 0) {
         return Ok(raster);
     }
     let options = RasterOptions { layer: None, page: None, directory: None, ..options.clone() };

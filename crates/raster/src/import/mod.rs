@@ -19,7 +19,7 @@ mod png;
 mod sidecar;
 mod slabs;
 mod spill;
-mod stack;
+pub(crate) mod stack;
 mod tiff;
 mod validity;
 mod vrt;
@@ -47,7 +47,7 @@ pub(crate) use self::validity::Validity;
 pub(super) use self::validity::as_stored;
 use crate::chain_code;
 use crate::index::{SourceRecorder, SourceWindow};
-use spinney_base::io::{FileAccess, without_query};
+use spinney_base::io::{FileAccess, sibling_path, sidecar_of, without_query};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Number, Palette, SampleType};
 use spinney_base::{Error, Result};
@@ -261,8 +261,14 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
             None => Err(OtherFormat::refuse_source(path, start, "a raster")),
         },
     };
-    let raster = mask_file::masked(raster?, options)?;
-    sidecar::describe(raster, &options.access)
+    // (Both in one request to a host, since most rasters have neither.)
+    let [mask, sidecar] = [mask_file::mask_of(path), sibling_path(path, sidecar_of)];
+    let found = options.access.stat_companions(&[&mask, &sidecar])?;
+    let mut raster = raster?;
+    if found[0].is_some() {
+        raster = mask_file::masked(raster, options)?;
+    }
+    sidecar::describe(raster, found[1].is_some(), &options.access)
 }
 
 /// Reads enough of a file's start to detect its format.

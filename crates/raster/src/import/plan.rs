@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::ahead::open_each;
-use super::lazy::{Lazy, Pool};
+use super::lazy::{Lazy, MAX_POOL, Pool};
 use super::mosaic::{Mosaic, MosaicPlan};
 use super::sidecar::DescribedRaster;
 use super::validity::as_stored;
@@ -278,7 +278,7 @@ fn open_inputs(
         recorder: recorder.clone(),
         ..RasterOptions::default()
     };
-    let pool = Pool::new(MAX_OPEN);
+    let pool = Pool::new(MAX_POOL, memory / 2);
     let open_one = |path: &PathBuf| -> Result<Box<dyn Raster>> {
         let raster: Box<dyn Raster> = if inputs.len() > MAX_OPEN {
             Box::new(Lazy::open(path, &open_options, &pool)?)

@@ -60,12 +60,18 @@ impl Raster for DescribedRaster {
     }
 }
 
-/// Adds the properties from sidecars, if there are any. They take precedence over the file's own,
-/// as in GDAL, which writes sidecars for read-only files. Georeferencing is an exception: it is
-/// read from a sidecar or world file only if the file has none.
-pub(super) fn describe(raster: Box<dyn Raster>, access: &FileAccess) -> Result<Box<dyn Raster>> {
+/// Adds the properties from a sidecar, if there is one, and from a world file. Those of a sidecar
+/// take precedence over the file's own, as in GDAL, which writes sidecars for read-only files.
+/// Georeferencing is an exception: it is read from a sidecar or world file only if the file has none.
+pub(super) fn describe(
+    raster: Box<dyn Raster>,
+    has_sidecar: bool,
+    access: &FileAccess,
+) -> Result<Box<dyn Raster>> {
     let mut info = raster.info().clone();
-    apply_sidecar(sibling_path(raster.path(), sidecar_of), access, &mut info)?;
+    if has_sidecar {
+        apply_sidecar(sibling_path(raster.path(), sidecar_of), access, &mut info)?;
+    }
     worldfile::complete_frame(raster.path(), access, &mut info.frame)?;
     Ok(Box::new(DescribedRaster { raster, info }))
 }

@@ -13,7 +13,7 @@ pub use self::recorder::SourceRecorder;
 pub(crate) use self::recorder::{RecordedChunks, RecordedImage, RecordedSource};
 pub use self::sections::sections_of_shards;
 pub(crate) use self::sections::write_sections;
-pub use self::stac::assets_of;
+pub use self::stac::{StacAsset, assets_of};
 pub use self::update::{IndexUpdate, UpdateReport, update_index};
 use spinney_base::space::Region;
 use spinney_references::PixelRule;

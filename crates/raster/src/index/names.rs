@@ -9,8 +9,13 @@ use spinney_base::{Error, Result};
 /// both can be moved together. URLs have no query and no user.
 ///
 /// # Errors
-/// If the index is remote, and the source is a file of this machine.
+/// If the index is remote and the source is a file of this machine, or the index is written to
+/// standard output.
 pub(super) fn name_in_index(index: &Path, source: &Path) -> Result<String> {
+    if index == Path::new("-") {
+        let expected = "a file name: an index names its sources relative to itself";
+        return Err(Error::invalid("output", "standard output", expected));
+    }
     match (url_of(index), url_of(source)) {
         (index, Some(source)) => {
             let source = split_query(source).0;

@@ -11,6 +11,9 @@ use spinney_chunks::ChunkFormat;
 use spinney_container::VersionedSection;
 use spinney_references::Chunk;
 
+/// Files that are statted at a time.
+const STATTED: usize = 1024;
+
 /// Bytes that are read at a time for checksums.
 const READ_BYTES: u64 = 1 << 20;
 
@@ -48,6 +51,13 @@ pub(crate) struct RecordedSource {
     pub(crate) hole: Vec<u8>,
 }
 
+impl RecordedSource {
+    /// Returns its image, and its mask if it has one.
+    pub(crate) fn images(&self) -> impl Iterator<Item = &RecordedImage> {
+        [Some(&self.image), self.mask.as_ref()].into_iter().flatten()
+    }
+}
+
 /// An image of a file: its pixels or its mask.
 #[derive(Clone, Debug)]
 pub(crate) struct RecordedImage {
@@ -78,7 +88,8 @@ impl RecordedChunks {
         recorded
     }
 
-    /// Records the compressed bytes of a chunk.
+    /// Records the stored bytes of a chunk, before bit order and compression: readers compare them
+    /// before they decode. Chunks that come from a cache are not recorded here but completed later.
     pub(crate) fn record(&self, number: u64, bytes: &[u8]) {
         self.set(number as usize, crc32c::crc32c(bytes));
     }
@@ -158,10 +169,13 @@ impl SourceRecorder {
         }
         let described = Arc::new(describe(stat));
         let mut records = self.records();
-        let number = records.all.len();
-        records.all.push(described.clone());
-        records.numbers.insert(key, number);
-        Ok((number, described))
+        // (Another thread may have recorded the same file meanwhile.)
+        let Records { all, numbers } = &mut *records;
+        let number = *numbers.entry(key).or_insert_with(|| {
+            all.push(described);
+            all.len() - 1
+        });
+        Ok((number, all[number].clone()))
     }
 
     /// Returns the checksums of all chunks that were read, for [`SourceRecorder::restore`].
@@ -220,23 +234,38 @@ impl SourceRecorder {
         self.records().all[number].clone()
     }
 
-    /// Completes the checksums of a file, and checks that it was not changed while it was read.
-    pub(crate) fn complete(&self, number: usize, access: &FileAccess, progress: &dyn Progress) -> Result<()> {
-        let source = self.get(number);
-        let images = [Some(&source.image), source.mask.as_ref()].into_iter().flatten();
-        let left: Vec<&RecordedImage> = images.filter(|image| !image.chunks.is_complete()).collect();
-        if !left.is_empty() {
-            let file = access.input(&source.path)?;
-            left.iter().try_for_each(|image| image.chunks.complete(&source.path, &file, progress))?;
+    /// Completes the checksums of files, and checks that none was changed while it was read.
+    pub(crate) fn complete(
+        &self,
+        numbers: &[usize],
+        access: &FileAccess,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let sources: Vec<Arc<RecordedSource>> = numbers.iter().map(|number| self.get(*number)).collect();
+        for source in &sources {
+            progress.check()?;
+            let left: Vec<&RecordedImage> =
+                source.images().filter(|image| !image.chunks.is_complete()).collect();
+            if !left.is_empty() {
+                let file = access.input(&source.path)?;
+                left.iter().try_for_each(|image| image.chunks.complete(&source.path, &file, progress))?;
+            }
         }
-        match stat(&source.path, access)? == source.stat {
-            true => Ok(()),
-            false => Err(Error::Changed { path: source.path.clone(), what: "was overwritten" }),
+        for some in sources.chunks(STATTED) {
+            progress.check()?;
+            let paths: Vec<&Path> = some.iter().map(|source| &*source.path).collect();
+            for (source, found) in some.iter().zip(access.stat(&paths)?) {
+                if found? != Some(source.stat.clone()) {
+                    return Err(Error::Changed { path: source.path.clone(), what: "was overwritten" });
+                }
+            }
         }
+        Ok(())
     }
 }
 
 fn stat(path: &Path, access: &FileAccess) -> Result<FileStat> {
     let found = access.stat(&[path])?.pop().transpose()?.flatten();
-    found.ok_or_else(|| Error::io(path, "open")(std::io::ErrorKind::NotFound.into()))
+    let missing = || std::io::Error::new(std::io::ErrorKind::NotFound, "no such file");
+    found.ok_or_else(|| Error::io(path, "open")(missing()))
 }

@@ -50,16 +50,16 @@ pub(crate) fn write_sections(
     }
     for number in &order {
         let source = recorder.get(*number);
-        for image in [Some(&source.image), source.mask.as_ref()].into_iter().flatten() {
+        for image in source.images() {
             SourceList::number_of(&mut list.formats, image.format.clone());
         }
     }
     let formats = list.formats.clone();
+    recorder.complete(&order, access, progress)?;
     let mut sources = order.into_iter();
     write_pages(index, list, &mut || {
         let Some(number) = sources.next() else { return Ok(None) };
         progress.check()?;
-        recorder.complete(number, access, progress)?;
         let recorded = recorder.get(number);
         let image = |image: &RecordedImage| {
             let format = formats.iter().position(|format| *format == image.format);

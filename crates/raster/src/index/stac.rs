@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use crate::import::stack::time::is_time;
 use spinney_base::io::{
     FileAccess, InputFile, gdal_url, listed_path, local_path, split_query, url_of, without_query,
 };
@@ -29,13 +30,23 @@ const MAX_ASSETS: usize = 10_000;
 /// Extensions of files that are no STAC documents, so that these are not opened for it.
 const RASTERS: [&str; 4] = ["tif", "tiff", "gtiff", "vrt"];
 
+/// A file of a STAC item.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct StacAsset {
+    /// Path or URL.
+    pub path: PathBuf,
+    /// Acquisition time in ISO 8601: the item's `datetime`, or the start of its range.
+    pub time: Option<String>,
+}
+
 /// Returns the files of an asset of STAC items, in the items' order; `None` if a file has no STAC
 /// items. Without the name of an asset, each item must have one GeoTIFF asset with the role "data".
 ///
 /// # Errors
 /// If the file is corrupt or too large, an item has no such asset, or its file is not a GeoTIFF; if
 /// `access` refuses external files.
-pub fn assets_of(path: &Path, asset: Option<&str>, access: &FileAccess) -> Result<Option<Vec<PathBuf>>> {
+pub fn assets_of(path: &Path, asset: Option<&str>, access: &FileAccess) -> Result<Option<Vec<StacAsset>>> {
     let extension = without_query(path).extension().unwrap_or_default();
     if RASTERS.iter().any(|raster| extension.eq_ignore_ascii_case(raster)) || local_path(path).is_dir() {
         return Ok(None);
@@ -60,7 +71,7 @@ fn read_items(
     file: impl Read,
     asset: Option<&str>,
     access: &FileAccess,
-) -> Result<Option<Vec<PathBuf>>> {
+) -> Result<Option<Vec<StacAsset>>> {
     let mut text = BufReader::with_capacity(BUFFER, file);
     let has_mark = text.fill_buf().map_err(Error::io(path, "read"))?.starts_with(b"\xef\xbb\xbf");
     text.consume(if has_mark { 3 } else { 0 });
@@ -141,7 +152,7 @@ struct Items<'i> {
     access: &'i FileAccess,
     /// Bytes that may be read until the next item is complete.
     left: &'i Cell<u64>,
-    files: Vec<PathBuf>,
+    files: Vec<StacAsset>,
     is_stac: bool,
     /// Whether there are features that are no items.
     has_others: bool,
@@ -165,6 +176,7 @@ struct Item {
     id: String,
     is_stac: bool,
     assets: BTreeMap<String, Asset>,
+    time: Option<String>,
     /// URL of the item.
     own: Option<String>,
     /// Whether it is in a collection.
@@ -178,6 +190,14 @@ struct Asset {
     media: Option<String>,
     #[serde(default)]
     roles: Option<Vec<String>>,
+}
+
+#[derive(Deserialize)]
+struct Properties {
+    #[serde(default)]
+    datetime: serde_json::Value,
+    #[serde(default)]
+    start_datetime: serde_json::Value,
 }
 
 #[derive(Deserialize)]
@@ -216,6 +236,12 @@ impl<'de> Visitor<'de> for Document<'_, '_> {
                     items.is_stac = true;
                 }
                 "assets" => item.assets = map.next_value()?,
+                "properties" => {
+                    let found: Option<Properties> = map.next_value()?;
+                    let times = found.map(|found| [found.datetime, found.start_datetime]);
+                    let mut times = times.iter().flatten().filter_map(|time| time.as_str());
+                    item.time = times.next().filter(|time| is_time(time)).map(str::to_string);
+                }
                 "links" => {
                     let links: Vec<Link> = map.next_value()?;
                     item.own = links.into_iter().find(|link| link.rel == "self").map(|link| link.href);
@@ -295,7 +321,7 @@ impl Items<'_> {
         }
         let file = self.file_of(&item, asset)?;
         self.access.check_external(self.path, &file)?;
-        self.files.push(file);
+        self.files.push(StacAsset { path: file, time: item.time });
         Ok(())
     }
 
@@ -414,7 +440,7 @@ mod tests {
 
     fn read_at(path: &str, text: &str, asset: Option<&str>) -> Result<Option<Vec<String>>> {
         let files = read_items(Path::new(path), text.as_bytes(), asset, &FileAccess::new())?;
-        Ok(files.map(|files| files.iter().map(|file| file.to_str().unwrap().into()).collect()))
+        Ok(files.map(|files| files.iter().map(|file| file.path.to_str().unwrap().into()).collect()))
     }
 
     fn read(text: &str, asset: Option<&str>) -> Result<Option<Vec<String>>> {
@@ -443,6 +469,23 @@ mod tests {
     }
 
     #[test]
+    fn items_have_times() {
+        for (properties, expected) in [
+            ("{\"datetime\":\"2024-05-31T10:30:00Z\",\"x\":[1]}", Some("2024-05-31T10:30:00Z")),
+            ("{\"datetime\":null,\"start_datetime\":\"2024-05-31\"}", Some("2024-05-31")),
+            ("{\"datetime\":\"yesterday\"}", None),
+            ("null", None),
+            ("{}", None),
+        ] {
+            let text = item("a", None, &[["dem", "a.tif", TIFF, "data"]]);
+            let (last, text) = (format!(",\"properties\":{properties}}}"), text.strip_suffix('}').unwrap());
+            let text = text.to_string() + &last;
+            let found = read_items(Path::new("i"), text.as_bytes(), None, &FileAccess::new()).unwrap().unwrap();
+            assert_eq!(found[0].time.as_deref(), expected, "{properties}");
+        }
+    }
+
+    #[test]
     fn other_documents_have_no_items() {
         for text in [
             "{}",
@@ -465,7 +508,7 @@ mod tests {
         std::fs::write(&path, item("a", None, &[["dem", "a.tif", "", "data"]])).unwrap();
         assert_eq!(
             assets_of(&path, None, &FileAccess::new()).unwrap(),
-            Some(vec![temp.path().join("a.tif")])
+            Some(vec![StacAsset { path: temp.path().join("a.tif"), time: None }])
         );
         let error = assets_of(&path, None, &FileAccess::new().no_external()).unwrap_err().to_string();
         assert!(error.contains("--no-external") && error.contains("a.tif"), "{error}");

@@ -6,7 +6,7 @@ mod layer;
 mod name;
 mod raster;
 mod shared;
-mod time;
+pub(crate) mod time;
 mod write;
 
 use std::path::{Path, PathBuf};

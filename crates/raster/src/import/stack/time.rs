@@ -28,7 +28,7 @@ pub(super) fn give(layers: &mut [StackLayer], files: &[PathBuf], times: &[String
 
 /// Whether a string is an ISO 8601 time: a year, month or day, or a day with a time, which may have
 /// a fraction and a zone.
-fn is_time(text: &str) -> bool {
+pub(crate) fn is_time(text: &str) -> bool {
     let Some((day, time)) = text.split_once('T') else {
         let parts: Vec<&str> = text.split('-').collect();
         return is_date(&parts);

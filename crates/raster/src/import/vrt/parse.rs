@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use super::super::ahead::Placement;
 use super::super::bands::{BandInfo, common_type};
-use super::super::lazy::{Lazy, Pool};
+use super::super::lazy::{Lazy, MAX_POOL, Pool};
 use super::super::plan::MAX_OPEN;
 use super::super::validity::{as_stored, sample_bytes};
 use super::super::xml::XmlElement;
@@ -69,7 +69,7 @@ pub(super) fn read(path: &Path, options: &RasterOptions) -> Result<Vrt> {
     };
     let nesting = options.nesting.inside(path)?;
     // Nested virtual rasters keep few files open, since these multiply.
-    let most = if options.nesting.depth == 0 { MAX_OPEN } else { 2 };
+    let (most, files) = if options.nesting.depth == 0 { (MAX_OPEN, MAX_POOL) } else { (2, 2) };
     let mut reader = Reader {
         path,
         size: [side("rasterXSize")?, side("rasterYSize")?],
@@ -81,7 +81,7 @@ pub(super) fn read(path: &Path, options: &RasterOptions) -> Result<Vrt> {
             ..RasterOptions::default()
         },
         nesting,
-        pool: Pool::new(most),
+        pool: Pool::new(files, options.memory),
         known: HashMap::new(),
     };
     reader.vrt(&root)
