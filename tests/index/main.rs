@@ -14,6 +14,7 @@ mod mosaics;
 mod remote;
 mod resources;
 mod tiffs;
+mod update_refusals;
 mod updates;
 mod variants;
 mod writers;

@@ -7,7 +7,7 @@ use std::time::{Duration, SystemTime};
 use spinney::raw::import::raster::UpdateReport;
 use spinney::{Error, Output, Progress};
 
-use crate::common::command::{complaint, spinney, stderr};
+use crate::common::command::{command, complaint, spinney, stderr};
 use crate::common::{Random, with};
 use crate::compare::{Directory, assert_equal, index, open, segments, tree, update};
 use crate::targets::seal;
@@ -59,6 +59,7 @@ impl Sources {
         let [fresh, whole] = ["fresh.goblin", "whole.goblin"].map(|name| self.directory.path(name));
         index(&self.paths, &fresh);
         assert_same_bytes(&self.index(), &fresh, what);
+        assert!(fs::read(self.index()).unwrap() == fs::read(&fresh).unwrap(), "{what}");
         tree(&self.paths, &whole);
         assert_equal(&self.index(), &whole, what);
     }
@@ -73,8 +74,8 @@ impl Sources {
     }
 }
 
-/// Checks that an updated index has the bytes of a new one. (Its provenance is that of the old
-/// one.)
+/// Checks that an updated index has the bytes of a new one. (The provenance may name other paths to
+/// the same files.)
 fn assert_same_bytes(updated: &Path, fresh: &Path, what: &str) {
     let contents = |path: &Path| {
         let bytes = fs::read(path).unwrap();
@@ -113,11 +114,7 @@ fn changed_files_are_read_again() {
         }
         sources.write(number, &tiff);
         assert_eq!(sources.update().unwrap(), [3, 1, 0, 0], "round {round}");
-        let what = format!("round {round}");
-        sources.assert_fresh(&what);
-        // (The files are those of the old index.)
-        let fresh = fs::read(sources.directory.path("fresh.goblin")).unwrap();
-        assert!(fresh == fs::read(sources.index()).unwrap(), "{what}");
+        sources.assert_fresh(&format!("round {round}"));
     }
 }
 
@@ -324,4 +321,186 @@ fn updates_of_other_options() {
         assert!(fs::read(&made).unwrap() == fs::read(&fresh).unwrap(), "{options:?}");
         open(Path::new(&made));
     }
+}
+
+#[test]
+fn nodata_numbers_differ() {
+    let tiff = |number, nodata| Tiff { nodata, ..Sources::tiff(number, 7 + number as u64) };
+    for numbers in
+        [[None, Some("0"), Some("5")], [Some("0"), Some("5"), None], [Some("2"), Some("3"), Some("2")]]
+    {
+        let mut sources = Sources::new(2);
+        (0..2).for_each(|number| sources.write(number, &tiff(number, numbers[number])));
+        index(&sources.paths, &sources.index());
+        sources.add(3);
+        sources.write(2, &tiff(3, numbers[2]));
+        assert_eq!(sources.update_files().unwrap(), [2, 0, 1, 0]);
+        sources.assert_fresh(&format!("{numbers:?}"));
+    }
+    // A file that gets a number among others without one.
+    let mut sources = Sources::new(2);
+    (0..2).for_each(|number| sources.write(number, &tiff(number, None)));
+    index(&sources.paths, &sources.index());
+    sources.write(1, &tiff(1, Some("0")));
+    assert_eq!(sources.update().unwrap(), [1, 1, 0, 0]);
+    sources.assert_fresh("a new number");
+    // A single file leaves nodata to the layer; one of several does not.
+    let mut sources = Sources::new(1);
+    sources.write(0, &tiff(0, None));
+    index(&sources.paths, &sources.index());
+    sources.add(1);
+    assert_eq!(sources.update_files().unwrap(), [1, 0, 1, 0]);
+    sources.assert_fresh("one without a number");
+    sources.paths.pop();
+    assert_eq!(sources.update_files().unwrap(), [1, 0, 0, 1]);
+    let fresh = sources.directory.path("fresh.goblin");
+    index(&sources.paths, &fresh);
+    assert_eq!(open(&sources.index()).metadata().provenance, open(&fresh).metadata().provenance);
+}
+
+#[test]
+fn options_of_the_index_count_for_added_files() {
+    let directory = Directory::new();
+    let names = ["a.tif", "b.tif", "c.tif"].map(|name| directory.name(name));
+    let (made, fresh) = (directory.name("x.goblin"), directory.name("fresh.goblin"));
+    let tiff = |column, nodata| Tiff {
+        nodata,
+        origin: Some([column, 0]),
+        ..Tiff::new([290, 300], 1 + column as u64)
+    };
+    for options in
+        [&["--nodata", "3"][..], &["--crs", "EPSG:32633"], &["--kind", "categorical"], &["--band", "1"]]
+    {
+        let numbers = if options[0] == "--nodata" { [None, Some("1"), Some("7")] } else { [Some("7"); 3] };
+        for (number, name) in names.iter().enumerate() {
+            tiff(number as i64 * 200, numbers[number]).write(Path::new(name));
+        }
+        spinney(&[&["-q", "index", &names[0], &names[1], "-o", &made], options].concat()).success();
+        fs::write(&names[1], [fs::read(&names[1]).unwrap(), vec![0]].concat()).unwrap();
+        let all = [&names[0], &names[1], &names[2]].map(String::as_str);
+        let text = stderr(spinney(&[&["index", "--update", &made], &all[..]].concat()).success());
+        assert!(text.contains("1 changed, 1 added"), "{text}");
+        spinney(&[&["-q", "index", "-o", &fresh], &all[..], options].concat()).success();
+        assert!(fs::read(&made).unwrap() == fs::read(&fresh).unwrap(), "{options:?}");
+    }
+}
+
+#[test]
+fn the_first_file_describes_the_layer() {
+    let mut sources = Sources::new(2);
+    let describe = |sources: &Sources, number: usize| {
+        let name = sources.directory.path(&format!("sources/{number}.tif.aux.xml"));
+        let text = format!(
+            "<PAMDataset><Metadata><MDI key=\"about\">{number}</MDI></Metadata>\
+             <PAMRasterBand band=\"1\"><Description>band {number}</Description></PAMRasterBand></PAMDataset>"
+        );
+        fs::write(name, text).unwrap();
+    };
+    (0..2).for_each(|number| describe(&sources, number));
+    sources.write(1, &Sources::tiff(1, 5));
+    sources.update().unwrap();
+    assert!(open(&sources.index()).metadata().tags.is_empty());
+    sources.write(0, &Sources::tiff(0, 5));
+    sources.update().unwrap();
+    sources.assert_fresh("changed");
+    sources.paths.reverse();
+    assert_eq!(sources.update_files().unwrap(), [2, 0, 0, 0]);
+    sources.assert_fresh("reversed");
+    assert_eq!(open(&sources.index()).metadata().tags["about"], "1");
+}
+
+#[test]
+fn a_file_that_is_listed_twice_counts_once() {
+    let mut sources = Sources::new(2);
+    sources.add(4);
+    let paths = sources.paths.clone();
+    let twice = [&paths[..], &paths[2..]].concat();
+    let report = update(&sources.index(), &sources.index(), |it| it.sources = Some(twice)).unwrap();
+    assert_eq!(counts(report), [2, 0, 1, 0]);
+    sources.assert_fresh("twice");
+}
+
+#[test]
+fn removals_keep_the_first_cell_and_the_levels() {
+    let mut sources = Sources::new(3);
+    sources.paths.pop();
+    sources.update_files().unwrap();
+    let [fresh, found] = {
+        let fresh = sources.directory.path("fresh.goblin");
+        index(&sources.paths, &fresh);
+        [open(&fresh), open(&sources.index())]
+    };
+    assert_eq!(found.header().extent, fresh.header().extent);
+    assert!(found.depth() >= fresh.depth());
+    let extent = found.header().extent;
+    sources.paths.remove(0);
+    sources.update_files().unwrap();
+    let found = open(&sources.index());
+    assert_eq!(found.header().extent, extent);
+    assert_eq!(found.verify(1 << 20, &()).unwrap(), []);
+}
+
+#[test]
+fn provenance_names_the_listed_files() {
+    let directory = Directory::new();
+    fs::create_dir(directory.path("out")).unwrap();
+    fs::create_dir(directory.path("tiles")).unwrap();
+    for number in 0..3 {
+        Sources::tiff(0, number).write(&directory.path(&format!("tiles/{number}.tif")));
+    }
+    let run = |arguments: &[&str]| {
+        command(&[&["-q", "index"], arguments].concat()).current_dir(directory.path(".")).assert().success();
+    };
+    run(&["tiles/0.tif", "tiles/1.tif", "-o", "out/x.goblin"]);
+    for files in [&["tiles/1.tif"][..], &["tiles/2.tif", "tiles/1.tif"], &["tiles/1.tif", "tiles/0.tif"]] {
+        run(&[&["--update", "out/x.goblin"], files].concat());
+        run(&[files, &["-o", "out/fresh.goblin"]].concat());
+        let [found, fresh] = ["out/x.goblin", "out/fresh.goblin"].map(|name| directory.path(name));
+        assert!(fs::read(&found).unwrap() == fs::read(&fresh).unwrap(), "{files:?}");
+        assert_eq!(open(&found).metadata().provenance.len(), files.len());
+    }
+}
+
+#[test]
+fn virtual_rasters_keep_their_size() {
+    let directory = Directory::new();
+    let [raster, made, fresh, source] =
+        ["v.vrt", "x.goblin", "fresh.goblin", "a.tif"].map(|name| directory.path(name));
+    let text = "<VRTDataset rasterXSize=\"400\" rasterYSize=\"300\"><VRTRasterBand dataType=\"Byte\" band=\"1\">\
+                <SimpleSource><SourceFilename relativeToVRT=\"1\">a.tif</SourceFilename><SourceBand>1</SourceBand>\
+                <SrcRect xOff=\"3\" yOff=\"4\" xSize=\"50\" ySize=\"40\"/>\
+                <DstRect xOff=\"20\" yOff=\"30\" xSize=\"50\" ySize=\"40\"/></SimpleSource></VRTRasterBand></VRTDataset>";
+    fs::write(&raster, text).unwrap();
+    Tiff::new([90, 80], 1).write(&source);
+    index(std::slice::from_ref(&raster), &made);
+    fs::write(&source, [Tiff::new([90, 80], 2).bytes(), vec![0]].concat()).unwrap();
+    assert_eq!(update(&made, &made, |_| {}).map(counts).unwrap(), [0, 1, 0, 0]);
+    index(&[raster], &fresh);
+    assert!(fs::read(&made).unwrap() == fs::read(&fresh).unwrap());
+}
+
+#[cfg(unix)]
+#[test]
+fn more_files_than_a_process_may_open() {
+    let directory = Directory::new();
+    let mut names = Vec::new();
+    for number in 0..300 {
+        let origin = Some([number % 20 * 8, number / 20 * 8]);
+        names.push(directory.name(&format!("{number}.tif")));
+        Tiff { origin, ..Tiff::new([8, 8], number as u64) }.write(Path::new(&names[number as usize]));
+    }
+    let made = directory.name("x.goblin");
+    spinney(&["-q", "index", &names[0], "-o", &made]).success();
+    fs::write(&names[0], [fs::read(&names[0]).unwrap(), vec![0]].concat()).unwrap();
+    // (Readers of an index keep up to 128 of its sources open.)
+    let status = std::process::Command::new("sh")
+        .args(["-c", "ulimit -n 192; exec \"$@\"", "sh", env!("CARGO_BIN_EXE_spinney")])
+        .args(["-q", "index", "--update", &made])
+        .args(&names)
+        .status()
+        .unwrap();
+    assert!(status.success());
+    let fresh = directory.path("fresh.goblin");
+    index(&names.iter().map(PathBuf::from).collect::<Vec<_>>(), &fresh);
+    assert_same_bytes(Path::new(&made), &fresh, "many files");
 }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::ahead::{PlacedRaster, Placement, prefetch_placed};
+use super::provenance::mosaic_layout;
 use super::validity::Validity;
 use super::{Order, Pixels, Raster, RasterInfo};
 use crate::index::SourceWindow;
@@ -95,7 +96,7 @@ impl Mosaic {
         if rasters.iter().any(|raster| raster.info().order == Order::Bands) {
             info.order = Order::Bands;
         }
-        info.layout = format!("mosaic of {}, the first: {}", rasters.len(), info.layout);
+        info.layout = mosaic_layout(rasters.len(), &info.layout);
         let input = |(raster, offset): (Box<dyn Raster>, [i64; 2])| {
             let found = raster.info();
             let (x, y) = ((offset[0] - corner[0]) as u64, (offset[1] - corner[1]) as u64);

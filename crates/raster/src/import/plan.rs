@@ -1,12 +1,12 @@
 //! Import plans: from raster files and options to the tree that will be built.
 
-use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::ahead::open_each;
 use super::lazy::{Lazy, MAX_POOL, Pool};
 use super::mosaic::{Mosaic, MosaicPlan};
+use super::provenance::provenance;
 use super::sidecar::DescribedRaster;
 use super::validity::as_stored;
 use super::{Band, Raster, RasterInfo, RasterOptions, Transparent, bands, mosaic, open};
@@ -178,13 +178,7 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
         }
     };
     let info = raster.info();
-    // With opacity no nodata number is needed: missing pixels are transparent.
-    let missing = info.nodata.filter(|_| info.alpha.is_none());
-    let value = bands::value_type(raster.path(), info)?;
-    let value = match info.transparent {
-        Transparent::Masked => value.with_alpha(),
-        _ => missing.map_or(value, |nodata| value.with_missing(nodata)),
-    };
+    let value = masked_value_type(raster.path(), info)?;
     let frame = frame(info, options)?;
     let (kind, kind_reason) = kind(info, options);
     let rule = options.rule.unwrap_or(kind.default_rule());
@@ -293,11 +287,7 @@ fn open_inputs(
     };
     let described = |raster: Box<dyn Raster>| -> Box<dyn Raster> {
         let mut info = raster.info().clone();
-        apply_options(&mut info, options, overruled);
-        if are_several && info.transparent == Transparent::Masked {
-            // Images below are visible through transparent pixels.
-            info.transparent = Transparent::Void;
-        }
+        apply_options_to_input(&mut info, are_several, options, overruled);
         Box::new(DescribedRaster { raster, info })
     };
     Ok(open_each(inputs, &open_one)?.into_iter().map(described).collect())
@@ -310,6 +300,35 @@ fn transparent(info: &RasterInfo, options: &ImportOptions) -> Transparent {
         true => Transparent::Plain,
         false if is_last => Transparent::Masked,
         false => Transparent::Void,
+    }
+}
+
+/// Returns the type of a tree's values, with the mask that follows from opacity and nodata.
+///
+/// # Errors
+/// If trees do not support such values.
+pub(crate) fn masked_value_type(path: &Path, info: &RasterInfo) -> Result<ValueType> {
+    // With opacity no nodata number is needed: missing pixels are transparent.
+    let missing = info.nodata.filter(|_| info.alpha.is_none());
+    let value = bands::value_type(path, info)?;
+    Ok(match info.transparent {
+        Transparent::Masked => value.with_alpha(),
+        _ => missing.map_or(value, |nodata| value.with_missing(nodata)),
+    })
+}
+
+/// Overrides properties of an input by the user's options. With `are_several` it is a layer of a
+/// mosaic.
+pub(crate) fn apply_options_to_input(
+    info: &mut RasterInfo,
+    are_several: bool,
+    options: &ImportOptions,
+    overruled: &mut Option<Crs>,
+) {
+    apply_options(info, options, overruled);
+    if are_several && info.transparent == Transparent::Masked {
+        // Images below are visible through transparent pixels.
+        info.transparent = Transparent::Void;
     }
 }
 
@@ -328,7 +347,7 @@ pub(super) fn apply_options(info: &mut RasterInfo, options: &ImportOptions, over
 }
 
 /// Rejects a file of several pages if none was selected.
-pub(super) fn check_pages(raster: &dyn Raster) -> Result<()> {
+pub(crate) fn check_pages(raster: &dyn Raster) -> Result<()> {
     match raster.info().pages {
         0 | 1 => Ok(()),
         pages => {
@@ -350,7 +369,7 @@ struct TreeProperties {
 }
 
 /// Metadata of the tree's file.
-pub(super) fn metadata(
+pub(crate) fn metadata(
     frame: Frame,
     inputs: &[PathBuf],
     info: &RasterInfo,
@@ -452,7 +471,7 @@ fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
     Ok(frame)
 }
 
-pub(super) fn kind(info: &RasterInfo, options: &ImportOptions) -> (DataKind, &'static str) {
+pub(crate) fn kind(info: &RasterInfo, options: &ImportOptions) -> (DataKind, &'static str) {
     let small = matches!(info.sample, SampleType::U8) && info.channels == 1;
     let has_classes = info.channels == 1 && !info.sample.is_float() && !info.class_names.is_empty();
     match (options.kind, info.kind) {
@@ -499,34 +518,4 @@ pub(crate) fn depth_of(
             Err(Error::invalid("depth", depth.to_string(), format!("{least} to {most} for {size}")))
         }
     }
-}
-
-/// A line per input, and one for the user's options.
-fn provenance(inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) -> Vec<String> {
-    let mut lines: Vec<String> =
-        inputs.iter().map(|path| format!("raster {} ({})", path.display(), info.layout)).collect();
-    let mut said = Vec::new();
-    let mut say = |name: &str, value: Option<&dyn Display>| {
-        said.extend(value.map(|value| format!("{name} {value}")));
-    };
-    let numbers = |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
-    let bands =
-        options.bands.as_ref().map(|bands| bands.iter().map(Band::to_string).collect::<Vec<_>>().join(","));
-    let transform = options.transform.map(|transform| numbers(&transform));
-    say("kind", options.kind.as_ref().map(|kind| kind as _));
-    say("rule", options.rule.as_ref().map(|rule| rule as _));
-    say("bands", bands.as_ref().map(|bands| bands as _));
-    say("nodata", options.nodata.as_ref().map(|nodata| nodata as _));
-    say("depth", options.depth.as_ref().map(|depth| depth as _));
-    say("crs", options.crs.as_ref().map(|crs| crs as _));
-    say("transform", transform.as_ref().map(|transform| transform as _));
-    say("layer", options.layer.as_ref().map(|layer| layer as _));
-    say("page", options.page.as_ref().map(|page| page as _));
-    if options.keep_transparent {
-        said.push("transparent pixels kept".into());
-    }
-    if !said.is_empty() {
-        lines.push(format!("imported with {}", said.join(", ")));
-    }
-    lines
 }

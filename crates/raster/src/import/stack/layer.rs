@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use super::super::bands::select_channels;
 use super::super::build::{MemoryBudget, RequestedCells, TargetGrid, slabs_for};
-use super::super::plan::{ImportOptions, RasterImport, apply_options, kind, metadata};
+use super::super::plan::{ImportOptions, RasterImport, apply_options, kind, masked_value_type, metadata};
 use super::super::sidecar::DescribedRaster;
-use super::super::{Band, Raster, RasterInfo, RasterOptions, RasterSlabs, Transparent, bands, open, spill};
+use super::super::{Band, Raster, RasterInfo, RasterOptions, RasterSlabs, Transparent, open, spill};
 use super::grid::GridAlignment;
 use super::raster::{Masked, Padded, Repeated, TreeRaster};
 use super::{InputImage, StackOptions};
@@ -128,12 +128,7 @@ impl StackLayer {
             // Opacity as a layer of its own is an ordinary number.
             info.alpha = None;
         }
-        let value = bands::value_type(&image.path, &info)?;
-        let missing = info.nodata.filter(|_| info.alpha.is_none());
-        let value = match info.transparent {
-            Transparent::Masked if info.channels > 1 => value.with_alpha(),
-            _ => missing.map_or(value, |nodata| value.with_missing(nodata)),
-        };
+        let value = masked_value_type(&image.path, &info)?;
         let (kind, _) = kind(&info, import);
         let rule = import.rule.unwrap_or(kind.default_rule());
         kind.check_rule(rule, &image.path)?;
