@@ -300,7 +300,6 @@ pub mod import {
     /// Raster files.
     #[cfg(feature = "raster")]
     pub mod raster {
-        pub use spinney_raster::{StacAsset, assets_of};
         pub use spinney_raster::import::{
             Band, BandInfo, DEFAULT_MEMORY, Order, Pixels, Raster, RasterInfo, RasterOptions, RasterSlabs,
             StackLayer, TargetGrid, WarpedBuilt, mosaic, needs_layers, open, select, spill, value_type,
@@ -309,6 +308,7 @@ pub mod import {
         pub use spinney_raster::index::{
             IndexUpdate, SourceRecorder, SourceWindow, UpdateReport, update_index,
         };
+        pub use spinney_raster::{StacAsset, assets_of};
     }
 
     /// Rasterization: quadtrees of features.

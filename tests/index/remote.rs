@@ -180,7 +180,8 @@ fn remote_mosaics() {
              <DstRect xOff=\"{x}\" yOff=\"{y}\" xSize=\"100\" ySize=\"90\"/></SimpleSource>"
         )
         .unwrap();
-        (local.push(path), remote.push(url.into()));
+        local.push(path);
+        remote.push(url.into());
     }
     let whole = directory.path("whole.goblin");
     tree(&local, &whole);

@@ -188,10 +188,7 @@ fn stacks() {
 }
 
 #[test]
-fn no_sources_and_pages_of_a_stack() {
-    let mut made = Indexed::of(&[at(0, None)]);
-    made.paths.clear();
-    made.assert_refused(true, "without sources");
+fn pages_of_a_stack() {
     let made = Indexed::files(&[at(0, None)]);
     let page = |seed| Tiff::new([60, 50], seed);
     fs::write(&made.paths[0], pages(&[page(1), page(2)])).unwrap();
@@ -231,4 +228,20 @@ fn memory_is_that_of_the_update() {
     // A new index has the same limit.
     let options = |memory| with(indexed(2), |it| it.memory = Some(memory));
     assert!(build(&made.paths, &made.directory.path("z.goblin"), &options(1 << 20)).is_err());
+}
+
+#[test]
+fn no_sources_and_unknown_prefixes() {
+    let made = Indexed::of(&[Tiff::new([20, 10], 1)]);
+    type Change<'a> = &'a dyn Fn(&mut IndexUpdate);
+    let changes: [(Change<'_>, &str); 2] = [
+        (&|it| it.sources = Some(Vec::new()), "sources"),
+        (&|it| it.prefixes = vec![("typo/".into(), "x/".into())], "`typo/`"),
+    ];
+    for (change, expected) in changes {
+        let before = fs::read(made.index()).unwrap();
+        let error = update(&made.index(), &made.index(), change).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+        assert!(fs::read(made.index()).unwrap() == before);
+    }
 }

@@ -39,10 +39,14 @@ pub(crate) fn expand_sources(
                 Some(assets) => {
                     has_items = true;
                     for StacAsset { path, time, .. } in assets {
-                        (sources.push(path), times.push(time));
+                        sources.push(path);
+                        times.push(time);
                     }
                 }
-                None => (sources.push(file), times.push(None)).1,
+                None => {
+                    sources.push(file);
+                    times.push(None);
+                }
             }
         }
     }

@@ -144,7 +144,9 @@ pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
         let mut options = rasters.import_options(common)?;
         options.referenced = Some(args.stored_level.unwrap_or(2));
         if let Some(option) = rasters.of_stacks().or(rasters.of_warping()) {
-            bail!("{option}: shards of an index have one layer, on the grid of the files; see `spinney index`")
+            bail!(
+                "{option}: shards of an index have one layer, on the grid of the files; see `spinney index`"
+            )
         }
         if let Some(option) = ["--codec", "--max-error"].into_iter().find(|name| common.given.has(name)) {
             bail!("{option}: has no effect on an index, whose cells stay in the files")

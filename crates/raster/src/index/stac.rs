@@ -7,9 +7,9 @@ use std::fmt;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
+use crate::import::stack::time::is_time;
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
-use crate::import::stack::time::is_time;
 use spinney_base::io::{
     FileAccess, InputFile, gdal_url, listed_path, local_path, split_query, url_of, without_query,
 };
@@ -480,7 +480,8 @@ mod tests {
             let text = item("a", None, &[["dem", "a.tif", TIFF, "data"]]);
             let (last, text) = (format!(",\"properties\":{properties}}}"), text.strip_suffix('}').unwrap());
             let text = text.to_string() + &last;
-            let found = read_items(Path::new("i"), text.as_bytes(), None, &FileAccess::new()).unwrap().unwrap();
+            let found =
+                read_items(Path::new("i"), text.as_bytes(), None, &FileAccess::new()).unwrap().unwrap();
             assert_eq!(found[0].time.as_deref(), expected, "{properties}");
         }
     }

@@ -57,6 +57,14 @@ impl FileFinder<'_> {
         layers: &[Goblin],
         report: &mut UpdateReport,
     ) -> Result<UpdatedFiles> {
+        if self.update.sources.as_ref().is_some_and(Vec::is_empty) {
+            return Err(Error::invalid("sources", "none", "all files that the index has afterwards"));
+        }
+        let has = |prefix: &str| contents.sources.iter().any(|(source, _)| source.name.starts_with(prefix));
+        if let Some((unused, _)) = self.update.prefixes.iter().find(|(old, _)| !has(old)) {
+            let expected = "the beginning of a source's name (see `spinney info`)";
+            return Err(Error::invalid("source prefix", format!("`{unused}`"), expected));
+        }
         let names: Vec<String> =
             contents.sources.iter().map(|(source, _)| self.moved(&source.name)).collect();
         // (The last position of a file that is listed twice: there it covers the others.)
@@ -84,7 +92,7 @@ impl FileFinder<'_> {
             }
             let stat = stat?.ok_or_else(|| {
                 let doing = "find, a source of the index; `spinney index --update INDEX FILES` makes one of other files";
-                Error::io(path, doing)(std::io::ErrorKind::NotFound.into())
+                Error::io(path, doing)(std::io::Error::new(std::io::ErrorKind::NotFound, "no such file"))
             })?;
             let (number, info) = if stat == stat_of(source) {
                 report.unchanged += 1;
