@@ -303,6 +303,33 @@ fn samples_that_are_not_read_have_a_command_that_converts_them() {
 }
 
 #[test]
+fn codings_that_are_not_read_are_named() {
+    let deflate = |image: Ifd| image.short(259, &[8]);
+    let grey = || Ifd::grey(2, 2, vec![0; 16]);
+    for (image, expected) in [
+        (deflate(grey()).short(317, &[4]), "predictor 4 (unknown)"),
+        (deflate(grey()).short(258, &[12]).short(317, &[2]), "predictor 2 for uint12 samples, deflate"),
+        (deflate(grey()).short(317, &[3]), "predictor 3 for uint8 samples, deflate"),
+        (grey().short(259, &[7]).short(258, &[16]), "jpeg of uint16 samples"),
+        (grey().short(259, &[4]), "fax of 1 uint8 samples"),
+        (grey().short(259, &[34887]), "compression 34887 (LERC)"),
+        (
+            deflate(grey()).short(262, &[6]).short(258, &[8; 3]).short(277, &[3]).short(317, &[2]),
+            "subsampled colour with a predictor",
+        ),
+        (
+            grey().short(262, &[5]).short(277, &[4]).short(284, &[2]).chunks(&vec![vec![0; 4]; 4]),
+            "CMYK colour in 4 planes of 4 uint8 samples",
+        ),
+    ] {
+        let Err(error) = whole(&file(&[image]), MEMORY) else { panic!("read: {expected}") };
+        let text = error.to_string();
+        assert!(matches!(error, Error::Unsupported { .. }) && text.contains(expected), "{text}");
+        assert!(text.contains("gdal_translate -co COMPRESS=ZSTD"), "{text}");
+    }
+}
+
+#[test]
 fn gdal_metadata_name_bands_and_classes() {
     let xml = "<GDALMetadata><Item name=\"A\">x &lt; y</Item>\
         <Item name=\"DESCRIPTION\" sample=\"1\" role=\"description\">near &amp;lt; infrared</Item>\

@@ -67,16 +67,16 @@ impl Compression {
             scheme::WEBP => Compression::WebP,
             other => {
                 let name = match other {
-                    2 => "CCITT RLE",
-                    3 => "CCITT group 3 fax",
-                    6 => "old-style JPEG",
-                    32766 => "NeXT",
-                    32809 => "ThunderScan",
-                    34676 | 34677 => "SGI LogLuv",
-                    34712 => "JPEG 2000",
-                    34887 => "LERC",
-                    34925 => "LZMA",
-                    50002 => "JPEG XL",
+                    scheme::CCITT_RLE => "CCITT RLE",
+                    scheme::CCITT_GROUP_3 => "CCITT group 3 fax",
+                    scheme::OLD_JPEG => "old-style JPEG",
+                    scheme::NEXT => "NeXT",
+                    scheme::THUNDERSCAN => "ThunderScan",
+                    scheme::SGI_LOG | scheme::SGI_LOG_24 => "SGI LogLuv",
+                    scheme::JPEG_2000 => "JPEG 2000",
+                    scheme::LERC => "LERC",
+                    scheme::LZMA => "LZMA",
+                    scheme::JPEG_XL => "JPEG XL",
                     _ => "unknown",
                 };
                 return Err(format!("compression {other} ({name})"));

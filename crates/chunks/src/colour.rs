@@ -145,6 +145,8 @@ impl Colour {
                 *chunk = rgb;
             }
             Colour::Cmyk => {
+                // In place: pixel i is read at `i * samples` >= `4 * i`, where it is written, since
+                // `samples >= 4`.
                 for i in 0..width * rows {
                     let ink: [u8; 4] = std::array::from_fn(|c| 255 - chunk[i * samples + c]);
                     let light = |c: usize| (ink[3] as u32 * ink[c] as u32 / 255) as u8;

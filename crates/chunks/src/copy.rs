@@ -85,7 +85,7 @@ fn pick<'a>(pixels: impl Iterator<Item = &'a [u8]>, chosen: &[usize], size: usiz
 }
 
 /// Sets the length of a buffer whose content will be overwritten.
-pub(crate) fn set_len(buffer: &mut Vec<u8>, len: usize) {
+pub fn set_len(buffer: &mut Vec<u8>, len: usize) {
     if buffer.capacity() < len {
         *buffer = vec![0; len];
     }

@@ -58,7 +58,15 @@ impl ChunkFormat {
         self.row_bytes(self.chunk_samples()).saturating_mul(self.chunk_height)
     }
 
+    /// Maximum number of bytes of a stored chunk. Codecs enlarge what they cannot compress, by less
+    /// than this.
+    pub fn max_stored_bytes(&self) -> u64 {
+        self.chunk_bytes().saturating_mul(2).saturating_add(1 << 16)
+    }
+
     /// Bytes that a chunk of `rows` rows decompresses to, and its bytes after colour conversion.
+    /// Saturates, so that a format that fails [`check`](ChunkFormat::check) never yields a short
+    /// buffer.
     pub fn decoded_bytes(&self, rows: usize) -> (usize, usize) {
         let (packed_rows, packed_row_bytes) = self.packed(rows);
         (packed_rows.saturating_mul(packed_row_bytes), self.converted_row_bytes().saturating_mul(rows))
@@ -104,7 +112,7 @@ impl ChunkFormat {
         };
         if !filtered {
             let samples = sample_format.name();
-            return Err(format!("predictor {:?} for {samples} samples, {name}", self.predictor));
+            return Err(format!("predictor {} for {samples} samples, {name}", self.predictor.number()));
         }
         match self.compression {
             Compression::Jpeg(_) | Compression::WebP if bits != 8 => {

@@ -23,7 +23,7 @@ mod tests;
 
 pub use self::codec::{Compression, DecoderStates};
 pub use self::colour::{Colour, Yuv};
-pub use self::copy::ChunkSelection;
+pub use self::copy::{ChunkSelection, set_len};
 pub use self::format::ChunkFormat;
 pub use self::predictor::Predictor;
 pub use self::samples::SampleFormat;

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::spec::predictor as scheme;
+
 /// Filter that was applied to rows before compression.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Predictor {
@@ -11,6 +13,30 @@ pub enum Predictor {
     Horizontal,
     /// Bytes of equal significance are grouped, each the difference from the previous one.
     Float,
+}
+
+impl Predictor {
+    /// The filter for a value of the tag Predictor.
+    ///
+    /// # Errors
+    /// Names an unknown filter.
+    pub fn new(predictor: u64) -> Result<Predictor, String> {
+        match predictor {
+            scheme::NONE => Ok(Predictor::None),
+            scheme::HORIZONTAL => Ok(Predictor::Horizontal),
+            scheme::FLOATING_POINT => Ok(Predictor::Float),
+            other => Err(format!("predictor {other} (unknown)")),
+        }
+    }
+
+    /// Value of the tag Predictor.
+    pub fn number(self) -> u64 {
+        match self {
+            Predictor::None => scheme::NONE,
+            Predictor::Horizontal => scheme::HORIZONTAL,
+            Predictor::Float => scheme::FLOATING_POINT,
+        }
+    }
 }
 
 /// Restores `rows` (each of `row_bytes`, with samples of `size` bytes) to plain little-endian

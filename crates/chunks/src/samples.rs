@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use spinney_base::value::SampleType;
 
+use crate::spec::sample_format::{COMPLEX_FLOAT, COMPLEX_SIGNED, FLOAT, SIGNED, UNDEFINED, UNSIGNED};
+
 /// Sample format of a file, with its number of bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SampleFormat {
@@ -21,11 +23,11 @@ impl SampleFormat {
     /// Names an unsupported format.
     pub fn new(format: u64, bits: u64) -> Result<SampleFormat, String> {
         match (format, bits) {
-            // 4 is "undefined", which readers treat as unsigned.
-            (1 | 4, 1..=32 | 64) => Ok(SampleFormat::Uint(bits as u8)),
-            (2, 8 | 16 | 32 | 64) => Ok(SampleFormat::Int(bits as u8)),
-            (3, 16 | 24 | 32 | 64) => Ok(SampleFormat::Float(bits as u8)),
-            (5 | 6, _) => Err(format!("a raster of complex samples ({bits} bits)")),
+            // Readers treat "undefined" as unsigned.
+            (UNSIGNED | UNDEFINED, 1..=32 | 64) => Ok(SampleFormat::Uint(bits as u8)),
+            (SIGNED, 8 | 16 | 32 | 64) => Ok(SampleFormat::Int(bits as u8)),
+            (FLOAT, 16 | 24 | 32 | 64) => Ok(SampleFormat::Float(bits as u8)),
+            (COMPLEX_SIGNED | COMPLEX_FLOAT, _) => Err(format!("a raster of complex samples ({bits} bits)")),
             _ => Err(format!("a raster of samples of {bits} bits in format {format}")),
         }
     }
@@ -33,9 +35,9 @@ impl SampleFormat {
     /// Checks a format of unknown origin: [`SampleFormat::new`] must accept it.
     pub(crate) fn check(self) -> Result<(), String> {
         let format = match self {
-            SampleFormat::Uint(_) => 1,
-            SampleFormat::Int(_) => 2,
-            SampleFormat::Float(_) => 3,
+            SampleFormat::Uint(_) => UNSIGNED,
+            SampleFormat::Int(_) => SIGNED,
+            SampleFormat::Float(_) => FLOAT,
         };
         SampleFormat::new(format, self.bits() as u64).map(drop)
     }

@@ -4,14 +4,25 @@
 /// Values of the tag Compression.
 pub mod compression {
     pub const NONE: u64 = 1;
-    pub const CCITT_GROUP_4: u64 = 4;
+    pub(crate) const CCITT_RLE: u64 = 2;
+    pub(crate) const CCITT_GROUP_3: u64 = 3;
+    pub(crate) const CCITT_GROUP_4: u64 = 4;
     pub const LZW: u64 = 5;
+    pub(crate) const OLD_JPEG: u64 = 6;
     pub const JPEG: u64 = 7;
     pub const ADOBE_DEFLATE: u64 = 8;
-    pub const PACK_BITS: u64 = 32773;
+    pub const NEXT: u64 = 32766;
+    pub(crate) const PACK_BITS: u64 = 32773;
+    pub(crate) const THUNDERSCAN: u64 = 32809;
     pub const DEFLATE: u64 = 32946;
+    pub(crate) const SGI_LOG: u64 = 34676;
+    pub(crate) const SGI_LOG_24: u64 = 34677;
+    pub(crate) const JPEG_2000: u64 = 34712;
+    pub const LERC: u64 = 34887;
+    pub(crate) const LZMA: u64 = 34925;
     pub const ZSTD: u64 = 50000;
     pub const WEBP: u64 = 50001;
+    pub(crate) const JPEG_XL: u64 = 50002;
 }
 
 /// Tags of an image file directory.
@@ -89,4 +100,40 @@ pub mod photometric {
     pub const YCBCR: u64 = 6;
     pub const CIELAB: u64 = 8;
     pub const ITULAB: u64 = 10;
+}
+
+/// Bits of the tag NewSubfileType.
+pub mod new_subfile_type {
+    pub const REDUCED_RESOLUTION: u64 = 1;
+    pub const TRANSPARENCY_MASK: u64 = 4;
+}
+
+/// Values of the tag PlanarConfiguration.
+pub mod planar_configuration {
+    pub const CHUNKY: u64 = 1;
+    pub const PLANAR: u64 = 2;
+}
+
+/// Values of the tag Predictor.
+pub mod predictor {
+    pub const NONE: u64 = 1;
+    pub(crate) const HORIZONTAL: u64 = 2;
+    pub(crate) const FLOATING_POINT: u64 = 3;
+}
+
+/// Values of the tag ExtraSamples.
+pub mod extra_samples {
+    pub const UNSPECIFIED: u64 = 0;
+    pub const ASSOCIATED_ALPHA: u64 = 1;
+    pub const UNASSOCIATED_ALPHA: u64 = 2;
+}
+
+/// Values of the tag SampleFormat.
+pub mod sample_format {
+    pub const UNSIGNED: u64 = 1;
+    pub const SIGNED: u64 = 2;
+    pub const FLOAT: u64 = 3;
+    pub const UNDEFINED: u64 = 4;
+    pub const COMPLEX_SIGNED: u64 = 5;
+    pub const COMPLEX_FLOAT: u64 = 6;
 }

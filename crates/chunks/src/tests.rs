@@ -61,8 +61,11 @@ fn invalid_formats_are_refused_with_a_reason() {
         (|f| f.sample_format = SampleFormat::Uint(33), "samples of 33 bits"),
         (|f| f.sample_format = SampleFormat::Int(7), "samples of 7 bits"),
         (|f| f.sample_format = SampleFormat::Float(8), "samples of 8 bits"),
-        (|f| f.predictor = Predictor::Horizontal, "predictor Horizontal"),
-        (|f| (f.predictor, f.compression) = (Predictor::Float, Compression::Lzw), "predictor Float"),
+        (|f| f.predictor = Predictor::Horizontal, "predictor 2 for uint8 samples, uncompressed"),
+        (
+            |f| (f.predictor, f.compression) = (Predictor::Float, Compression::Lzw),
+            "predictor 3 for uint8 samples, lzw",
+        ),
         (
             |f| (f.compression, f.sample_format) = (Compression::WebP, SampleFormat::Uint(16)),
             "webp of uint16",
@@ -130,6 +133,7 @@ fn sizes_are_those_of_decoded_chunks() {
     let blocks =
         ChunkFormat { chunk_width: 5, samples: 3, colour: Colour::Blocks(jpeg_yuv(), 2, 2), ..plain() };
     assert_eq!((blocks.channels(), blocks.pixel_bytes(), blocks.chunk_bytes()), (3, 3, 30));
+    assert_eq!(blocks.max_stored_bytes(), 60 + 65536);
     // Three blocks of 4 + 2 bytes; one row of blocks.
     assert_eq!(blocks.decoded_bytes(1), (18, 15));
     let grey = [100, 100, 100, 100, 128, 128].repeat(3);

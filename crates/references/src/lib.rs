@@ -22,7 +22,7 @@ mod table;
 
 pub use self::cells::{open, register};
 pub use self::contents::IndexContents;
-pub use self::list::{LayerCells, SourceList};
+pub use self::list::{LayerCells, SOURCE_ADVICE, SourceList, check_format};
 pub use self::pages::{DescribedSource, IndexedSource, SourceImage, SourceVersion, write_pages};
 pub use self::pixels::{PixelRule, paint};
 pub use self::placements::{MappedWindow, MappedWindowIndex};

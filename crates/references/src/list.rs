@@ -18,6 +18,32 @@ const SECTION: VersionedSection<{ 256 << 20 }> = VersionedSection { name: "list 
 /// Maximum size in bytes of a decoded chunk.
 pub(crate) const MAX_CHUNK: u64 = 1 << 28;
 
+/// What to do with a source whose chunks an index cannot refer to.
+pub const SOURCE_ADVICE: &str = "rewrite the source with small tiles (`gdal_translate -of COG -co COMPRESS=ZSTD SOURCE.tif \
+                                 OUT.tif`), or build a tree of it (`spinney build`)";
+
+/// Checks how the chunks of a source are stored. `path` is the index that is read, or the source
+/// that will be indexed.
+///
+/// # Errors
+/// If readers cannot decode such chunks, or these may take too much memory.
+pub fn check_format(path: &Path, format: &ChunkFormat) -> Result<()> {
+    format
+        .check()
+        .map_err(|found| Error::corrupt(path, "format of chunks", found, "a valid format of chunks"))?;
+    let ChunkFormat { chunk_width, chunk_height, .. } = *format;
+    // Each widened sample has up to 8 bytes.
+    let bytes = format.chunk_bytes().max((chunk_width * chunk_height).saturating_mul(8));
+    if bytes > MAX_CHUNK {
+        let found = format!(
+            "an index of tiles or strips of {chunk_width} x {chunk_height} pixels, which may need {bytes} bytes of \
+             memory each, more than {MAX_CHUNK},"
+        );
+        return Err(Error::unsupported(path, found, SOURCE_ADVICE));
+    }
+    Ok(())
+}
+
 /// The list of sources.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SourceList {
@@ -97,14 +123,7 @@ impl SourceList {
             return Err(corrupt(found, "as many layers as the file has, and no other bytes"));
         }
         for format in &list.formats {
-            format.check().map_err(|found| corrupt(found, "a valid format of chunks"))?;
-            let bytes =
-                format.chunk_bytes().max((format.chunk_width * format.chunk_height).saturating_mul(8));
-            if bytes > MAX_CHUNK {
-                let found =
-                    format!("a source with tiles of {} x {}", format.chunk_width, format.chunk_height);
-                return Err(Error::unsupported(path, found, "rewrite it with tiles of at most 256 MiB"));
-            }
+            check_format(path, format)?;
         }
         if list.placement_count() > MAX_PLACEMENTS {
             let found = format!("{} placements", list.placement_count());

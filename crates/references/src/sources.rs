@@ -314,7 +314,7 @@ impl Sources {
             Err(Error::Corrupt { found, .. }) => return Err(differs(found)),
             file => file?,
         };
-        let most = format.chunk_bytes().saturating_mul(2).saturating_add(1 << 16);
+        let most = format.max_stored_bytes();
         if chunk.length > most {
             return Err(Error::corrupt(
                 &self.path,

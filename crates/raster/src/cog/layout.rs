@@ -4,8 +4,8 @@
 use crate::image::ImageSpec;
 use crate::image::tiff::{descriptive_tags, mask_tags, sample_tags};
 use crate::image::tiff_coding::Coding;
-use crate::image::tiff_tags::{self, IfdField, WordWidth, directory, tag_value, value_place, word};
-use spinney_chunks::spec::tag;
+use crate::image::tiff_tags::{self, IfdField, WordWidth, directory, value_place, word};
+use spinney_chunks::spec::{new_subfile_type, tag};
 
 /// A level of the tree in tiles, in row-major order from the upper left.
 pub(super) struct LevelTiles {
@@ -109,14 +109,10 @@ pub(super) fn lay_out(
         if above == 0 {
             tags.extend(descriptive_tags(spec, true));
         }
-        directories.push(Directory::new(
-            level,
-            side,
-            tags,
-            if above > 0 { tag_value::SUBFILE_REDUCED } else { 0 },
-        ));
+        let kind = if above > 0 { new_subfile_type::REDUCED_RESOLUTION } else { 0 };
+        directories.push(Directory::new(level, side, tags, kind));
         if has_masks {
-            let kind = if above > 0 { tag_value::SUBFILE_REDUCED } else { 0 } | tag_value::SUBFILE_MASK;
+            let kind = kind | new_subfile_type::TRANSPARENCY_MASK;
             directories.push(Directory::new(level, side, mask_tags(), kind));
         }
     }
@@ -172,10 +168,10 @@ struct Directory {
 }
 
 impl Directory {
-    fn new(level: &LevelTiles, side: u32, mut tags: Vec<(u16, IfdField)>, kind: u32) -> Directory {
+    fn new(level: &LevelTiles, side: u32, mut tags: Vec<(u16, IfdField)>, kind: u64) -> Directory {
         use IfdField::Long;
         if kind != 0 {
-            tags.push((tag::NEW_SUBFILE_TYPE, Long(vec![kind])));
+            tags.push((tag::NEW_SUBFILE_TYPE, Long(vec![kind as u32])));
         }
         tags.extend([
             (tag::IMAGE_WIDTH, Long(vec![level.width as u32])),

@@ -4,12 +4,14 @@ use rayon::prelude::*;
 
 use super::seekable::Seekable;
 use super::tiff_coding::{Coder, Coding};
-use super::tiff_tags::{self, IfdField, tag_value};
+use super::tiff_tags::{self, IfdField};
 use super::{ImageSpec, RowWriter, Rows, gdal_xml};
 use spinney_base::io::Output;
 use spinney_base::value::{Palette, SampleType};
 use spinney_base::{Error, Result};
-use spinney_chunks::spec::{compression, photometric, tag};
+use spinney_chunks::spec::{
+    compression, extra_samples, new_subfile_type, photometric, planar_configuration, sample_format, tag,
+};
 
 /// Uncompressed bytes per strip, unless a single row is longer.
 const STRIP_BYTES: u64 = 512 << 10;
@@ -105,10 +107,10 @@ fn palette(spec: &ImageSpec) -> Option<&Palette> {
 pub(crate) fn sample_tags(spec: &ImageSpec, coding: &Coding) -> Vec<(u16, IfdField)> {
     use IfdField::Short;
     let channels = usize::from(spec.value.channels);
-    let sample_format = match spec.value.sample {
-        SampleType::U8 | SampleType::U16 | SampleType::U32 | SampleType::U64 => tag_value::FORMAT_UNSIGNED,
-        SampleType::I8 | SampleType::I16 | SampleType::I32 | SampleType::I64 => tag_value::FORMAT_SIGNED,
-        SampleType::F32 | SampleType::F64 => tag_value::FORMAT_FLOAT,
+    let format = match spec.value.sample {
+        SampleType::U8 | SampleType::U16 | SampleType::U32 | SampleType::U64 => sample_format::UNSIGNED,
+        SampleType::I8 | SampleType::I16 | SampleType::I32 | SampleType::I64 => sample_format::SIGNED,
+        SampleType::F32 | SampleType::F64 => sample_format::FLOAT,
     };
     let is_rgb = channels >= 3
         && matches!(spec.value.sample, SampleType::U8 | SampleType::U16)
@@ -125,13 +127,15 @@ pub(crate) fn sample_tags(spec: &ImageSpec, coding: &Coding) -> Vec<(u16, IfdFie
         (tag::COMPRESSION, Short(vec![coding.coder.number()])),
         (tag::PHOTOMETRIC_INTERPRETATION, Short(vec![photometric as u16])),
         (tag::SAMPLES_PER_PIXEL, Short(vec![channels as u16])),
-        (tag::PLANAR_CONFIGURATION, Short(vec![tag_value::PLANAR_CHUNKY])),
-        (tag::PREDICTOR, Short(vec![coding.predictor as u16])),
-        (tag::SAMPLE_FORMAT, Short(vec![sample_format; channels])),
+        (tag::PLANAR_CONFIGURATION, Short(vec![planar_configuration::CHUNKY as u16])),
+        (tag::PREDICTOR, Short(vec![coding.predictor.number() as u16])),
+        (tag::SAMPLE_FORMAT, Short(vec![format as u16; channels])),
     ];
-    let mut extra = vec![tag_value::SAMPLE_UNSPECIFIED; channels - if is_rgb { 3 } else { 1 }];
+    let mut extra = vec![extra_samples::UNSPECIFIED as u16; channels - if is_rgb { 3 } else { 1 }];
     if let Some(last) = extra.last_mut() {
-        *last = if spec.alpha { tag_value::SAMPLE_UNASSOCIATED_ALPHA } else { tag_value::SAMPLE_UNSPECIFIED };
+        if spec.alpha {
+            *last = extra_samples::UNASSOCIATED_ALPHA as u16;
+        }
         tags.push((tag::EXTRA_SAMPLES, Short(extra)));
     }
     if let Some(palette) = palette(spec) {
@@ -165,8 +169,8 @@ pub(crate) fn mask_tags() -> Vec<(u16, IfdField)> {
         (tag::COMPRESSION, Short(vec![compression::ADOBE_DEFLATE as u16])),
         (tag::PHOTOMETRIC_INTERPRETATION, Short(vec![photometric::TRANSPARENCY_MASK as u16])),
         (tag::SAMPLES_PER_PIXEL, Short(vec![1])),
-        (tag::PLANAR_CONFIGURATION, Short(vec![tag_value::PLANAR_CHUNKY])),
-        (tag::SAMPLE_FORMAT, Short(vec![tag_value::FORMAT_UNSIGNED])),
+        (tag::PLANAR_CONFIGURATION, Short(vec![planar_configuration::CHUNKY as u16])),
+        (tag::SAMPLE_FORMAT, Short(vec![sample_format::UNSIGNED as u16])),
     ]
 }
 
@@ -261,7 +265,7 @@ impl RowWriter for Tiff {
                 output.append(&tiff_tags::directory(tags, at, next, big))?;
                 let mut tags = mask_tags();
                 tags.extend([
-                    (tag::NEW_SUBFILE_TYPE, IfdField::Long(vec![tag_value::SUBFILE_MASK])),
+                    (tag::NEW_SUBFILE_TYPE, IfdField::Long(vec![new_subfile_type::TRANSPARENCY_MASK as u32])),
                     (tag::IMAGE_WIDTH, IfdField::Long(vec![mask.width as u32])),
                     (tag::IMAGE_LENGTH, IfdField::Long(vec![mask.height as u32])),
                     (tag::ROWS_PER_STRIP, IfdField::Long(vec![rows_per_strip as u32])),

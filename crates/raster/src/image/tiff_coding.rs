@@ -6,6 +6,7 @@ use flate2::Compression as DeflateLevel;
 use flate2::write::ZlibEncoder;
 
 use spinney_base::value::ValueType;
+use spinney_chunks::Predictor;
 use spinney_chunks::spec::compression;
 
 /// Lossless compression of strips or tiles.
@@ -44,16 +45,6 @@ impl Coder {
             }
         }
     }
-}
-
-/// Transform of rows before compression.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Predictor {
-    None = 1,
-    /// Samples are replaced by differences to their left neighbours.
-    Horizontal = 2,
-    /// Bytes of equal significance are grouped, then replaced by differences.
-    Float = 3,
 }
 
 /// Coding of rows of samples into a strip or tile.

@@ -7,21 +7,6 @@ use spinney_base::value::Number;
 use spinney_chunks::spec::{field_type, tag};
 use spinney_crs::{ControlPoint, ControlPoints, Crs, Frame, GeoKeys};
 
-/// Other tag values that are written, by their names in TIFF 6.0 and its supplements.
-pub(crate) mod tag_value {
-    /// Bits of the image kind in a file of several images.
-    pub(crate) const SUBFILE_REDUCED: u32 = 1;
-    pub(crate) const SUBFILE_MASK: u32 = 4;
-    /// Samples of a pixel are stored together.
-    pub(crate) const PLANAR_CHUNKY: u16 = 1;
-    pub(crate) const SAMPLE_UNSPECIFIED: u16 = 0;
-    /// Opacity that colours are not premultiplied with.
-    pub(crate) const SAMPLE_UNASSOCIATED_ALPHA: u16 = 2;
-    pub(crate) const FORMAT_UNSIGNED: u16 = 1;
-    pub(crate) const FORMAT_SIGNED: u16 = 2;
-    pub(crate) const FORMAT_FLOAT: u16 = 3;
-}
-
 /// GeoKey of the raster type and its values, by their names in GeoTIFF 1.1.
 const RASTER_TYPE: u16 = 1025;
 const RASTER_PIXEL_IS_AREA: u16 = 1;

@@ -197,15 +197,14 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
             Some(IndexPlan::of(&*raster, (value, nodata), recorder.clone(), &options.access)?)
         }
     };
-    let referenced = options.referenced;
     let options = BuildOptions::new(kind, choices.depth)
         .rule(rule)
         .memory(memory / 4)
         .metadata(metadata)
         .share(options.share)
         .time(options.time)
-        .packing(options.packing);
-    let options = referenced.map_or(options.clone(), |levels| options.referenced(levels));
+        .packing(options.packing)
+        .referenced(options.referenced);
     Ok(RasterImport { raster, value, nodata, options, memory, remarks, mosaic, index, recorder, description })
 }
 
@@ -235,8 +234,8 @@ pub fn plan_part(
         .rule(header.rule)
         .memory(memory / 4)
         .metadata(metadata.clone())
-        .packing(options.packing);
-    let build = options.referenced.map_or(build.clone(), |levels| build.referenced(levels));
+        .packing(options.packing)
+        .referenced(options.referenced);
     let part = RasterImport::of(Box::new(placed), value, mosaic.nodata, build, memory);
     Ok(RasterImport { remarks, recorder, ..part })
 }

@@ -130,11 +130,11 @@ impl BuildOptions {
         BuildOptions { packing, ..self }
     }
 
-    /// Sets that the cells stay in other files, and the number of levels between them and the
-    /// finest level that is stored: 1, 2 or 4.
+    /// Sets the number of levels between the cells and the finest level that is stored, 1, 2 or 4,
+    /// if the cells stay in other files.
     #[must_use]
-    pub fn referenced(self, levels: u8) -> BuildOptions {
-        BuildOptions { referenced: Some(levels), ..self }
+    pub fn referenced(self, levels: impl Into<Option<u8>>) -> BuildOptions {
+        BuildOptions { referenced: levels.into(), ..self }
     }
 
     pub(in crate::store) fn count_classes(&self) -> bool {

@@ -56,6 +56,7 @@ impl Raster for Masked {
 
     fn source_windows(&self) -> Option<Vec<SourceWindow>> {
         let windows = self.raster.source_windows()?.into_iter().map(|mut window| {
+            // The last channel is the opacity that `StackLayer::channels` appends.
             let opacity = window.channels.pop()?;
             let is_plain = window.rule == PixelRule::default();
             window.rule.opacity = Some(u16::try_from(opacity).ok()?);

@@ -65,8 +65,8 @@ pub fn write_layers(
             .metadata(metadata)
             .share(stack.share)
             .time(stack.time)
-            .packing(stack.packing);
-        let options = stack.referenced.map_or(options.clone(), |levels| options.referenced(levels));
+            .packing(stack.packing)
+            .referenced(stack.referenced);
         let form = TreeType::new(Dimension::Quad, layer.value);
         if file.run().is_none() {
             file.write_layer_header(form, layer.extent, &options)?;

@@ -8,12 +8,12 @@ use rayon::prelude::*;
 use super::cache::{ChunkCache, ChunkKey};
 use super::ifd::{Directory, Input};
 use super::layout::{ChunkLayout, ChunkLocation};
-use crate::index::{RecordedChunks, RecordedImage};
+use crate::index::RecordedChunks;
 use spinney_base::space::Region;
 use spinney_base::{Error, Result};
-use spinney_chunks::spec::{photometric, tag};
+use spinney_chunks::spec::{compression, photometric, planar_configuration, predictor, sample_format, tag};
 use spinney_chunks::{
-    ChunkFormat, ChunkSelection, Colour, Compression, DecoderStates, Predictor, SampleFormat, Yuv,
+    ChunkFormat, ChunkSelection, Colour, Compression, DecoderStates, Predictor, SampleFormat, Yuv, set_len,
 };
 
 /// Bytes of chunks of a remote file that are fetched together: a fraction of the capacity of the
@@ -80,45 +80,32 @@ impl Image {
                 return Err(input.corrupt(format!("tag {tag}"), format!("{samples} samples"), "1 to 65535"));
             }
         };
-        let format = same(tag::SAMPLE_FORMAT, 1)?;
+        let format = same(tag::SAMPLE_FORMAT, sample_format::UNSIGNED)?;
         let mut sample_format =
             SampleFormat::new(format, same(tag::BITS_PER_SAMPLE, 1)?).map_err(|what| match format {
-                5 | 6 => input.complex_samples(what),
+                sample_format::COMPLEX_SIGNED | sample_format::COMPLEX_FLOAT => input.complex_samples(what),
                 _ => input.odd_samples(what),
             })?;
-        let codec = Compression::new(first(tag::COMPRESSION, 1)?, directory.bytes(tag::JPEG_TABLES)?)
-            .map_err(refuse)?;
+        let codec =
+            Compression::new(first(tag::COMPRESSION, compression::NONE)?, directory.bytes(tag::JPEG_TABLES)?)
+                .map_err(refuse)?;
         let photometric = first(tag::PHOTOMETRIC_INTERPRETATION, photometric::BLACK_IS_ZERO)?;
-        let planar = samples > 1 && first(tag::PLANAR_CONFIGURATION, 1)? == 2;
-        let predictor = match first(tag::PREDICTOR, 1)? {
-            _ if !codec.has_predictor() => Predictor::None,
-            1 => Predictor::None,
-            2 if matches!(sample_format.bits(), 8 | 16 | 32 | 64) => Predictor::Horizontal,
-            3 if matches!(sample_format, SampleFormat::Float(_)) => Predictor::Float,
-            other => return Err(refuse(format!("predictor {other} for {} samples", sample_format.name()))),
+        let arrangement = first(tag::PLANAR_CONFIGURATION, planar_configuration::CHUNKY)?;
+        let planar = samples > 1 && arrangement == planar_configuration::PLANAR;
+        let predictor = if codec.has_predictor() {
+            Predictor::new(first(tag::PREDICTOR, predictor::NONE)?).map_err(refuse)?
+        } else {
+            Predictor::None
         };
         let colour = colour(input, directory, &codec, photometric, sample_format, samples, planar)?;
         if colour != Colour::Keep {
             // Colours have no sign.
             sample_format = SampleFormat::Uint(8);
         }
-        match codec {
-            Compression::Jpeg(_) | Compression::WebP if !matches!(sample_format.bits(), 8) => {
-                return Err(refuse(format!("{} of {} samples", codec.name(), sample_format.name())));
-            }
-            Compression::Fax4 if (sample_format, samples) != (SampleFormat::Uint(1), 1) => {
-                return Err(refuse(format!("fax of {samples} {} samples", sample_format.name())));
-            }
-            _ => {}
-        }
-
         let (planes, together) = if planar { (samples, 1) } else { (1, samples) };
         let row_bits = |pixels: u64| pixels * (sample_format.bits() * together) as u64;
         let raw = codec == Compression::None && !matches!(colour, Colour::Blocks(..));
         let layout = ChunkLayout::read(input, directory, planes as u64, raw, row_bits)?;
-        if codec == Compression::Fax4 && layout.chunk_width.max(layout.chunk_height) > u16::MAX.into() {
-            return Err(refuse("fax of more than 65535 columns, or rows in a strip,".into()));
-        }
         let format = ChunkFormat {
             chunk_width: layout.chunk_width,
             chunk_height: layout.chunk_height,
@@ -131,6 +118,7 @@ impl Image {
             lowest_first: first(tag::FILL_ORDER, 1)? == 2 && !codec.ignores_fill_order(),
             compression: codec,
         };
+        format.check().map_err(refuse)?;
         let chunk = format.chunk_bytes();
         if chunk > input.memory {
             let what = if layout.tiled { "a decoded tile" } else { "a decoded strip" };
@@ -151,21 +139,10 @@ impl Image {
         })
     }
 
-    /// Returns a record of the image for an index. `length` is that of the file.
-    pub(super) fn record(&self, length: u64) -> RecordedImage {
-        let chunk = |(plane, across, down)| match self.layout.location(plane, across, down) {
-            ChunkLocation::Hole => (0, 0),
-            ChunkLocation::At(offset, count) => {
-                let rows = self.layout.region(across, down).height as usize;
-                let count = match self.format.compression {
-                    Compression::None => self.format.decoded_bytes(rows).0 as u64,
-                    _ => count.unwrap_or(length.saturating_sub(offset)),
-                };
-                (offset, count)
-            }
-        };
-        let chunks = RecordedChunks::new(self.layout.chunks().map(chunk).collect());
-        RecordedImage { format: self.format.clone(), chunks: Arc::new(chunks) }
+    /// Number of bytes to read of a compressed chunk if the file has no byte count for it: all that
+    /// it may have.
+    pub(super) fn assumed_length(&self, input: &Input, offset: u64) -> u64 {
+        input.len.saturating_sub(offset).min(self.format.max_stored_bytes())
     }
 
     /// Reads some channels of a region within the image into `out`, which must have exactly their
@@ -348,7 +325,7 @@ impl Image {
             self.format.restore(chunk, rows);
             return Ok(());
         }
-        let count = count.unwrap_or(input.len.saturating_sub(offset));
+        let count = count.unwrap_or_else(|| self.assumed_length(input, offset));
         input.check(offset, count, place)?;
         if count > input.memory {
             return Err(input.too_large(place(), count));
@@ -373,14 +350,6 @@ impl Image {
         };
         self.format.copy(states, chunk, &selection, &mut job.rows);
     }
-}
-
-/// Sets the length of a buffer whose content will be overwritten.
-fn set_len(buffer: &mut Vec<u8>, len: usize) {
-    if buffer.capacity() < len {
-        *buffer = vec![0; len];
-    }
-    buffer.resize(len, 0);
 }
 
 /// Decides on the conversion of samples to RGB.
@@ -412,21 +381,19 @@ fn colour(
                     ));
                 }
             };
-            if codec.has_predictor() && directory.number(tag::PREDICTOR)?.unwrap_or(1) != 1 {
-                return refuse("subsampled colour with a predictor");
-            }
             let range = directory.doubles(tag::REFERENCE_BLACK_WHITE)?;
             if !range.is_empty() && range != [0.0, 255.0, 128.0, 255.0, 128.0, 255.0] {
                 return refuse("colour that does not use the full range (tag 532)");
             }
-            let shares = match directory.doubles(tag::YCBCR_COEFFICIENTS)?.as_slice() {
-                &[red, green, blue] if green != 0.0 => [red, green, blue].map(|share| share as f32),
+            let shares: Vec<f32> =
+                directory.doubles(tag::YCBCR_COEFFICIENTS)?.into_iter().map(|share| share as f32).collect();
+            let shares = match shares[..] {
+                [red, green, blue] if green != 0.0 => [red, green, blue],
                 _ => [0.299, 0.587, 0.114],
             };
             Ok(Colour::Blocks(Yuv::new(shares), h, v))
         }
         photometric::YCBCR => refuse("YCbCr other than 3 samples of 8 bits"),
-        photometric::SEPARATED if samples >= 4 && bytes && planar => refuse("inks in separate planes"),
         photometric::SEPARATED if samples >= 4 && bytes => Ok(Colour::Cmyk),
         photometric::CIELAB..=photometric::ITULAB => refuse("CIE L*a*b* colour"),
         _ => Ok(Colour::Keep),

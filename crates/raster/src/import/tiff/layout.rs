@@ -28,6 +28,9 @@ pub(super) struct ChunkLayout {
     pub(super) repeats: bool,
 }
 
+/// Plane, column and row of a chunk.
+pub(super) type ChunkPosition = (u64, u64, u64);
+
 /// Location of a chunk's bytes in the file.
 pub(super) enum ChunkLocation {
     /// Offset, and length if the file has it.
@@ -124,8 +127,13 @@ impl ChunkLayout {
         Region::new(x, y, self.chunk_width.min(self.width - x), self.chunk_height.min(self.height - y))
     }
 
-    /// All chunks by plane, column and row, in the order of their numbers.
-    pub(super) fn chunks(&self) -> impl Iterator<Item = (u64, u64, u64)> {
+    /// Number of chunks.
+    pub(super) fn count(&self) -> u64 {
+        (self.across() * self.down()).saturating_mul(self.planes)
+    }
+
+    /// All chunks, in the order of their numbers.
+    pub(super) fn chunks(&self) -> impl Iterator<Item = ChunkPosition> {
         let (across, down) = (self.across(), self.down());
         let rows = (0..self.planes).flat_map(move |plane| (0..down).map(move |row| (plane, row)));
         rows.flat_map(move |(plane, row)| (0..across).map(move |column| (plane, column, row)))

@@ -6,6 +6,7 @@ mod ifd;
 mod image;
 mod layout;
 mod pages;
+mod record;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -23,7 +24,8 @@ use spinney_base::value::{DataKind, Palette};
 use spinney_base::{Error, Result};
 use spinney_chunks::Colour;
 pub(crate) use spinney_chunks::SampleFormat;
-use spinney_chunks::spec::{photometric, tag};
+use spinney_chunks::spec::extra_samples::{ASSOCIATED_ALPHA, UNASSOCIATED_ALPHA};
+use spinney_chunks::spec::{new_subfile_type, photometric, tag};
 use spinney_references::PixelRule;
 
 /// Opens one page of a TIFF file.
@@ -56,12 +58,16 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     let record = match &options.recorder {
         None => None,
         Some(recorder) => {
+            [Some(&image), mask.as_ref()]
+                .into_iter()
+                .flatten()
+                .try_for_each(|it| it.check_indexable(&input))?;
             let describe = |stat: FileStat| RecordedSource {
                 path: path.to_path_buf(),
                 page: options.page.unwrap_or(0) as u32,
                 size: [image.layout.width, image.layout.height],
-                image: image.record(stat.length),
-                mask: mask.as_ref().map(|mask| mask.record(stat.length)),
+                image: image.record(&input),
+                mask: mask.as_ref().map(|mask| mask.record(&input)),
                 hole: image.hole.clone(),
                 stat,
             };
@@ -207,8 +213,8 @@ fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
             break;
         }
         let is = |tag, value: u64| Ok::<bool, Error>(directory.number(tag)? == Some(value));
-        // Bit 2 of NewSubfileType is "mask", bit 0 "overview".
-        let wanted = is(tag::NEW_SUBFILE_TYPE, 4)?
+        // (An overview's mask has another bit as well.)
+        let wanted = is(tag::NEW_SUBFILE_TYPE, new_subfile_type::TRANSPARENCY_MASK)?
             && is(tag::IMAGE_WIDTH, image.layout.width)?
             && is(tag::IMAGE_LENGTH, image.layout.height)?;
         if wanted {
@@ -280,8 +286,8 @@ fn alpha(directory: &Directory<'_>, image: &Image) -> Result<Option<usize>> {
         return Ok(Some(3));
     }
     let extra = directory.numbers(tag::EXTRA_SAMPLES)?.unwrap_or_default();
-    // Extra samples are the last ones of a pixel; 1 and 2 are opacity, premultiplied or not.
-    let index = extra.iter().position(|meaning| matches!(meaning, 1 | 2));
+    // Extra samples are the last ones of a pixel.
+    let index = extra.iter().position(|meaning| matches!(*meaning, ASSOCIATED_ALPHA | UNASSOCIATED_ALPHA));
     Ok(index.and_then(|index| (image.format.channels() + index).checked_sub(extra.len())))
 }
 

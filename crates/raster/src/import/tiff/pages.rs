@@ -2,10 +2,10 @@
 
 use super::ifd::{Directory, Input, LinkedDirectory};
 use spinney_base::{Error, Result};
-use spinney_chunks::spec::tag;
+use spinney_chunks::spec::{new_subfile_type, tag};
 
-/// Bits of NewSubfileType: overview, mask.
-const REDUCED_OR_MASK: u64 = 1 | 4;
+/// Bits of overviews and masks.
+const REDUCED_OR_MASK: u64 = new_subfile_type::REDUCED_RESOLUTION | new_subfile_type::TRANSPARENCY_MASK;
 /// The value of SubfileType for an overview.
 const OLD_REDUCED: u64 = 2;
 
