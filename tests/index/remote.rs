@@ -6,13 +6,14 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
+use spinney::import::raster::StackOptions;
 use spinney::raw::io::{
     Fetch, FileStat, FileVersion, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter,
 };
 use spinney::{Bounds, Dataset, Error, FileAccess, OpenOptions, Result};
 
 use crate::common::with;
-use crate::compare::{Directory, assert_equal_trees, build, index, indexed, open, tree, window};
+use crate::compare::{Directory, assert_equal_trees, build, index, indexed, open, stack, tree, window};
 use crate::tiffs::{Chunks, Tiff};
 
 /// URLs that were requested, and the ranges; none for an opened file.
@@ -265,4 +266,25 @@ fn a_remote_index_names_no_local_files() {
     let found = spinney::open_with(&changed, &OpenOptions::new().access(access)).unwrap();
     let error = window(&found, found.depth(), &all).unwrap_err().to_string();
     assert!(error.contains("--no-remote"), "{error}");
+}
+
+#[test]
+fn a_file_is_opened_once_for_all_of_its_bands() {
+    for is_planar in [false, true] {
+        let directory = Directory::new();
+        let tiff = Tiff { channels: 300, is_planar, ..Tiff::new([20, 10], 1) }.filled(1);
+        let url = "https://host/maps/a.tif";
+        let host = Host { files: [(url.into(), Arc::new(tiff.bytes()))].into(), ..Host::default() };
+        let requests = host.requests.clone();
+        let options = with(StackOptions::new(), |it| {
+            it.import = indexed(2);
+            it.import.access = FileAccess::new().remote(Arc::new(host));
+        });
+        let made = directory.path("x.goblin");
+        stack(&[url.into()], &made, &options).unwrap();
+        assert_eq!(open(&made).layers().unwrap().len(), 300);
+        let requests = requests.lock().unwrap();
+        let opened = requests.iter().filter(|(of, ranges)| of == url && ranges.is_empty()).count();
+        assert!((1..10).contains(&opened), "opened {opened} times");
+    }
 }

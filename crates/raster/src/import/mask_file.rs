@@ -81,6 +81,10 @@ impl Raster for Masked {
         Some(Box::new(Masked { raster, mask: Arc::clone(&self.mask), flags: Pixels::default() }))
     }
 
+    fn has_separate_channels(&self) -> bool {
+        self.raster.has_separate_channels()
+    }
+
     fn reads_anywhere(&self) -> bool {
         self.raster.reads_anywhere()
     }

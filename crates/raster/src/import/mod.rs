@@ -171,11 +171,17 @@ pub trait Raster: Send {
         false
     }
 
-    /// Returns a raster of these channels that reads from the same open file. Returns `None` if
-    /// that takes as long as reading all channels, or the format does not support it.
+    /// Returns a raster of these channels that reads from the same open file. Returns `None` if the
+    /// format does not support it.
     fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
         let _ = channels;
         None
+    }
+
+    /// Whether reading a raster of [`Raster::separate_channels`] takes less time than reading all
+    /// channels.
+    fn has_separate_channels(&self) -> bool {
+        false
     }
 
     /// Whether any region can be read at any time, even if another order is cheaper.
@@ -183,9 +189,9 @@ pub trait Raster: Send {
         self.info().order == Order::Anywhere
     }
 
-    /// Announces regions that will be read next: those of remote files are fetched together. Returns
-    /// the number of regions that were announced, at least 1; the others should be announced again
-    /// when these have been read.
+    /// Announces regions that will be read next: those of remote files are fetched together.
+    /// Returns the number of regions that were announced, at least 1; the others should be
+    /// announced again when these have been read.
     ///
     /// # Errors
     /// If they cannot be fetched.

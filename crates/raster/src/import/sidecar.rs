@@ -47,6 +47,10 @@ impl Raster for DescribedRaster {
         Some(Box::new(DescribedRaster { raster, info: self.info.of_channels(channels) }))
     }
 
+    fn has_separate_channels(&self) -> bool {
+        self.raster.has_separate_channels()
+    }
+
     fn reads_anywhere(&self) -> bool {
         self.raster.reads_anywhere()
     }

@@ -8,7 +8,7 @@ mod sections;
 mod stac;
 mod update;
 
-pub(crate) use self::plan::IndexPlan;
+pub(crate) use self::plan::{IndexPlan, not_indexable};
 pub use self::recorder::SourceRecorder;
 pub(crate) use self::recorder::{RecordedChunks, RecordedImage, RecordedSource};
 pub use self::sections::sections_of_shards;

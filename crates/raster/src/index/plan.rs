@@ -50,7 +50,7 @@ impl IndexPlan {
 }
 
 /// Returns the error for a raster whose pixels are not those of TIFF files.
-fn not_indexable(path: &Path) -> Error {
+pub(crate) fn not_indexable(path: &Path) -> Error {
     let advice = "build a tree (`spinney build`), or index TIFF files, or a virtual raster that arranges \
                   TIFF files without scaling, masks or other types";
     Error::unsupported(path, "a raster whose pixels are not those of a TIFF file", advice)

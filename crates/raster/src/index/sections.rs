@@ -29,15 +29,17 @@ pub(crate) fn write_sections(
     let order = in_order_of_cells(layers);
     let numbers: HashMap<usize, u32> = order.iter().copied().zip(0..).collect();
     let mut list = SourceList::default();
+    // Numbers of the lists of channels, of which there may be as many as bands.
+    let mut channel_lists: HashMap<&[usize], u32> = HashMap::new();
     for IndexPlan { windows, nodata, value, .. } in layers {
         let mut placements: Vec<MappedWindow> = windows
             .iter()
             .map(|window| MappedWindow {
                 source: numbers[&window.source],
-                channels: SourceList::number_of(
-                    &mut list.channels,
-                    window.channels.iter().map(|channel| *channel as u16).collect(),
-                ),
+                channels: *channel_lists.entry(&window.channels).or_insert_with(|| {
+                    list.channels.push(window.channels.iter().map(|channel| *channel as u16).collect());
+                    list.channels.len() as u32 - 1
+                }),
                 rule: SourceList::number_of(&mut list.rules, window.rule.clone()),
                 cells: window.cells,
                 from: window.from,
@@ -112,7 +114,7 @@ pub fn sections_of_shards(
 /// Returns the numbers of the files in the order of their cells, so that those near each other are
 /// described together.
 fn in_order_of_cells(layers: &[&IndexPlan]) -> Vec<usize> {
-    // (Files are recorded in any order, so a file's first window decides between equal places.)
+    // (Files are recorded in any order, so a file's first window decides between equal positions.)
     let mut firsts: HashMap<usize, (u64, usize)> = HashMap::new();
     for (number, window) in layers.iter().flat_map(|layer| &layer.windows).enumerate() {
         let spread = |at: u64| morton_encode(Dimension::Quad, at as u32);

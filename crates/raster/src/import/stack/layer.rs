@@ -11,8 +11,9 @@ use super::super::sidecar::DescribedRaster;
 use super::super::{Band, Raster, RasterInfo, RasterOptions, RasterSlabs, Transparent, open, spill};
 use super::grid::GridAlignment;
 use super::raster::{Masked, Padded, Repeated, TreeRaster};
+use super::shared::alike;
 use super::{InputImage, StackOptions};
-use crate::index::{IndexPlan, SourceRecorder};
+use crate::index::{IndexPlan, SourceRecorder, not_indexable};
 use spinney_base::value::{DataKind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result, SubProgress};
 use spinney_container::Metadata;
@@ -109,6 +110,24 @@ fn is_colour(info: &RasterInfo) -> bool {
     let roles = info.colour_roles.get(..colours).unwrap_or_default();
     let is_rgb = are(roles, ["Red", "Green", "Blue"]) || are(names, ["R", "G", "B"]);
     is_rgb && ValueType::new(info.sample, info.channels as u8).is_supported()
+}
+
+/// Plans the layers of an index. A file is opened once for all of its bands, of which there may be
+/// thousands.
+///
+/// # Errors
+/// If a file cannot be read, or the cells of a layer are not pixels of its file.
+pub(super) fn index_plans(layers: &[StackLayer], recorder: &Arc<SourceRecorder>) -> Result<Vec<IndexPlan>> {
+    let (mut plans, mut rest) = (Vec::with_capacity(layers.len()), layers);
+    while let Some(first) = rest.first() {
+        let raster = first.open(first.options.memory)?;
+        let (of_file, others) = rest.split_at(alike(rest));
+        for layer in of_file {
+            plans.push(layer.index_plan(&*raster, recorder)?);
+        }
+        rest = others;
+    }
+    Ok(plans)
 }
 
 impl StackLayer {
@@ -280,19 +299,19 @@ impl StackLayer {
         if self.parts.opacity.is_some() { Box::new(Masked::new(described)) } else { described }
     }
 
-    /// Plans the layer of an index.
+    /// Plans the layer of an index from the raster of its file.
     ///
     /// # Errors
-    /// If the file cannot be read, or the layer's cells are not its pixels.
-    pub(super) fn index_plan(&self, recorder: &Arc<SourceRecorder>) -> Result<IndexPlan> {
+    /// If the layer's cells are not pixels of the file.
+    fn index_plan(&self, raster: &dyn Raster, recorder: &Arc<SourceRecorder>) -> Result<IndexPlan> {
         if self.repeat != 1 || self.warping.is_some() {
             let found = format!("layer {} of an index, on another grid than the finest", self.name);
             let advice =
                 "index the files on each grid by themselves, or build a tree (`spinney build --stack`)";
             return Err(Error::unsupported(&self.path, found, advice));
         }
-        let raster = select_channels(self.open(self.options.memory)?, &self.channels());
-        let mut raster = self.described(raster);
+        let raster = raster.separate_channels(&self.channels());
+        let mut raster = self.described(raster.ok_or_else(|| not_indexable(&self.path))?);
         if self.offset != [0; 2] {
             raster = Box::new(Padded::new(raster, self.offset));
         }

@@ -30,7 +30,7 @@ impl SharedRaster {
         progress: &dyn Progress,
     ) -> Result<SharedRaster> {
         let raster = layers[0].open(memory / 2)?;
-        if raster.separate_channels(&layers[0].channels()).is_some() {
+        if raster.has_separate_channels() {
             return Ok(SharedRaster::Separate(raster));
         }
         let wanted = match requested {

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::super::build::RequestedCells;
+use super::layer::index_plans;
 use super::shared::{SharedRaster, alike};
 use super::{Stack, StackLayer};
 use crate::index::write_sections;
@@ -21,9 +22,7 @@ use spinney_engine::store::{BuildOptions, TreeWriter};
 pub fn write_stack(stack: &Stack, output: Output, progress: &dyn Progress) -> Result<()> {
     let scratch_directory = directory_of(output.path()).to_path_buf();
     let path = output.path().to_path_buf();
-    let plan =
-        |recorder| stack.layers.iter().map(|layer| layer.index_plan(recorder)).collect::<Result<Vec<_>>>();
-    let plans = stack.recorder.as_ref().map(plan).transpose()?;
+    let plans = stack.recorder.as_ref().map(|recorder| index_plans(&stack.layers, recorder)).transpose()?;
     let mut file = TreeWriter::create(output, (Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
     write_layers(stack, &mut file, &scratch_directory, progress)?;
     if let Some(plans) = plans {

@@ -149,12 +149,13 @@ impl Raster for Tiff {
     }
 
     fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
-        if self.file.image.layout.planes == 1 {
-            return None;
-        }
         let chosen = channels.iter().map(|channel| self.chosen[*channel]).collect();
         let info = self.info.of_channels(channels);
         Some(Box::new(Tiff { file: Arc::clone(&self.file), chosen, info }))
+    }
+
+    fn has_separate_channels(&self) -> bool {
+        self.file.image.layout.planes > 1
     }
 
     fn reads_anywhere(&self) -> bool {

@@ -325,6 +325,10 @@ impl Raster for Vrt {
         Some(Box::new(Vrt { path: self.path.clone(), bands, info, part, plane }))
     }
 
+    fn has_separate_channels(&self) -> bool {
+        true
+    }
+
     fn reads_anywhere(&self) -> bool {
         true
     }
