@@ -214,8 +214,8 @@ pub(crate) fn warn(py: Python<'_>, text: &str) -> PyResult<()> {
 
 /// Issues the collected warnings.
 fn warn_all(py: Python<'_>, collected: &Mutex<Vec<String>>) -> PyResult<()> {
-    let texts = std::mem::take(&mut *collected.lock().unwrap_or_else(PoisonError::into_inner));
-    texts.iter().try_for_each(|text| warn(py, text))
+    let collected = std::mem::take(&mut *collected.lock().unwrap_or_else(PoisonError::into_inner));
+    collected.iter().try_for_each(|text| warn(py, text))
 }
 
 /// Single-threaded work on the calling thread, which checks for signals from time to time. Most

@@ -272,6 +272,10 @@ class Image:
         return Image(b.unsigned(), b.unsigned(), b.many(lambda: Location.read(b) if one_of(b, 2) else b.blob()))
 
 
+def read_version(b: Bytes) -> int | str:
+    return b.text() if one_of(b, 2) == TAG else b.signed()
+
+
 @dataclass
 class Source:
     name: str
@@ -286,8 +290,7 @@ class Source:
 
     @staticmethod
     def read(b: Bytes) -> Source:
-        name, length = b.text(), b.unsigned()
-        version = b.text() if one_of(b, 2) == TAG else b.signed()
+        name, length, version = b.text(), b.unsigned(), read_version(b)
         page, size, image = b.unsigned(), (b.unsigned(), b.unsigned()), Image.read(b)
         mask = b.option(lambda: Image.read(b))
         return Source(name, length, version, page, size, [image, mask] if mask else [image], b.blob(), b.option(b.text))
@@ -337,6 +340,7 @@ class Index:
         self.rules: list[Rule] = b.many(lambda: Rule.read(b))
         self.channels: list[list[int]] = nested(b)
         cells = b.many(lambda: (b.option(b.blob), b.unsigned(), b.blob()))
+        b.many(lambda: (b.text(), b.unsigned(), read_version(b)))  # virtual rasters
         self.count = b.unsigned()
         self.page_locations: list[tuple[int, Location]] = b.many(lambda: (b.unsigned(), Location.read(b)))
         check(b.at == len(data) and len(cells) == len(self.layers), "bytes or layers of the list of sources")
@@ -347,7 +351,7 @@ class Index:
         self.sources: dict[int, Source] = {}
 
     def _placements(self, count: int, data: bytes) -> list[Window]:
-        check(count <= min(1 << 24, 64 * len(data)), "too many placements")
+        check(count <= min(1 << 22, 64 * len(data)), "too many placements")
         coded, found, fields = columns(data), [], [0] * 9
         for _ in range(count):
             fields = [field + coded.near(context) for context, field in enumerate(fields)]

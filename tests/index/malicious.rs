@@ -83,7 +83,7 @@ struct Contents {
 impl Contents {
     fn of(path: &Path) -> Contents {
         let file = Goblin::open(path, &OpenOptions::new()).unwrap();
-        let IndexContents { formats, rules, channels, layers, sources } =
+        let IndexContents { formats, rules, channels, layers, sources, .. } =
             file.referring(IndexContents::read).unwrap().unwrap();
         let list = with(SourceList::default(), |it| {
             (it.formats, it.rules, it.channels) = (formats, rules, channels);

@@ -9,7 +9,7 @@ use spinney::{Error, Output, Progress};
 
 use crate::common::command::{command, complaint, spinney, stderr};
 use crate::common::{Random, with};
-use crate::compare::{Directory, assert_equal, index, open, segments, tree, update};
+use crate::compare::{Directory, MEMORY, assert_equal, index, open, segments, tree, update};
 use crate::targets::seal;
 use crate::tiffs::{Chunks, Samples, Tiff};
 
@@ -475,7 +475,17 @@ fn virtual_rasters_keep_their_size() {
     index(std::slice::from_ref(&raster), &made);
     fs::write(&source, [Tiff::new([90, 80], 2).bytes(), vec![0]].concat()).unwrap();
     assert_eq!(update(&made, &made, |_| {}).map(counts).unwrap(), [0, 1, 0, 0]);
-    index(&[raster], &fresh);
+    index(std::slice::from_ref(&raster), &fresh);
+    assert!(fs::read(&made).unwrap() == fs::read(&fresh).unwrap());
+
+    // A virtual raster that arranges other files is noticed; without it, the index still works.
+    fs::write(&raster, text.replace("xSize=\"50\"", "xSize=\"49\"")).unwrap();
+    let error = update(&made, &made, |_| {}).unwrap_err().to_string();
+    assert!(error.contains("v.vrt: a virtual raster that was changed"), "{error}");
+    let findings = open(&made).verify_quickly(MEMORY, &()).unwrap();
+    assert!(findings.len() == 1 && findings[0].place.contains("v.vrt"), "{findings:?}");
+    fs::remove_file(&raster).unwrap();
+    assert_eq!(update(&made, &made, |_| {}).map(counts).unwrap(), [1, 0, 0, 0]);
     assert!(fs::read(&made).unwrap() == fs::read(&fresh).unwrap());
 }
 

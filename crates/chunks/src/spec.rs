@@ -67,6 +67,7 @@ pub mod tag {
     pub const GEO_ASCII_PARAMS: u16 = 34737;
     pub const GDAL_METADATA: u16 = 42112;
     pub const GDAL_NODATA: u16 = 42113;
+    pub const RPC_COEFFICIENTS: u16 = 50844;
 }
 
 /// Types of a directory entry's values.

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use super::list::SourceList;
-use super::pages::IndexedSource;
 use super::pixels::{apply_opacity, paint};
 use super::placements::{MappedWindow, MappedWindowIndex, union};
 use super::sources::{ChunkPosition, Decoder, OpenSource, Sources};
@@ -41,8 +40,8 @@ pub fn open(file: &ReferringFile<'_>) -> Result<Box<dyn ReferencedCells>> {
         let (value, extent) = (header.form.value, header.extent);
         let placements = list.placements(file.path, number)?;
         let all = Region::new(0, 0, extent[0], extent[1]);
-        // (Painting relies on the number of channels, and on the rule's channel. Windows and channels of
-        // sources are checked when a source is read.)
+        // (Painting relies on the number of channels, and on the rule's channel. Windows and
+        // channels of sources are checked when a source is read.)
         let fits = |placement: &MappedWindow| {
             let rule = &list.rules[placement.rule as usize];
             all.contains(&placement.cells)
@@ -149,7 +148,8 @@ impl ReferencedCells for IndexedCells {
             let Some(part) = canvas.unknown(placement.cells) else { continue };
             let painted = self.paint(bytes, *value, (placement, part), &mut canvas, &mut decoder);
             if defer_missing(painted, &mut is_unread)?.is_none() && self.is_opaque(bytes, placement) {
-                // (This pass is discarded. The sources below are not needed in the next one either.)
+                // (This pass is discarded. The sources below are not needed in the next one
+                // either.)
                 canvas.cover(part);
             }
         }
@@ -191,6 +191,11 @@ impl ReferencedCells for IndexedCells {
     ) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
         let corrupt = |error: Error| Finding { place: "sources".into(), problem: error.to_string() };
+        if with_files {
+            let files: Vec<_> =
+                self.sources.list.virtual_rasters.iter().map(|file| (&*file.name, file.stat())).collect();
+            self.compare_files(&files, &mut findings)?;
+        }
         for page in 0..self.sources.list.pages.len() {
             progress.check()?;
             let sources = match self.sources.read_page(bytes, page) {
@@ -202,7 +207,8 @@ impl ReferencedCells for IndexedCells {
                 Err(error) => return Err(error),
             };
             if with_files {
-                self.compare_files(&sources, &mut findings)?;
+                let files: Vec<_> = sources.iter().map(|source| (&*source.name, source.stat())).collect();
+                self.compare_files(&files, &mut findings)?;
             }
             for source in sources {
                 match self.sources.check_tables(bytes, source) {
@@ -242,21 +248,21 @@ fn source_region(placement: &MappedWindow, cells: &Region) -> Region {
 }
 
 impl IndexedCells {
-    /// Compares sources with their files.
-    fn compare_files(&self, sources: &[IndexedSource], findings: &mut Vec<Finding>) -> Result<()> {
-        let paths = sources.iter().map(|source| self.sources.path_of(source)).collect::<Result<Vec<_>>>()?;
+    /// Compares files with their names, lengths and versions in the index.
+    fn compare_files(&self, files: &[(&str, FileStat)], findings: &mut Vec<Finding>) -> Result<()> {
+        let paths = files.iter().map(|(name, _)| self.sources.path_of(name)).collect::<Result<Vec<_>>>()?;
         let paths: Vec<&Path> = paths.iter().map(|path| &**path).collect();
-        for (source, found) in sources.iter().zip(self.sources.access.stat(&paths)?) {
+        for ((name, indexed), found) in files.iter().zip(self.sources.access.stat(&paths)?) {
             let problem = match found {
-                Ok(Some(found)) if found.agrees(&source.stat()) => continue,
-                Ok(Some(found)) if found.length != source.length => {
-                    format!("{} bytes, expected {}", found.length, source.length)
+                Ok(Some(found)) if found.agrees(indexed) => continue,
+                Ok(Some(found)) if found.length != indexed.length => {
+                    format!("{} bytes, expected {}", found.length, indexed.length)
                 }
                 Ok(Some(_)) => "another version than was indexed".into(),
                 Ok(None) => "it is missing".into(),
                 Err(error) => error.to_string(),
             };
-            findings.push(Finding { place: format!("source {}", source.name), problem });
+            findings.push(Finding { place: format!("source {name}"), problem });
         }
         Ok(())
     }

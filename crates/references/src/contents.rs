@@ -1,6 +1,6 @@
 //! All that an index says about its sources, for an update.
 
-use super::list::SourceList;
+use super::list::{IndexedFile, SourceList};
 use super::pages::DescribedSource;
 use super::pixels::PixelRule;
 use super::placements::MappedWindow;
@@ -19,6 +19,8 @@ pub struct IndexContents {
     pub channels: Vec<Vec<u16>>,
     /// Placements of each layer, from the bottom to the top.
     pub layers: Vec<Vec<MappedWindow>>,
+    /// Virtual rasters that arrange sources.
+    pub virtual_rasters: Vec<IndexedFile>,
     /// Sources, and the chunks of their images and masks.
     pub sources: Vec<DescribedSource>,
 }
@@ -47,7 +49,7 @@ impl IndexContents {
                 sources.push((open.source, chunks));
             }
         }
-        let SourceList { formats, rules, channels, .. } = all.list;
-        Ok(IndexContents { formats, rules, channels, layers, sources })
+        let SourceList { formats, rules, channels, virtual_rasters, .. } = all.list;
+        Ok(IndexContents { formats, rules, channels, layers, virtual_rasters, sources })
     }
 }

@@ -22,8 +22,8 @@ mod table;
 
 pub use self::cells::{open, register};
 pub use self::contents::IndexContents;
-pub use self::list::{LayerCells, SOURCE_ADVICE, SourceList, check_format};
-pub use self::pages::{DescribedSource, IndexedSource, SourceImage, SourceVersion, write_pages};
+pub use self::list::{IndexedFile, LayerCells, SOURCE_ADVICE, SourceList, check_format};
+pub use self::pages::{DescribedSource, IndexedSource, SourceImage, write_pages};
 pub use self::pixels::{PixelRule, paint};
 pub use self::placements::{MappedWindow, MappedWindowIndex};
 pub use self::table::{Chunk, HOLE};

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::pages::{MAX_PAGE, PageEntry};
 use super::pixels::PixelRule;
 use super::placements::{self, MAX_PLACEMENTS, MappedWindow};
+use spinney_base::io::{FileStat, FileVersion};
 use spinney_base::{Error, Result};
 use spinney_chunks::ChunkFormat;
 use spinney_container::VersionedSection;
@@ -55,10 +56,23 @@ pub struct SourceList {
     pub channels: Vec<Vec<u16>>,
     /// Cells of each layer of the file.
     pub layers: Vec<LayerCells>,
+    /// Virtual rasters that arrange sources: an update compares them.
+    pub virtual_rasters: Vec<IndexedFile>,
     /// Number of sources.
     pub sources: u32,
     /// The pages that describe them.
     pub(crate) pages: Vec<PageEntry>,
+}
+
+/// A file that an index names, without cells.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct IndexedFile {
+    /// Path relative to the index's directory, absolute path, or URL without query.
+    pub name: String,
+    /// Length in bytes.
+    pub length: u64,
+    /// Version when the index was made.
+    pub version: FileVersion,
 }
 
 /// Where the cells of a layer are.
@@ -78,16 +92,14 @@ impl LayerCells {
     }
 }
 
-impl SourceList {
-    /// Returns the number of a format, a rule or a list of channels, which is added if it is new.
-    pub fn number_of<T: PartialEq>(known: &mut Vec<T>, item: T) -> u32 {
-        let found = known.iter().position(|other| *other == item);
-        found.unwrap_or_else(|| {
-            known.push(item);
-            known.len() - 1
-        }) as u32
+impl IndexedFile {
+    /// Returns length and version when the index was made.
+    pub fn stat(&self) -> FileStat {
+        FileStat { length: self.length, version: self.version.clone() }
     }
+}
 
+impl SourceList {
     /// Reads the list of a file.
     pub(crate) fn read(file: &ReferringFile<'_>) -> Result<SourceList> {
         let stored = file.sources.read(file.path, file.bytes, SECTION.name)?;
@@ -114,7 +126,8 @@ impl SourceList {
         self.layers.iter().fold(0, |sum, layer| sum.saturating_add(layer.count))
     }
 
-    /// Checks and decodes the list of a file with a number of layers, and a number of bytes in pages.
+    /// Checks and decodes the list of a file with a number of layers, and a number of bytes in
+    /// pages.
     fn from_bytes(path: &Path, bytes: &[u8], (layers, page_bytes): (usize, u64)) -> Result<SourceList> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, SECTION.name, found, expected);
         let (list, used): (SourceList, usize) = SECTION.decode(path, bytes)?;

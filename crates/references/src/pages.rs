@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::list::SourceList;
 use super::table::{self, Chunk, PAGE_CHUNKS};
 use spinney_base::Result;
+use spinney_base::io::FileVersion;
 use spinney_container::VersionedSection;
 
 /// Maximum size of a page of sources in bytes.
@@ -28,7 +29,7 @@ pub struct IndexedSource {
     /// Length in bytes.
     pub length: u64,
     /// Version when it was indexed.
-    pub version: SourceVersion,
+    pub version: FileVersion,
     /// Number of its page, from 0, in a file of several.
     pub page: u32,
     /// Columns and rows.
@@ -42,15 +43,6 @@ pub struct IndexedSource {
     /// Name and version of the decoder, if the compression is lossy: other decoders may give other
     /// values.
     pub decoder: Option<String>,
-}
-
-/// Version of a source.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum SourceVersion {
-    /// Modification time in nanoseconds since 1970-01-01T00:00:00Z.
-    Modified(i64),
-    /// Entity tag.
-    Tag(String),
 }
 
 /// An image of a source: its pixels or its mask.
@@ -175,8 +167,8 @@ mod tests {
             name: format!("tiles/{number}.tif"),
             length: 1000 + number,
             version: match number % 2 {
-                0 => SourceVersion::Modified(-5),
-                _ => SourceVersion::Tag("\"abc\"".into()),
+                0 => FileVersion::Modified(-5),
+                _ => FileVersion::Tag("\"abc\"".into()),
             },
             page: number as u32 % 3,
             size: [7, 9],

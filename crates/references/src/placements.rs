@@ -43,8 +43,8 @@ pub(crate) fn encode(placements: &[MappedWindow]) -> Vec<u8> {
     columns.finish()
 }
 
-/// Decodes `count` placements, at most [`MAX_PLACEMENTS`], of sources below `sources`; `None` if they
-/// are invalid.
+/// Decodes `count` placements, at most [`MAX_PLACEMENTS`], of sources below `sources`; `None` if
+/// they are invalid.
 pub(crate) fn decode(bytes: &[u8], count: u64, sources: u32) -> Option<Vec<MappedWindow>> {
     if count > MAX_PER_BYTE.saturating_mul(bytes.len() as u64) {
         return None;

@@ -4,11 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use super::list::SourceList;
-use super::pages::{IndexedSource, Location, MAX_PAGE, SOURCE_PAGE, SourceImage, SourceVersion, Table};
+use super::pages::{IndexedSource, Location, MAX_PAGE, SOURCE_PAGE, SourceImage, Table};
 use super::table::{self, Chunk, MAX_TABLE, PAGE_CHUNKS};
-use spinney_base::io::{
-    CachedBytes, FileAccess, FileStat, FileVersion, ReadBackend, Unpacked, listed_path, url_of,
-};
+use spinney_base::io::{CachedBytes, FileAccess, FileStat, ReadBackend, Unpacked, listed_path, url_of};
 use spinney_base::{Error, Result};
 use spinney_chunks::{ChunkFormat, DecoderStates};
 use spinney_container::Section;
@@ -83,9 +81,9 @@ impl Sources {
         Sources { path: path.into(), list, access: access.clone(), pages, firsts, open, decoders }
     }
 
-    /// Returns the path or URL of a source.
-    pub(crate) fn path_of(&self, source: &IndexedSource) -> Result<PathBuf> {
-        let path = listed_path(&self.path, &source.name)?;
+    /// Returns the path or URL of a file by its name in the index.
+    pub(crate) fn path_of(&self, name: &str) -> Result<PathBuf> {
+        let path = listed_path(&self.path, name)?;
         self.access.check_external(&self.path, &path)?;
         Ok(path)
     }
@@ -270,8 +268,8 @@ impl Sources {
             return Ok(Some(known));
         }
         // Invariant: one thread decodes a chunk, the others wait and find it in the cache. A thread
-        // holds at most one of these locks, and no thread that holds the lock of a cache or of a file
-        // waits for one of them. So there is no deadlock.
+        // holds at most one of these locks, and no thread that holds the lock of a cache or of a
+        // file waits for one of them. So there is no deadlock.
         let lock = open.images[at.image].locks[number as usize % LOCKS].lock();
         let _lock = lock.unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = decoded.get(number) {
@@ -290,7 +288,7 @@ impl Sources {
         decoder: &mut Decoder,
     ) -> Result<Vec<u8>> {
         let format = self.format(&open.source, at.image);
-        let path = self.path_of(&open.source)?;
+        let path = self.path_of(&open.source.name)?;
         if let Some(name) = format.unsupported() {
             let advice = "use the program, or a copy of the source with DEFLATE, LZW or ZSTD";
             return Err(Error::unsupported(
@@ -389,12 +387,8 @@ impl IndexedSource {
     }
 
     /// Returns length and version when it was indexed.
-    pub(crate) fn stat(&self) -> FileStat {
-        let version = match &self.version {
-            SourceVersion::Modified(time) => FileVersion::Modified(*time),
-            SourceVersion::Tag(tag) => FileVersion::Tag(tag.clone()),
-        };
-        FileStat { length: self.length, version }
+    pub fn stat(&self) -> FileStat {
+        FileStat { length: self.length, version: self.version.clone() }
     }
 }
 

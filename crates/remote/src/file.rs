@@ -125,8 +125,8 @@ pub(super) fn open_known(
     let path = Path::new(url);
     let connections = &stores.connections;
     let location = ObjectLocation::of(url, &[], connections)?;
-    // (Bytes of a known version are compared with checksums when they are read, so they may be those of
-    // another version. Other readers of the file must not get these.)
+    // (Bytes of a known version are compared with checksums when they are read, so they may be
+    // those of another version. Other readers of the file must not get these.)
     let key = format!("indexed\n{}", key(url, known));
     let remote = RemoteFile {
         location: Mutex::new((std::process::id(), location)),

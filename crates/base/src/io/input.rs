@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::platform::read_exact_at;
 use super::read::{ReadBackend, open_input};
+use super::stat::FileStat;
 use crate::url::{split_query, url_of, without_query};
 use crate::{Error, Result};
 
@@ -84,6 +85,18 @@ impl InputFile {
         match &self.bytes {
             Bytes::Local(_) => Ok(()),
             Bytes::Remote(file) => file.prefetch(ranges),
+        }
+    }
+
+    /// Returns length and version of the open file; `None` if the host of a remote file does not
+    /// report these with its bytes. `path` is for messages.
+    ///
+    /// # Errors
+    /// If the system does not report them.
+    pub fn stat(&self, path: &Path) -> Result<Option<FileStat>> {
+        match &self.bytes {
+            Bytes::Local(file) => FileStat::of(file, path).map(Some),
+            Bytes::Remote(file) => file.version(),
         }
     }
 

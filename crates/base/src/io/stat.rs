@@ -5,6 +5,8 @@ use std::io::ErrorKind;
 use std::path::Path;
 use std::time::UNIX_EPOCH;
 
+use serde::{Deserialize, Serialize};
+
 use crate::{Error, Result};
 
 /// Identity of a file version: equal values imply equal contents.
@@ -17,7 +19,7 @@ pub struct FileStat {
 }
 
 /// Version of a file.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FileVersion {
     /// Modification time of a local file, in nanoseconds since 1970-01-01T00:00:00Z.
     Modified(i64),

@@ -9,8 +9,8 @@ use crate::Result;
 /// Maximum number of threads. They wait most of the time.
 const MAX_THREADS: usize = 32;
 
-/// Runs a job once for each number from 0 to `count - 1`, on up to 32 threads: for jobs that wait for
-/// responses of servers. After an error, no other job starts.
+/// Runs a job once for each number from 0 to `count - 1`, on up to 32 threads: for jobs that wait
+/// for responses of servers. After an error, no other job starts.
 ///
 /// # Errors
 /// The error of the job with the lowest number.

@@ -6,9 +6,9 @@ use super::tree_file::TreeFile;
 use spinney_base::io::listed_path;
 use spinney_container::{FileReference, OpenOptions};
 
-/// Returns a message if an output that exists is one of the inputs, or a file that has cells of one:
-/// a source of an index, or a file of a manifest. Such a file must not be replaced: the input would
-/// lose its cells.
+/// Returns a message if an output that exists is one of the inputs, or a file that has cells of
+/// one: a source of an index, or a file of a manifest. Such a file must not be replaced: the input
+/// would lose its cells.
 pub fn overwritten_input(inputs: &[&Path], output: &Path) -> Option<String> {
     let output = output.canonicalize().ok()?;
     inputs.iter().find_map(|input| {

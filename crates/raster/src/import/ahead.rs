@@ -34,23 +34,23 @@ pub(super) fn open_each<T: Send>(
 }
 
 /// A raster whose pixels are those of a region of another raster.
-pub(super) struct PlacedRaster<'a> {
+pub(super) struct MappedRaster<'a> {
     pub(super) raster: &'a mut dyn Raster,
     /// The pixels of the other raster that it covers.
     pub(super) covers: Region,
-    pub(super) placement: Placement,
+    pub(super) mapping: PixelMapping,
 }
 
 /// Where the pixels of a raster are in the other one.
 #[derive(Clone, Copy)]
-pub(super) struct Placement {
+pub(super) struct PixelMapping {
     /// The pixel of the other raster at which the first pixel begins.
     pub(super) origin: [i64; 2],
     /// Each pixel becomes so many pixels along each axis.
     pub(super) factor: [u64; 2],
 }
 
-impl Placement {
+impl PixelMapping {
     /// Returns the raster's own region for pixels of the other one, which it covers.
     pub(super) fn own_region(&self, pixels: Region) -> Region {
         let along = |axis: usize, start: u64, end: u64| {
@@ -63,35 +63,36 @@ impl Placement {
     }
 }
 
-/// Announces regions of a raster to the remote ones that it consists of, all at the same time. Returns
-/// the number of regions that were announced: as many as touch few rasters, since only few stay open.
+/// Announces regions of a raster to the remote ones that it consists of, all at the same time.
+/// Returns the number of regions that were announced: as many as touch few rasters, since only few
+/// stay open.
 ///
 /// # Errors
 /// If they cannot be fetched.
-pub(super) fn prefetch_placed(regions: &[Region], rasters: Vec<PlacedRaster<'_>>) -> Result<usize> {
-    let is_remote = |placed: &PlacedRaster<'_>| url_of(placed.raster.path()).is_some();
-    let mut remote: Vec<(PlacedRaster<'_>, Vec<Region>)> =
-        rasters.into_iter().filter(is_remote).map(|placed| (placed, Vec::new())).collect();
+pub(super) fn prefetch_mapped(regions: &[Region], rasters: Vec<MappedRaster<'_>>) -> Result<usize> {
+    let is_remote = |mapped: &MappedRaster<'_>| url_of(mapped.raster.path()).is_some();
+    let mut remote: Vec<(MappedRaster<'_>, Vec<Region>)> =
+        rasters.into_iter().filter(is_remote).map(|mapped| (mapped, Vec::new())).collect();
     let (mut taken, mut touched) = (0, 0);
     for region in regions {
         // (A region that touches more is announced alone, and as a whole.)
         let is_touched = |covers: &Region| !covers.intersect(region).is_empty();
         let fresh =
-            |(placed, own): &&(PlacedRaster<'_>, Vec<Region>)| own.is_empty() && is_touched(&placed.covers);
+            |(mapped, own): &&(MappedRaster<'_>, Vec<Region>)| own.is_empty() && is_touched(&mapped.covers);
         touched += remote.iter().filter(fresh).count();
         if touched > MAX_AHEAD && taken > 0 {
             break;
         }
-        for (placed, own) in remote.iter_mut().filter(|(placed, _)| is_touched(&placed.covers)) {
-            own.push(placed.placement.own_region(placed.covers.intersect(region)));
+        for (mapped, own) in remote.iter_mut().filter(|(mapped, _)| is_touched(&mapped.covers)) {
+            own.push(mapped.mapping.own_region(mapped.covers.intersect(region)));
         }
         taken += 1;
     }
     let announced: Vec<_> = remote.into_iter().filter(|(_, own)| !own.is_empty()).map(Mutex::new).collect();
     run_waiting(announced.len(), &|number| {
         let mut announced = announced[number].lock().unwrap_or_else(PoisonError::into_inner);
-        let (placed, own) = &mut *announced;
-        placed.raster.prefetch(own).map(drop)
+        let (mapped, own) = &mut *announced;
+        mapped.raster.prefetch(own).map(drop)
     })?;
     Ok(taken)
 }

@@ -5,7 +5,7 @@ use std::fmt::{self, Display};
 use std::path::Path;
 use std::str::FromStr;
 
-use super::{Pixels, Raster, RasterInfo};
+use super::{Pixels, Raster, RasterInfo, SourceWindows};
 use serde::{Deserialize, Serialize};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Number, Palette, SampleType, ValueType};
@@ -306,6 +306,10 @@ impl Raster for Bands {
 
     fn reads_anywhere(&self) -> bool {
         self.raster.reads_anywhere()
+    }
+
+    fn source_windows(&self) -> SourceWindows {
+        Err("a selection of bands of a raster that is not a TIFF file, or of one of them twice".into())
     }
 
     fn prefetch(&mut self, regions: &[Region]) -> Result<usize> {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use super::bands::select_channels;
-use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, open};
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, SourceWindows, open};
 use crate::index::SourceWindow;
 use spinney_base::space::Region;
 use spinney_base::{Error, Result};
@@ -82,7 +82,7 @@ pub(super) struct Lazy {
     chosen: Option<Vec<usize>>,
     info: RasterInfo,
     /// The windows of files with all channels.
-    windows: Option<Vec<SourceWindow>>,
+    windows: SourceWindows,
     /// Whether any region can be read at any time. Otherwise rows are skipped, or read from the top
     /// again.
     anywhere: bool,
@@ -250,18 +250,17 @@ impl Raster for Lazy {
         Ok(taken)
     }
 
-    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+    fn source_windows(&self) -> SourceWindows {
         let Some(chosen) = &self.chosen else { return self.windows.clone() };
-        let Some(windows) = &self.windows else {
-            // Some bands of a virtual raster may have windows, even if others have not. (Files that
-            // cannot be opened any more are reported when they are read.)
-            return self.reopen().ok()?.raster.source_windows();
+        let Ok(windows) = &self.windows else {
+            // Some bands of a virtual raster may have windows, even if others have not.
+            return self.reopen().map_err(|error| error.to_string())?.raster.source_windows();
         };
         let chosen = |window: &SourceWindow| SourceWindow {
             channels: chosen.iter().map(|channel| window.channels[*channel]).collect(),
             ..window.clone()
         };
-        Some(windows.iter().map(chosen).collect())
+        Ok(windows.iter().map(chosen).collect())
     }
 }
 

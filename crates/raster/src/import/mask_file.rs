@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use super::{Pixels, Raster, RasterInfo, RasterOptions, tiff};
+use super::{Pixels, Raster, RasterInfo, RasterOptions, SourceWindows, tiff};
 use spinney_base::io::sibling_path;
 use spinney_base::space::Region;
 use spinney_base::{Error, Result};
@@ -38,7 +38,7 @@ pub(super) fn masked(raster: Box<dyn Raster>, options: &RasterOptions) -> Result
         return Ok(raster);
     }
     let options = RasterOptions { layer: None, page: None, directory: None, ..options.clone() };
-    let mask = tiff::open(&path, &options)?;
+    let mask = tiff::open(options.access.input(&path)?, &path, &options)?;
     let (info, found) = (raster.info(), mask.info());
     if (info.width, info.height) != (found.width, found.height) {
         let size = format!("{} x {} pixels", found.width, found.height);
@@ -87,6 +87,11 @@ impl Raster for Masked {
 
     fn reads_anywhere(&self) -> bool {
         self.raster.reads_anywhere()
+    }
+
+    fn source_windows(&self) -> SourceWindows {
+        let mask = mask_of(self.path());
+        Err(format!("a raster whose mask is in another file ({})", mask.display()))
     }
 
     fn prefetch(&mut self, regions: &[Region]) -> Result<usize> {

@@ -50,7 +50,7 @@ pub(crate) use self::validity::Validity;
 pub(super) use self::validity::as_stored;
 use crate::chain_code;
 use crate::index::{SourceRecorder, SourceWindow};
-use spinney_base::io::{FileAccess, sibling_path, sidecar_of, without_query};
+use spinney_base::io::{FileAccess, InputFile, sibling_path, sidecar_of, without_query};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Number, Palette, SampleType};
 use spinney_base::{Error, Result};
@@ -200,11 +200,14 @@ pub trait Raster: Send {
     }
 
     /// Returns the windows of files whose pixels are those of this raster, unchanged, from the
-    /// bottom to the top. `None` if they are changed, or the files are not recorded.
-    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
-        None
+    /// bottom to the top.
+    fn source_windows(&self) -> SourceWindows {
+        Err("a raster whose pixels are not those of a TIFF file".into())
     }
 }
+
+/// Windows of recorded files. The error says what the raster is that has none.
+pub type SourceWindows = std::result::Result<Vec<SourceWindow>, String>;
 
 /// Options to open a raster.
 #[derive(Clone, Debug)]
@@ -254,9 +257,15 @@ impl RasterOptions {
 /// # Errors
 /// If the file cannot be read, has an unknown format, is corrupt, or uses an unsupported feature.
 pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
-    let magic = first_bytes(path, &options.access)?;
+    let (file, magic) = open_input(path, &options.access)?;
+    let is_tiff =
+        matches!(magic.as_slice(), [b'I', b'I', b'*' | b'+', 0, ..] | [b'M', b'M', 0, b'*' | b'+', ..]);
+    if let Some(page) = options.page.filter(|page| *page > 0 && !is_tiff) {
+        let found = format!("page {page} of a file that is not a TIFF file");
+        return Err(Error::unsupported(path, found, "omit --pages"));
+    }
     let raster = match magic.as_slice() {
-        [b'I', b'I', b'*' | b'+', 0, ..] | [b'M', b'M', 0, b'*' | b'+', ..] => tiff::open(path, options),
+        _ if is_tiff => tiff::open(file, path, options),
         [0x89, b'P', b'N', b'G', ..] => png::open(path, options),
         [0xff, 0xd8, 0xff, ..] => jpeg::open(path, options),
         [0x76, 0x2f, 0x31, 0x01, ..] => exr::open(path, options),
@@ -280,8 +289,8 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     sidecar::describe(raster, found[1].is_some(), &options.access)
 }
 
-/// Reads enough of a file's start to detect its format.
-fn first_bytes(path: &Path, access: &FileAccess) -> Result<Vec<u8>> {
+/// Opens a file, and reads enough of its start to detect its format.
+fn open_input(path: &Path, access: &FileAccess) -> Result<(InputFile, Vec<u8>)> {
     if path.is_dir() {
         // Some formats are directories.
         if OtherFormat::of(path, &[]).is_some() {
@@ -291,11 +300,11 @@ fn first_bytes(path: &Path, access: &FileAccess) -> Result<Vec<u8>> {
         let advice = format!("give its files, as in {name}/*.tif, or --pages z for sections of a volume");
         return Err(Error::unsupported(path, "a directory", advice));
     }
-    let file = access.input(path)?;
+    let mut file = access.input(path)?;
     let mut magic = Vec::new();
-    file.take(FIRST_BYTES as u64).read_to_end(&mut magic).map_err(Error::io(path, "read"))?;
+    file.by_ref().take(FIRST_BYTES as u64).read_to_end(&mut magic).map_err(Error::io(path, "read"))?;
     if magic.is_empty() {
         return Err(Error::corrupt(path, "the whole file", "no bytes", "a raster"));
     }
-    Ok(magic)
+    Ok((file, magic))
 }

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use super::ahead::{PlacedRaster, Placement, prefetch_placed};
+use super::ahead::{MappedRaster, PixelMapping, prefetch_mapped};
 use super::provenance::mosaic_layout;
 use super::validity::Validity;
-use super::{Order, Pixels, Raster, RasterInfo};
+use super::{Order, Pixels, Raster, RasterInfo, SourceWindows};
 use crate::index::SourceWindow;
 use serde::{Deserialize, Serialize};
 use spinney_base::space::Region;
@@ -264,32 +264,34 @@ impl Raster for Mosaic {
     }
 
     fn prefetch(&mut self, regions: &[Region]) -> Result<usize> {
-        prefetch_placed(regions, self.inputs.iter_mut().map(Input::placed).collect())
+        prefetch_mapped(regions, self.inputs.iter_mut().map(Input::mapped).collect())
     }
 
-    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+    fn source_windows(&self) -> SourceWindows {
         let mut windows = Vec::new();
         for input in &self.inputs {
             for window in input.raster.source_windows()? {
                 // Pixels of other rasters than files have been decided on already.
-                let rule =
-                    if window.rule == PixelRule::default() { input.validity.rule() } else { return None };
+                if window.rule != PixelRule::default() {
+                    return Err("a virtual raster among several files".into());
+                }
+                let rule = input.validity.rule();
                 let Region { x, y, width, height } = window.cells;
                 let cells = Region::new(x + input.region.x, y + input.region.y, width, height);
                 windows.push(SourceWindow { rule: rule.clone(), cells, ..window });
             }
         }
-        Some(windows)
+        Ok(windows)
     }
 }
 
 impl Input {
-    fn placed(&mut self) -> PlacedRaster<'_> {
+    fn mapped(&mut self) -> MappedRaster<'_> {
         let origin = [self.region.x as i64, self.region.y as i64];
-        PlacedRaster {
+        MappedRaster {
             raster: &mut *self.raster,
             covers: self.region,
-            placement: Placement { origin, factor: [1; 2] },
+            mapping: PixelMapping { origin, factor: [1; 2] },
         }
     }
 

@@ -168,7 +168,9 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
     let recorder = options.referenced.map(|_| Arc::new(SourceRecorder::default()));
     let are_several = inputs.len() > 1;
     let rasters = open_inputs(inputs, are_several, (options, memory), &recorder, &mut overruled)?;
-    let remarks = remarks(&rasters);
+    check_nodata(&rasters, options)?;
+    let mut remarks = remarks(&rasters);
+    remarks.extend(difference(&rasters));
     let (raster, mosaic) = match rasters.len() {
         0 | 1 => (mosaic(rasters)?, None),
         _ => {
@@ -246,6 +248,38 @@ fn remarks(rasters: &[Box<dyn Raster>]) -> Vec<(PathBuf, String)> {
         .iter()
         .filter_map(|raster| Some((raster.path().to_path_buf(), raster.info().remark.clone()?)));
     found.collect()
+}
+
+/// Checks that the user's nodata number is one of the pixels' type: another would have no effect.
+fn check_nodata(rasters: &[Box<dyn Raster>], options: &ImportOptions) -> Result<()> {
+    let mut infos = rasters.iter().map(|raster| raster.info());
+    match (options.nodata, infos.find(|info| info.nodata.is_none())) {
+        (Some(nodata), Some(info)) => {
+            let expected = format!("a number of the pixels' type, {}", info.sample.name());
+            Err(Error::invalid("nodata", nodata.to_string(), expected))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Properties of a mosaic that are those of its first file, although another file has others.
+fn difference(rasters: &[Box<dyn Raster>]) -> Option<(PathBuf, String)> {
+    let (first, others) = rasters.split_first()?;
+    let differing = |raster: &dyn Raster| {
+        let (a, b) = (first.info(), raster.info());
+        let properties = [
+            ("units", a.units != b.units),
+            ("names of bands", a.band_names != b.band_names),
+            ("palette", a.palette != b.palette),
+            ("names of classes", a.class_names != b.class_names),
+            ("tags", (&a.tags, &a.scoped_tags) != (&b.tags, &b.scoped_tags)),
+        ];
+        let names: Vec<&str> =
+            properties.into_iter().filter(|(_, differs)| *differs).map(|(name, _)| name).collect();
+        (!names.is_empty()).then(|| (raster.path().to_path_buf(), names.join(", ")))
+    };
+    let (path, names) = others.iter().find_map(|raster| differing(&**raster))?;
+    Some((path, format!("has other {names} than {}, which are kept for all files", first.path().display())))
 }
 
 /// Opens inputs with the user's channels, nodata number and coordinate system. With `are_several`

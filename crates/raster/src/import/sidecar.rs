@@ -4,8 +4,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::xml::XmlElement;
-use super::{Pixels, Raster, RasterInfo, gdal, worldfile};
-use crate::index::SourceWindow;
+use super::{Pixels, Raster, RasterInfo, SourceWindows, gdal, worldfile};
 use spinney_base::io::{FileAccess, sibling_path, sidecar_of};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Number, Palette};
@@ -59,14 +58,15 @@ impl Raster for DescribedRaster {
         self.raster.prefetch(regions)
     }
 
-    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+    fn source_windows(&self) -> SourceWindows {
         self.raster.source_windows()
     }
 }
 
 /// Adds the properties from a sidecar, if there is one, and from a world file. Those of a sidecar
 /// take precedence over the file's own, as in GDAL, which writes sidecars for read-only files.
-/// Georeferencing is an exception: it is read from a sidecar or world file only if the file has none.
+/// Georeferencing is an exception: it is read from a sidecar or world file only if the file has
+/// none.
 pub(super) fn describe(
     raster: Box<dyn Raster>,
     has_sidecar: bool,
@@ -131,6 +131,12 @@ fn apply(path: &Path, root: &XmlElement<'_>, info: &mut RasterInfo) -> Result<()
                     && channel < info.channels
                 {
                     apply_band(&element, channel, info);
+                    // (A value and its name.)
+                    let tables = element.named("GDALRasterAttributeTable");
+                    if tables.map(|table| table.named("FieldDefn").count()).any(|columns| columns > 2) {
+                        let text = "a raster attribute table, of which only the names of classes are kept";
+                        found.push(text.into());
+                    }
                 }
             }
             _ => {}

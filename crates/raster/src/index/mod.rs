@@ -10,7 +10,7 @@ mod update;
 
 pub(crate) use self::plan::{IndexPlan, not_indexable};
 pub use self::recorder::SourceRecorder;
-pub(crate) use self::recorder::{RecordedChunks, RecordedImage, RecordedSource};
+pub(crate) use self::recorder::{RecordedChunks, RecordedImage, RecordedSource, stat};
 pub use self::sections::sections_of_shards;
 pub(crate) use self::sections::write_sections;
 pub use self::stac::{StacAsset, assets_of};

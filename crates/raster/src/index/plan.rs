@@ -32,7 +32,7 @@ impl IndexPlan {
         recorder: Arc<SourceRecorder>,
         access: &FileAccess,
     ) -> Result<IndexPlan> {
-        let mut windows = raster.source_windows().ok_or_else(|| not_indexable(raster.path()))?;
+        let mut windows = raster.source_windows().map_err(|found| not_indexable(raster.path(), found))?;
         let info = raster.info();
         let opacity = Validity::by_opacity(info);
         let opacity = opacity.rule();
@@ -42,7 +42,7 @@ impl IndexPlan {
             }
             // (Otherwise transparent pixels of a virtual raster would show others below.)
             if (window.rule.alpha, window.rule.zero) != (opacity.alpha, opacity.zero) {
-                return Err(not_indexable(raster.path()));
+                return Err(not_indexable(raster.path(), "a virtual raster with opacity"));
             }
         }
         Ok(IndexPlan { recorder, access: access.clone(), windows, value, nodata })
@@ -50,8 +50,8 @@ impl IndexPlan {
 }
 
 /// Returns the error for a raster whose pixels are not those of TIFF files.
-pub(crate) fn not_indexable(path: &Path) -> Error {
+pub(crate) fn not_indexable(path: &Path, found: impl Into<String>) -> Error {
     let advice = "build a tree (`spinney build`), or index TIFF files, or a virtual raster that arranges \
                   TIFF files without scaling, masks or other types";
-    Error::unsupported(path, "a raster whose pixels are not those of a TIFF file", advice)
+    Error::unsupported(path, found, advice)
 }

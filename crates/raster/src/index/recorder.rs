@@ -1,6 +1,6 @@
 //! Records of the files that are read while an index is made.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -34,6 +34,8 @@ struct Records {
     all: Vec<Arc<RecordedSource>>,
     /// Numbers by path and offset of the page's directory.
     numbers: HashMap<(PathBuf, u64), usize>,
+    /// Virtual rasters that arrange the files.
+    virtual_rasters: BTreeMap<PathBuf, FileStat>,
 }
 
 /// A file, or a page of one.
@@ -147,20 +149,18 @@ impl SourceRecorder {
     /// Records a file that was opened, or finds its record; returns its number and the record.
     ///
     /// # Errors
-    /// If the file has changed since it was opened for the first time, or cannot be statted.
+    /// If the file has changed since it was opened for the first time.
     pub(crate) fn record(
         &self,
         (path, directory): (&Path, u64),
-        access: &FileAccess,
+        stat: FileStat,
         describe: &dyn Fn(FileStat) -> RecordedSource,
     ) -> Result<(usize, Arc<RecordedSource>)> {
         let key = (path.to_path_buf(), directory);
-        // (The lock is not held while the file is statted.)
         let known = {
             let records = self.records();
             records.numbers.get(&key).map(|number| (*number, records.all[*number].clone()))
         };
-        let stat = stat(path, access)?;
         if let Some((number, known)) = known {
             return match known.stat == stat {
                 true => Ok((number, known)),
@@ -170,7 +170,7 @@ impl SourceRecorder {
         let described = Arc::new(describe(stat));
         let mut records = self.records();
         // (Another thread may have recorded the same file meanwhile.)
-        let Records { all, numbers } = &mut *records;
+        let Records { all, numbers, .. } = &mut *records;
         let number = *numbers.entry(key).or_insert_with(|| {
             all.push(described);
             all.len() - 1
@@ -222,6 +222,16 @@ impl SourceRecorder {
         Ok(())
     }
 
+    /// Records a virtual raster that arranges files.
+    pub(crate) fn record_virtual(&self, path: &Path, stat: FileStat) {
+        self.records().virtual_rasters.insert(path.to_path_buf(), stat);
+    }
+
+    /// Returns the virtual rasters, sorted by path.
+    pub(crate) fn virtual_rasters(&self) -> BTreeMap<PathBuf, FileStat> {
+        self.records().virtual_rasters.clone()
+    }
+
     /// Adds the record of a file that is not opened; returns its number.
     pub(crate) fn add(&self, source: RecordedSource) -> usize {
         let mut records = self.records();
@@ -264,7 +274,11 @@ impl SourceRecorder {
     }
 }
 
-fn stat(path: &Path, access: &FileAccess) -> Result<FileStat> {
+/// Returns length and version of a file.
+///
+/// # Errors
+/// If it is missing, or cannot be statted.
+pub(crate) fn stat(path: &Path, access: &FileAccess) -> Result<FileStat> {
     let found = access.stat(&[path])?.pop().transpose()?.flatten();
     let missing = || std::io::Error::new(std::io::ErrorKind::NotFound, "no such file");
     found.ok_or_else(|| Error::io(path, "open")(missing()))

@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 use super::names::name_in_index;
 use super::{IndexPlan, RecordedImage};
 use crate::import::{ImportOptions, plan};
-use spinney_base::io::FileVersion;
+use spinney_base::io::FileStat;
 use spinney_base::sort;
 use spinney_base::space::{Dimension, morton_encode};
 use spinney_base::{Error, Progress, Result};
 use spinney_references::{
-    DescribedSource, IndexedSource, LayerCells, MappedWindow, SourceImage, SourceList, SourceVersion,
+    DescribedSource, IndexedFile, IndexedSource, LayerCells, MappedWindow, SourceImage, SourceList,
     write_pages,
 };
 
@@ -40,7 +40,7 @@ pub(crate) fn write_sections(
                     list.channels.push(window.channels.iter().map(|channel| *channel as u16).collect());
                     list.channels.len() as u32 - 1
                 }),
-                rule: SourceList::number_of(&mut list.rules, window.rule.clone()),
+                rule: number_of(&mut list.rules, &window.rule),
                 cells: window.cells,
                 from: window.from,
             })
@@ -53,8 +53,11 @@ pub(crate) fn write_sections(
     for number in &order {
         let source = recorder.get(*number);
         for image in source.images() {
-            SourceList::number_of(&mut list.formats, image.format.clone());
+            number_of(&mut list.formats, &image.format);
         }
+    }
+    for (path, FileStat { length, version }) in recorder.virtual_rasters() {
+        list.virtual_rasters.push(IndexedFile { name: name_in_index(index, &path)?, length, version });
     }
     let formats = list.formats.clone();
     recorder.complete(&order, access, progress)?;
@@ -67,15 +70,11 @@ pub(crate) fn write_sections(
             let format = formats.iter().position(|format| *format == image.format);
             SourceImage::new(format.expect("all formats are listed") as u32)
         };
-        let version = match &recorded.stat.version {
-            FileVersion::Modified(time) => SourceVersion::Modified(*time),
-            FileVersion::Tag(tag) => SourceVersion::Tag(tag.clone()),
-        };
         let source = IndexedSource {
             name: name_in_index(index, &recorded.path)?,
             length: recorded.stat.length,
             page: recorded.page,
-            version,
+            version: recorded.stat.version.clone(),
             size: recorded.size,
             image: image(&recorded.image),
             mask: recorded.mask.as_ref().map(image),
@@ -86,6 +85,15 @@ pub(crate) fn write_sections(
         let described: DescribedSource = (source, [recorded.image.chunks.chunks(), mask]);
         Ok(Some(described))
     })
+}
+
+/// Returns the number of an item in a list, to which it is added if it is new.
+fn number_of<T: Clone + PartialEq>(known: &mut Vec<T>, item: &T) -> u32 {
+    let found = known.iter().position(|other| other == item);
+    found.unwrap_or_else(|| {
+        known.push(item.clone());
+        known.len() - 1
+    }) as u32
 }
 
 /// Makes the sections of an index that was built in shards: `checksums` are those that the shards

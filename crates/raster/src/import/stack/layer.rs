@@ -310,8 +310,11 @@ impl StackLayer {
                 "index the files on each grid by themselves, or build a tree (`spinney build --stack`)";
             return Err(Error::unsupported(&self.path, found, advice));
         }
-        let raster = raster.separate_channels(&self.channels());
-        let mut raster = self.described(raster.ok_or_else(|| not_indexable(&self.path))?);
+        let separate = raster.separate_channels(&self.channels()).ok_or_else(|| {
+            let found = raster.source_windows().err();
+            not_indexable(&self.path, found.unwrap_or_else(|| "bands that cannot be separated".into()))
+        })?;
+        let mut raster = self.described(separate);
         if self.offset != [0; 2] {
             raster = Box::new(Padded::new(raster, self.offset));
         }

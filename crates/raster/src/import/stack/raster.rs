@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 use super::super::validity::Validity;
-use super::super::{Pixels, Raster, RasterInfo, Transparent};
+use super::super::{Pixels, Raster, RasterInfo, SourceWindows, Transparent};
 use crate::index::SourceWindow;
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Region};
@@ -54,13 +54,13 @@ impl Raster for Masked {
         self.raster.reads_anywhere()
     }
 
-    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+    fn source_windows(&self) -> SourceWindows {
         let windows = self.raster.source_windows()?.into_iter().map(|mut window| {
             // The last channel is the opacity that `StackLayer::channels` appends.
-            let opacity = window.channels.pop()?;
-            let is_plain = window.rule == PixelRule::default();
-            window.rule.opacity = Some(u16::try_from(opacity).ok()?);
-            is_plain.then_some(window)
+            let opacity = window.channels.pop().and_then(|channel| u16::try_from(channel).ok());
+            let is_plain = window.rule == PixelRule::default() && opacity.is_some();
+            window.rule.opacity = opacity;
+            is_plain.then_some(window).ok_or_else(|| "a virtual raster with opacity".to_string())
         });
         windows.collect()
     }
@@ -214,12 +214,12 @@ impl Raster for Padded {
         self.raster.reads_anywhere()
     }
 
-    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+    fn source_windows(&self) -> SourceWindows {
         let moved = |window: SourceWindow| {
             let Region { x, y, width, height } = window.cells;
             let cells = Region::new(x + self.offset[0], y + self.offset[1], width, height);
             SourceWindow { cells, ..window }
         };
-        Some(self.raster.source_windows()?.into_iter().map(moved).collect())
+        Ok(self.raster.source_windows()?.into_iter().map(moved).collect())
     }
 }

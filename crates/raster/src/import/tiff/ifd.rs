@@ -5,7 +5,8 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use crate::import::RasterOptions;
-use spinney_base::io::InputFile;
+use crate::index::stat;
+use spinney_base::io::{FileAccess, FileStat, InputFile};
 use spinney_base::{Error, Result};
 use spinney_chunks::spec::field_type as field;
 use spinney_container::shell_word;
@@ -30,10 +31,8 @@ pub(super) struct Input {
 }
 
 impl Input {
-    /// Opens a file and reads its header of 8 or 16 bytes; also returns the offset of the first
-    /// directory.
-    pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<(Input, u64)> {
-        let file = options.access.input(path)?;
+    /// Reads the header of 8 or 16 bytes of a file; also returns the offset of the first directory.
+    pub(super) fn new(file: InputFile, path: &Path, options: &RasterOptions) -> Result<(Input, u64)> {
         let len = file.len();
         let (path, memory) = (path.to_path_buf(), options.memory);
         let mut input = Input { file, len, path, memory, big_endian: false, big: false };
@@ -47,6 +46,14 @@ impl Input {
         };
         let first = if input.big { input.u64_at(8, "header")? } else { input.u32_at(4, "header")?.into() };
         Ok((input, first))
+    }
+
+    /// Returns length and version of the file.
+    pub(super) fn stat(&self, access: &FileAccess) -> Result<FileStat> {
+        match self.file.stat(&self.path)? {
+            Some(stat) => Ok(stat),
+            None => stat(&self.path, access),
+        }
     }
 
     /// The error for a corrupt file.

@@ -16,9 +16,9 @@ use self::geokeys::Georeferencing;
 use self::ifd::{Directory, Input};
 use self::image::Image;
 use super::validity::sample_bytes;
-use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, gdal};
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, SourceWindows, gdal};
 use crate::index::{RecordedSource, SourceWindow};
-use spinney_base::io::FileStat;
+use spinney_base::io::{FileStat, InputFile};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Palette};
 use spinney_base::{Error, Result};
@@ -29,8 +29,8 @@ use spinney_chunks::spec::{new_subfile_type, photometric, tag};
 use spinney_references::PixelRule;
 
 /// Opens one page of a TIFF file.
-pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
-    let (input, first) = Input::open(path, options)?;
+pub(crate) fn open(file: InputFile, path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
+    let (input, first) = Input::new(file, path, options)?;
     if options.layer.is_some() {
         return Err(Error::unsupported(
             path,
@@ -71,7 +71,8 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
                 hole: image.hole.clone(),
                 stat,
             };
-            let (number, recorded) = recorder.record((path, offset), &options.access, &describe)?;
+            let (number, recorded) =
+                recorder.record((path, offset), input.stat(&options.access)?, &describe)?;
             image.recorded = Some(recorded.image.chunks.clone());
             if let (Some(mask), Some(recorded)) = (&mut mask, &recorded.mask) {
                 mask.recorded = Some(recorded.chunks.clone());
@@ -85,7 +86,7 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
 
 /// Offsets of the directories of a file's pages.
 pub(crate) fn page_directories(path: &Path, options: &RasterOptions) -> Result<Vec<u64>> {
-    let (input, first) = Input::open(path, options)?;
+    let (input, first) = Input::new(options.access.input(path)?, path, options)?;
     pages::directories(&input, first)
 }
 
@@ -178,16 +179,11 @@ impl Raster for Tiff {
         Ok(regions.len())
     }
 
-    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
+    fn source_windows(&self) -> SourceWindows {
         let cells = Region::new(0, 0, self.info.width, self.info.height);
         let channels = self.chosen.clone();
-        Some(vec![SourceWindow {
-            source: self.file.record?,
-            channels,
-            rule: PixelRule::default(),
-            cells,
-            from: [0; 2],
-        }])
+        let source = self.file.record.ok_or("a file that was not recorded")?;
+        Ok(vec![SourceWindow { source, channels, rule: PixelRule::default(), cells, from: [0; 2] }])
     }
 }
 
@@ -278,6 +274,9 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
         info = info.in_colour();
     }
     gdal::apply(&directory.text(tag::GDAL_METADATA)?.unwrap_or_default(), &mut info);
+    if directory.has(tag::RPC_COEFFICIENTS) {
+        info.remark = Some("rational polynomial coefficients (RPC) are not kept".into());
+    }
     Ok(info)
 }
 
@@ -389,7 +388,12 @@ mod tests {
         let path = temporary.path().join("t.tif");
         let tiles = 200;
         std::fs::write(&path, repeated(tiles)).unwrap();
-        let (input, first) = Input::open(&path, &RasterOptions::new()).unwrap();
+        let (input, first) = Input::new(
+            spinney_base::io::FileAccess::new().input(&path).unwrap(),
+            &path,
+            &RasterOptions::new(),
+        )
+        .unwrap();
         let (directory, _) = input.directory(first).unwrap();
         let image = Image::new(&input, &directory).unwrap();
         let side = u64::from(tiles) * 16;

@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::ahead::{PlacedRaster, Placement, prefetch_placed};
+use super::ahead::{MappedRaster, PixelMapping, prefetch_mapped};
 use super::lazy::Lazy;
-use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, SourceWindows};
 use crate::index::SourceWindow;
 use spinney_base::space::Region;
 use spinney_base::value::{SampleType, ValueType};
@@ -120,7 +120,7 @@ struct Source {
     raster: Lazy,
     /// The pixels of the band that this source covers.
     region: Region,
-    placement: Placement,
+    mapping: PixelMapping,
     missing: Missing,
 }
 
@@ -195,13 +195,13 @@ impl Band {
 }
 
 impl Source {
-    fn placed(&mut self) -> PlacedRaster<'_> {
-        PlacedRaster { raster: &mut self.raster, covers: self.region, placement: self.placement }
+    fn mapped(&mut self) -> MappedRaster<'_> {
+        MappedRaster { raster: &mut self.raster, covers: self.region, mapping: self.mapping }
     }
 
     /// Reads the samples for some pixels of the band; returns their region in the other raster.
     fn read(&mut self, wanted: Region, part: &mut Pixels) -> Result<Region> {
-        let from = self.placement.own_region(wanted);
+        let from = self.mapping.own_region(wanted);
         self.raster.read(from, part)?;
         Ok(from)
     }
@@ -222,7 +222,7 @@ impl Source {
         region: Region,
     ) {
         let (size, wide) = (sample.size(), to.size());
-        let Placement { origin, factor } = self.placement;
+        let PixelMapping { origin, factor } = self.mapping;
         let mut widened = Vec::new();
         for y in wanted.y..wanted.bottom() {
             let row = (y as i64 - origin[1]) as u64 / factor[1] - from.y;
@@ -335,15 +335,15 @@ impl Raster for Vrt {
 
     fn prefetch(&mut self, regions: &[Region]) -> Result<usize> {
         let sources = self.bands.iter_mut().flat_map(|band| &mut band.sources);
-        prefetch_placed(regions, sources.map(Source::placed).collect())
+        prefetch_mapped(regions, sources.map(Source::mapped).collect())
     }
 
-    fn source_windows(&self) -> Option<Vec<SourceWindow>> {
-        let (first, others) = self.bands.split_first()?;
+    fn source_windows(&self) -> SourceWindows {
+        let Some((first, others)) = self.bands.split_first() else { return Ok(Vec::new()) };
         // Every band has the same windows of the same files.
         let are_alike = |band: &Band| band.sources.len() == first.sources.len();
         if !others.iter().all(are_alike) || self.bands.iter().any(|band| band.sample != self.info.sample) {
-            return None;
+            return Err(OTHER_BANDS.into());
         }
         let window = |number: usize| {
             let mut window = first.sources[number].window(self.info.sample)?;
@@ -352,30 +352,38 @@ impl Raster for Vrt {
                 let is_alike = (other.source, other.cells, other.from)
                     == (window.source, window.cells, window.from)
                     && other.rule == window.rule;
-                // (A sample that is transparent in one band only has no such rule.)
-                if !is_alike || window.rule.nodata.is_some() || window.rule.nan {
-                    return None;
+                if !is_alike {
+                    return Err(OTHER_BANDS.into());
+                }
+                if window.rule.nodata.is_some() || window.rule.nan {
+                    return Err(
+                        "a virtual raster of several bands with nodata, whose VOID pixels differ".into()
+                    );
                 }
                 window.channels.extend(other.channels);
             }
-            Some(window)
+            Ok(window)
         };
         (0..first.sources.len()).map(window).collect()
     }
 }
 
+/// What is said of bands that are not those of a file.
+const OTHER_BANDS: &str = "a virtual raster whose bands are not bands of the same files, of one type";
+
 impl Source {
     /// Returns the window of a file that the source is, if its samples are used unchanged.
-    fn window(&self, sample: SampleType) -> Option<SourceWindow> {
-        if self.placement.factor != [1; 2] || self.raster.info().sample != sample {
-            return None;
+    fn window(&self, sample: SampleType) -> std::result::Result<SourceWindow, String> {
+        if self.mapping.factor != [1; 2] || self.raster.info().sample != sample {
+            return Err("a virtual raster that scales or converts pixels".into());
         }
-        let [window] = <[SourceWindow; 1]>::try_from(self.raster.source_windows()?).ok()?;
+        let nested = "a virtual raster of virtual rasters";
+        let [window] = <[SourceWindow; 1]>::try_from(self.raster.source_windows()?).map_err(|_| nested)?;
         if window.rule != PixelRule::default() {
-            return None;
+            return Err(nested.into());
         }
         let along =
-            |axis: usize, start: u64| (start as i64 - self.placement.origin[axis]) as u64 + window.from[axis];
+            |axis: usize, start: u64| (start as i64 - self.mapping.origin[axis]) as u64 + window.from[axis];
         let from = [along(0, self.region.x), along(1, self.region.y)];
         let (nodata, nan) = match &self.missing {
             Missing::None => (None, false),
@@ -383,7 +391,7 @@ impl Source {
             Missing::Nan => (None, true),
         };
         let rule = PixelRule { nodata, nan, ignores_mask: true, ..PixelRule::default() };
-        Some(SourceWindow { rule, cells: self.region, from, ..window })
+        Ok(SourceWindow { rule, cells: self.region, from, ..window })
     }
 }
 

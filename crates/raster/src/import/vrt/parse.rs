@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::super::ahead::Placement;
+use super::super::ahead::PixelMapping;
 use super::super::bands::{BandInfo, common_type};
 use super::super::lazy::{Lazy, MAX_POOL, Pool};
 use super::super::plan::MAX_OPEN;
@@ -13,6 +13,7 @@ use super::super::validity::{as_stored, sample_bytes};
 use super::super::xml::XmlElement;
 use super::super::{Raster, RasterInfo, RasterOptions, gdal, sidecar, worldfile};
 use super::{Band, Missing, Nesting, Plane, Source, Vrt, order, unsupported};
+use crate::index::stat;
 use spinney_base::io::{gdal_url, listed_path, url_of};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, SampleType};
@@ -48,6 +49,10 @@ pub(super) fn read(path: &Path, options: &RasterOptions) -> Result<Vrt> {
     let file = options.access.input(path)?;
     let length = file.len();
     options.check_memory(path, "the XML of the virtual raster", length)?;
+    if let Some(recorder) = &options.recorder {
+        let found = file.stat(path)?;
+        recorder.record_virtual(path, found.map_or_else(|| stat(path, &options.access), Ok)?);
+    }
     let mut bytes = Vec::new();
     file.take(length).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
     let text = String::from_utf8(bytes)
@@ -311,8 +316,8 @@ impl Reader<'_> {
             return self.refuse(format!("{resampling} resampling in a source of band {band}"));
         }
         let region = Region::new(x.first, y.first, x.length, y.length);
-        let placement = Placement { origin: [x.origin, y.origin], factor: [x.factor, y.factor] };
-        Ok((!region.is_empty()).then_some(Source { raster, region, placement, missing }))
+        let mapping = PixelMapping { origin: [x.origin, y.origin], factor: [x.factor, y.factor] };
+        Ok((!region.is_empty()).then_some(Source { raster, region, mapping, missing }))
     }
 
     fn rectangle(&self, element: &XmlElement<'_>) -> Result<[f64; 4]> {

@@ -9,10 +9,10 @@ use super::super::names::name_in_index;
 use super::super::{RecordedChunks, RecordedImage, RecordedSource, SourceRecorder};
 use super::{IndexUpdate, UpdateReport, is_of_virtual_raster, refused};
 use crate::import::{ImportHistory, RasterInfo, RasterOptions, check_pages, open};
-use spinney_base::io::{FileAccess, FileStat, FileVersion, listed_path};
+use spinney_base::io::{FileAccess, FileStat, listed_path};
 use spinney_base::{Error, Result};
 use spinney_engine::store::goblin::Goblin;
-use spinney_references::{Chunk, IndexContents, IndexedSource, PixelRule, SourceImage, SourceVersion};
+use spinney_references::{Chunk, IndexContents, IndexedFile, IndexedSource, PixelRule, SourceImage};
 
 /// A file of an updated index.
 pub(super) struct UpdatedFile {
@@ -79,6 +79,7 @@ impl FileFinder<'_> {
         };
         let paths = names.iter().map(path_of).collect::<Result<Vec<_>>>()?;
         let stats = self.access.stat(&paths.iter().map(|path| &**path).collect::<Vec<_>>())?;
+        self.check_virtual_rasters(contents)?;
         let pages = pages(contents, layers);
         let mut page_counts: HashMap<&String, usize> = HashMap::new();
         names.iter().for_each(|name| *page_counts.entry(name).or_default() += 1);
@@ -94,7 +95,7 @@ impl FileFinder<'_> {
                 let doing = "find, a source of the index; `spinney index --update INDEX FILES` makes one of other files";
                 Error::io(path, doing)(std::io::Error::new(std::io::ErrorKind::NotFound, "no such file"))
             })?;
-            let (number, info) = if stat == stat_of(source) {
+            let (number, info) = if stat == source.stat() {
                 report.unchanged += 1;
                 (self.recorder.add(recorded(path, source, chunks, contents, stat)), None)
             } else {
@@ -126,6 +127,21 @@ impl FileFinder<'_> {
         Ok(UpdatedFiles { kept, added, is_listed: sources.is_some(), are_moved })
     }
 
+    /// Checks that virtual rasters still arrange the sources as before. (Those that are missing are
+    /// not needed.)
+    fn check_virtual_rasters(&self, contents: &IndexContents) -> Result<()> {
+        let path = |file: &IndexedFile| listed_path(self.index, &self.moved(&file.name));
+        let paths = contents.virtual_rasters.iter().map(path).collect::<Result<Vec<_>>>()?;
+        let found = self.access.stat(&paths.iter().map(|path| &**path).collect::<Vec<_>>())?;
+        for ((file, path), found) in contents.virtual_rasters.iter().zip(paths).zip(found) {
+            if found?.is_some_and(|found| !found.agrees(&file.stat())) {
+                return Err(refused(&path, "a virtual raster that was changed"));
+            }
+            self.recorder.record_virtual(&path, file.stat());
+        }
+        Ok(())
+    }
+
     /// Returns the properties of a file, which is not recorded.
     pub(super) fn properties(&self, file: &UpdatedFile) -> Result<RasterInfo> {
         Ok(open(&file.path, &self.options(file.page))?.info().clone())
@@ -138,9 +154,7 @@ impl FileFinder<'_> {
         check_pages(&*raster)?;
         match raster.source_windows().as_deref() {
             // (Virtual rasters have rules.)
-            Some([window]) if window.rule == PixelRule::default() => {
-                Ok((window.source, raster.info().clone()))
-            }
+            Ok([window]) if window.rule == PixelRule::default() => Ok((window.source, raster.info().clone())),
             _ => {
                 let found = "a source that is not a TIFF file, or has a mask file,";
                 let advice = "index it by itself, or build a tree (`spinney build`)";
@@ -187,14 +201,6 @@ fn pages(contents: &IndexContents, layers: &[Goblin]) -> Vec<Option<usize>> {
         }
     }
     pages
-}
-
-fn stat_of(source: &IndexedSource) -> FileStat {
-    let version = match &source.version {
-        SourceVersion::Modified(time) => FileVersion::Modified(*time),
-        SourceVersion::Tag(tag) => FileVersion::Tag(tag.clone()),
-    };
-    FileStat { length: source.length, version }
 }
 
 /// Returns the record of a file that was not changed, from the index.
