@@ -95,10 +95,10 @@ impl Default for FileAccess {
 /// Receiver of warnings about files that are read: the file, and the text.
 pub type Warn = dyn Fn(&Path, &str) + Send + Sync;
 
-/// A receiver of warnings, and those that it has received.
+/// A receiver of warnings, and the files that it has received one of.
 struct Warnings {
     receive: Arc<Warn>,
-    received: Mutex<HashSet<(PathBuf, String)>>,
+    files: Mutex<HashSet<PathBuf>>,
 }
 
 /// Two accesses are equal if one is a clone of the other.
@@ -281,21 +281,19 @@ impl FileAccess {
     }
 
     /// Sets a function that receives warnings about files that are read: the file, and the text. It
-    /// receives each once, also if a file is opened again.
+    /// receives one of each file, also if that is opened again.
     #[must_use]
     pub fn on_warning(self, receive: Arc<Warn>) -> FileAccess {
         self.with(|settings| {
-            settings.warnings = Some(Arc::new(Warnings { receive, received: Mutex::default() }))
+            settings.warnings = Some(Arc::new(Warnings { receive, files: Mutex::default() }))
         })
     }
 
     /// Gives a warning about a file that is read.
     pub fn warn(&self, path: &Path, text: &str) {
-        let Some(Warnings { receive, received }) = self.0.warnings.as_deref() else { return };
-        let is_new = {
-            let mut received = received.lock().unwrap_or_else(PoisonError::into_inner);
-            received.insert((path.to_path_buf(), text.to_string()))
-        };
+        let Some(Warnings { receive, files }) = self.0.warnings.as_deref() else { return };
+        // (The lock is not held while the receiver runs.)
+        let is_new = files.lock().unwrap_or_else(PoisonError::into_inner).insert(path.to_path_buf());
         if is_new {
             receive(path, text);
         }

@@ -168,7 +168,6 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
     let recorder = options.referenced.map(|_| Arc::new(SourceRecorder::default()));
     let are_several = inputs.len() > 1;
     let rasters = open_inputs(inputs, are_several, (options, memory), &recorder, &mut overruled)?;
-    check_nodata(&rasters, options)?;
     let mut remarks = remarks(&rasters);
     remarks.extend(difference(&rasters));
     let (raster, mosaic) = match rasters.len() {
@@ -248,18 +247,6 @@ fn remarks(rasters: &[Box<dyn Raster>]) -> Vec<(PathBuf, String)> {
         .iter()
         .filter_map(|raster| Some((raster.path().to_path_buf(), raster.info().remark.clone()?)));
     found.collect()
-}
-
-/// Checks that the user's nodata number is one of the pixels' type: another would have no effect.
-fn check_nodata(rasters: &[Box<dyn Raster>], options: &ImportOptions) -> Result<()> {
-    let mut infos = rasters.iter().map(|raster| raster.info());
-    match (options.nodata, infos.find(|info| info.nodata.is_none())) {
-        (Some(nodata), Some(info)) => {
-            let expected = format!("a number of the pixels' type, {}", info.sample.name());
-            Err(Error::invalid("nodata", nodata.to_string(), expected))
-        }
-        _ => Ok(()),
-    }
 }
 
 /// Properties of a mosaic that are those of its first file, although another file has others.
