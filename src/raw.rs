@@ -306,9 +306,8 @@ pub mod import {
             write_stack,
         };
         pub use spinney_raster::index::{
-            IndexUpdate, SourceRecorder, SourceWindow, UpdateReport, update_index,
+            IndexUpdate, SourceFile, SourceRecorder, SourceWindow, UpdateReport, expand_sources, update_index,
         };
-        pub use spinney_raster::{StacAsset, assets_of};
     }
 
     /// Rasterization: quadtrees of features.

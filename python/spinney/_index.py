@@ -39,6 +39,7 @@ def index(
     stack: bool = False,
     names: Sequence[str] | None = None,
     times: Sequence[Any] | None = None,
+    asset: str | None = None,
     memory: int | str = MEMORY,
     max_bytes: int | str | None = None,
     threads: int | None = None,
@@ -48,10 +49,14 @@ def index(
 
     The index has the coarser levels and exact statistics of all nodes. It is opened as any tree;
     cells are read from the files' own tiles where a result needs them. Sources are paths or URLs,
-    or a pattern such as "tiles/*.tif"; the last is on top. The index stores levels from
-    `stored_level` above the cells upward; smaller numbers make larger indexes and faster views.
+    patterns such as "tiles/*.tif" or "s3://maps/*.tif", or documents of STAC items with an `asset`;
+    the last is on top. Layers of a stack of items have the items' times. The index stores levels
+    from `stored_level` above the cells upward; smaller numbers make larger indexes and faster views.
     """
+    paths, found = _native.expand_sources(_files_of(sources), asset)
     seen = None if times is None else [text_of_time(time) for time in times]
+    if stack and seen is None and all(time is not None for time in found):
+        seen = [time for time in found if time is not None]
     options: dict[str, Any] = dict.fromkeys(_OTHERS) | {
         "kind": kind,
         "rule": rule,
@@ -76,7 +81,7 @@ def index(
         "referenced": stored_level,
     }
     with working(progress, threads, max_bytes) as terms:
-        _native.build_index(_files_of(sources), path_of(out), options, terms)
+        _native.build_index(paths, path_of(out), options, terms)
 
 
 def update_index(
@@ -97,7 +102,7 @@ def update_index(
     files' names in the index, after they have moved.
     """
     prefixes = list((source_prefix or {}).items())
-    paths = None if sources is None else _files_of(sources)
+    paths = None if sources is None else _native.expand_sources(_files_of(sources), None)[0]
     target = path_of(index if out is None else out)
     with working(progress, threads, max_bytes) as terms:
         numbers = _native.update_index(path_of(index), paths, target, prefixes, memory_of(memory), terms)

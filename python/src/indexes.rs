@@ -8,7 +8,18 @@ use spinney::raw::import::raster::{self, IndexUpdate};
 
 use crate::build::FileOptions;
 use crate::files::{check_output, is_same_file};
-use crate::jobs::{self, Terms};
+use crate::jobs::{self, Terms, access};
+
+/// Returns the files that paths, patterns and documents of STAC items name, and their times.
+#[pyfunction]
+pub(crate) fn expand_sources(
+    py: Python<'_>,
+    paths: Vec<PathBuf>,
+    asset: Option<&str>,
+) -> PyResult<(Vec<PathBuf>, Vec<Option<String>>)> {
+    let files = jobs::run_here(py, |_| raster::expand_sources(&paths, asset, access()))?;
+    Ok(files.into_iter().map(|file| (file.path, file.time)).unzip())
+}
 
 /// Makes an index of files.
 #[pyfunction]

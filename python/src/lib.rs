@@ -60,7 +60,7 @@ mod _native {
         transform, verify,
     };
     #[pymodule_export]
-    use super::indexes::{build_index, update_index};
+    use super::indexes::{build_index, expand_sources, update_index};
     #[pymodule_export]
     use super::jobs::refuse;
     #[pymodule_export]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +57,43 @@ def test_updates_read_what_was_changed(source: Path, tmp_path: Path) -> None:
     report = spinney.update_index(index, out=tmp_path / "new.goblin", source_prefix={"classes": "moved/classes"})
     assert report.unchanged == 1
     assert spinney.verify(tmp_path / "new.goblin") == []
+
+
+def test_stac_items_name_sources_and_times(source: Path, tmp_path: Path) -> None:
+    asset = {"href": source.name, "type": "image/tiff; application=geotiff", "roles": ["data"]}
+    item = {"type": "Feature", "stac_version": "1.0.0", "id": "a", "assets": {"cover": asset}, "links": []}
+    items = tmp_path / "items.json"
+    items.write_text(json.dumps(item | {"properties": {"datetime": "2024-05-31T10:30:00Z"}}))
+    spinney.index(items, tmp_path / "index.goblin", asset="cover", stack=True)
+    with spinney.open(tmp_path / "index.goblin") as index:
+        assert index.metadata.time == "2024-05-31T10:30:00Z"
+    with pytest.raises(ValueError, match="asset"):
+        spinney.index(source, tmp_path / "index.goblin", asset="cover")
+    with pytest.raises(ValueError, match="sources"):
+        spinney.update_index(tmp_path / "index.goblin", [])
+
+
+def test_a_changed_source_is_a_warning(source: Path, tmp_path: Path) -> None:
+    spinney.index(source, tmp_path / "index.goblin")
+    os.utime(source, (1, 1))
+    with spinney.open(tmp_path / "index.goblin") as index:
+        with pytest.warns(UserWarning, match="classes.tif: has another length or modification time"):
+            cells = index.read()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            np.testing.assert_array_equal(index.read(), cells)
+
+
+def test_sources_are_not_overwritten(source: Path, tmp_path: Path) -> None:
+    spinney.index(source, tmp_path / "index.goblin")
+    before = source.read_bytes()
+    with spinney.open(tmp_path / "index.goblin") as index:
+        for write in (index.export, index.save):
+            with pytest.raises(ValueError, match="has cells of"):
+                write(source)
+    with pytest.raises(ValueError, match="has cells of"):
+        spinney.update_index(tmp_path / "index.goblin", out=source)
+    assert source.read_bytes() == before
 
 
 def test_shards_make_the_same_index(source: Path, tmp_path: Path) -> None:

@@ -6,13 +6,13 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use spinney::import::raster::{ImportOptions, RasterImport, Stack, StackOptions, plan, plan_stack};
 use spinney::raw::import::raster::{
-    Band, IndexUpdate, UpdateReport, needs_layers, update_index, write_stack,
+    Band, IndexUpdate, UpdateReport, expand_sources, needs_layers, update_index, write_stack,
 };
 use spinney::raw::store::check_tree_name;
 use spinney::{Crs, DataKind, Number, Rule};
 
 use super::Global;
-use super::args::{Memory, OutputLimit, check_output, expand_lists, expand_sources, parse_crs, same_file};
+use super::args::{Memory, OutputLimit, check_output, expand_lists, parse_crs, same_file};
 use super::build::Pages;
 use super::report::{Work, report_built};
 
@@ -178,12 +178,12 @@ impl Args {
 pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     args.sources = expand_lists(std::mem::take(&mut args.sources))?;
-    let (sources, times) = expand_sources(&args.sources, args.asset.as_deref(), global.access())?;
-    args.sources = sources;
+    let files = expand_sources(&args.sources, args.asset.as_deref(), global.access())?;
     // STAC items have times of layers.
     if args.stack && args.times.is_none() {
-        args.times = times.into_iter().collect();
+        args.times = files.iter().map(|file| file.time.clone()).collect();
     }
+    args.sources = files.into_iter().map(|file| file.path).collect();
     if args.output.as_deref() == Some(Path::new("-")) {
         bail!("--output: an index names its sources relative to itself; expected a file name")
     }

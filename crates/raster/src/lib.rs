@@ -16,7 +16,6 @@ mod window;
 pub use array::{ArrayRequest, export_array};
 pub use chain_code::{ChainDirections, ChainWriter, export_chain_code};
 pub use cog::{CogCompression, CogRequest, CogSummary, export_cog};
-pub use index::{StacAsset, assets_of};
 pub use legend::{LegendFormat, export_legend};
 pub use window::{
     Detail, RowSink, WindowRequest, export_layers, export_painted_window, export_window, void_number,

@@ -5,8 +5,6 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use spinney::FileAccess;
-use spinney::raw::import::raster::{StacAsset, assets_of};
 use spinney::raw::io::{gdal_url, listed_path};
 
 /// Maximum size of a list, in bytes.
@@ -23,37 +21,6 @@ pub(crate) fn expand_lists(inputs: Vec<PathBuf>) -> Result<Vec<PathBuf>> {
         }
     }
     Ok(expanded)
-}
-
-/// Replaces patterns by the files that match, and files of STAC items by those of the items'
-/// `asset`. Returns the times of items, too.
-pub(crate) fn expand_sources(
-    named: &[PathBuf],
-    asset: Option<&str>,
-    access: &FileAccess,
-) -> Result<(Vec<PathBuf>, Vec<Option<String>>)> {
-    let (mut sources, mut times, mut has_items) = (Vec::new(), Vec::new(), false);
-    for name in named {
-        for file in access.expand(name)? {
-            match assets_of(&file, asset, access)? {
-                Some(assets) => {
-                    has_items = true;
-                    for StacAsset { path, time, .. } in assets {
-                        sources.push(path);
-                        times.push(time);
-                    }
-                }
-                None => {
-                    sources.push(file);
-                    times.push(None);
-                }
-            }
-        }
-    }
-    if asset.is_some() && !has_items {
-        bail!("--asset: works only with STAC items, which no input has")
-    }
-    Ok((sources, times))
 }
 
 fn read(list: &Path, paths: &mut Vec<PathBuf>) -> Result<()> {

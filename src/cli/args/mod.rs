@@ -35,7 +35,7 @@ pub(crate) use crs::parse_crs;
 pub(crate) use given::GivenOptions;
 pub(crate) use global::Global;
 pub(crate) use layer::LayerOption;
-pub(crate) use list::{expand_lists, expand_sources};
+pub(crate) use list::expand_lists;
 pub(crate) use memory::{DEFAULT_MEMORY, Memory, parse_bytes};
 pub(crate) use operation::{OperationName, parse_operation};
 pub(crate) use output::{

@@ -5,6 +5,7 @@ mod names;
 mod plan;
 mod recorder;
 mod sections;
+mod sources;
 mod stac;
 mod update;
 
@@ -13,7 +14,7 @@ pub use self::recorder::SourceRecorder;
 pub(crate) use self::recorder::{RecordedChunks, RecordedImage, RecordedSource, stat};
 pub use self::sections::sections_of_shards;
 pub(crate) use self::sections::write_sections;
-pub use self::stac::{StacAsset, assets_of};
+pub use self::sources::{SourceFile, expand_sources};
 pub use self::update::{IndexUpdate, UpdateReport, update_index};
 use spinney_base::space::Region;
 use spinney_references::PixelRule;

@@ -7,6 +7,7 @@ use std::fmt;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
+use super::sources::SourceFile;
 use crate::import::stack::time::is_time;
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
@@ -30,23 +31,17 @@ const MAX_ASSETS: usize = 10_000;
 /// Extensions of files that are no STAC documents, so that these are not opened for it.
 const RASTERS: [&str; 4] = ["tif", "tiff", "gtiff", "vrt"];
 
-/// A file of a STAC item.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct StacAsset {
-    /// Path or URL.
-    pub path: PathBuf,
-    /// Acquisition time in ISO 8601: the item's `datetime`, or the start of its range.
-    pub time: Option<String>,
-}
-
 /// Returns the files of an asset of STAC items, in the items' order; `None` if a file has no STAC
 /// items. Without the name of an asset, each item must have one GeoTIFF asset with the role "data".
 ///
 /// # Errors
 /// If the file is corrupt or too large, an item has no such asset, or its file is not a GeoTIFF; if
 /// `access` refuses external files.
-pub fn assets_of(path: &Path, asset: Option<&str>, access: &FileAccess) -> Result<Option<Vec<StacAsset>>> {
+pub(super) fn assets_of(
+    path: &Path,
+    asset: Option<&str>,
+    access: &FileAccess,
+) -> Result<Option<Vec<SourceFile>>> {
     let extension = without_query(path).extension().unwrap_or_default();
     if RASTERS.iter().any(|raster| extension.eq_ignore_ascii_case(raster)) || local_path(path).is_dir() {
         return Ok(None);
@@ -71,7 +66,7 @@ fn read_items(
     file: impl Read,
     asset: Option<&str>,
     access: &FileAccess,
-) -> Result<Option<Vec<StacAsset>>> {
+) -> Result<Option<Vec<SourceFile>>> {
     let mut text = BufReader::with_capacity(BUFFER, file);
     let has_mark = text.fill_buf().map_err(Error::io(path, "read"))?.starts_with(b"\xef\xbb\xbf");
     text.consume(if has_mark { 3 } else { 0 });
@@ -152,7 +147,7 @@ struct Items<'i> {
     access: &'i FileAccess,
     /// Bytes that may be read until the next item is complete.
     left: &'i Cell<u64>,
-    files: Vec<StacAsset>,
+    files: Vec<SourceFile>,
     is_stac: bool,
     /// Whether there are features that are no items.
     has_others: bool,
@@ -321,7 +316,7 @@ impl Items<'_> {
         }
         let file = self.file_of(&item, asset)?;
         self.access.check_external(self.path, &file)?;
-        self.files.push(StacAsset { path: file, time: item.time });
+        self.files.push(SourceFile::new(file, item.time));
         Ok(())
     }
 
@@ -509,7 +504,7 @@ mod tests {
         std::fs::write(&path, item("a", None, &[["dem", "a.tif", "", "data"]])).unwrap();
         assert_eq!(
             assets_of(&path, None, &FileAccess::new()).unwrap(),
-            Some(vec![StacAsset { path: temp.path().join("a.tif"), time: None }])
+            Some(vec![SourceFile::new(temp.path().join("a.tif"), None)])
         );
         let error = assets_of(&path, None, &FileAccess::new().no_external()).unwrap_err().to_string();
         assert!(error.contains("--no-external") && error.contains("a.tif"), "{error}");
