@@ -62,9 +62,6 @@ pub(crate) fn refuse(remote: bool, external: bool) -> (bool, bool) {
     (before.remote, before.external)
 }
 
-/// Warnings about files that were read, which Python has not received.
-static FILE_WARNINGS: Mutex<Vec<String>> = Mutex::new(Vec::new());
-
 /// How the module opens and creates files. A thread that waits for a remote file is cancelled when
 /// its work should stop, or when Python has a signal for it.
 static ACCESS: LazyLock<FileAccess> = LazyLock::new(|| {
@@ -82,11 +79,14 @@ static ACCESS: LazyLock<FileAccess> = LazyLock::new(|| {
     {
         options.signed_urls = text.lines().map(|line| line.trim().to_string()).collect();
     }
-    // A thread without the interpreter's lock cannot give a warning: the next function that has it
-    // does.
+    // (Files are read by threads that have released the interpreter's lock, so none that holds it waits
+    // for this one.)
     let warn = |file: &Path, text: &str| {
         let line = redacted(&format!("{}: {text}", file.display())).into_owned();
-        FILE_WARNINGS.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+        Python::attach(|py| {
+            // Python's filter may make it an exception, which a read cannot raise.
+            warn(py, &line).unwrap_or_else(|exception| exception.write_unraisable(py, None));
+        });
     };
     // (Own caches, so that `set_cache_memory` changes their limit, and not that of other users of
     // the library.)
@@ -212,12 +212,6 @@ pub(crate) fn warn(py: Python<'_>, text: &str) -> PyResult<()> {
     PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }
 
-/// Issues the collected warnings.
-fn warn_all(py: Python<'_>, collected: &Mutex<Vec<String>>) -> PyResult<()> {
-    let collected = std::mem::take(&mut *collected.lock().unwrap_or_else(PoisonError::into_inner));
-    collected.iter().try_for_each(|text| warn(py, text))
-}
-
 /// Single-threaded work on the calling thread, which checks for signals from time to time. Most
 /// such work ends before a thread could have started.
 struct ShortWork {
@@ -261,7 +255,6 @@ pub(crate) fn run_here<R: Send>(
         failure: Mutex::new(None),
     };
     let outcome = py.detach(|| job(&work));
-    warn_all(py, &FILE_WARNINGS)?;
     match work.failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
         Some(exception) => Err(exception),
         None => outcome.map_err(raised),
@@ -301,8 +294,9 @@ pub(crate) fn run<R: Send>(
         })
     });
     let failure = failure.or(work.failure.lock().unwrap_or_else(PoisonError::into_inner).take());
-    warn_all(py, &work.warnings)?;
-    warn_all(py, &FILE_WARNINGS)?;
+    for text in work.warnings.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+        warn(py, &text)?;
+    }
     let outcome = outcome.map_err(|_| PyRuntimeError::new_err("a thread has panicked; this is a bug"))?;
     match (outcome, failure) {
         (Err(_), Some(exception)) => Err(exception),

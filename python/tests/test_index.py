@@ -66,7 +66,7 @@ def test_stac_items_name_sources_and_times(source: Path, tmp_path: Path) -> None
     items.write_text(json.dumps(item | {"properties": {"datetime": "2024-05-31T10:30:00Z"}}))
     spinney.index(items, tmp_path / "index.goblin", asset="cover", stack=True)
     with spinney.open(tmp_path / "index.goblin") as index:
-        assert index.metadata.time == "2024-05-31T10:30:00Z"
+        assert index.time == "2024-05-31T10:30:00Z"
     with pytest.raises(ValueError, match="asset"):
         spinney.index(source, tmp_path / "index.goblin", asset="cover")
     with pytest.raises(ValueError, match="sources"):
