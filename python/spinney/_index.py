@@ -50,8 +50,10 @@ def index(
     The index has the coarser levels and exact statistics of all nodes. It is opened as any tree;
     cells are read from the files' own tiles where a result needs them. Sources are paths or URLs,
     patterns such as "tiles/*.tif" or "s3://maps/*.tif", or documents of STAC items with an `asset`;
-    the last is on top. Layers of a stack of items have the items' times. The index stores levels
-    from `stored_level` above the cells upward; smaller numbers make larger indexes and faster views.
+    the last is on top. Layers of a stack of items have the items' times.
+
+    The index stores levels from `stored_level` above the cells upward. Smaller numbers make larger
+    indexes and faster views.
     """
     paths, found = _native.expand_sources(_files_of(sources), asset)
     seen = None if times is None else [text_of_time(time) for time in times]

@@ -79,8 +79,8 @@ static ACCESS: LazyLock<FileAccess> = LazyLock::new(|| {
     {
         options.signed_urls = text.lines().map(|line| line.trim().to_string()).collect();
     }
-    // (Files are read by threads that have released the interpreter's lock, so none that holds it waits
-    // for this one.)
+    // (Files are read by threads that have released the interpreter's lock, so none that holds it
+    // waits for this one.)
     let warn = |file: &Path, text: &str| {
         let line = redacted(&format!("{}: {text}", file.display())).into_owned();
         Python::attach(|py| {

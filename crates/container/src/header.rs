@@ -9,7 +9,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::shape::Shape;
 use spinney_base::TreeType;
-use spinney_base::space::{Bounds, Dimension};
+use spinney_base::space::{Bounds, Code, Dimension, Region};
 use spinney_base::value::{DataKind, Mask, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
 
@@ -134,6 +134,14 @@ impl Header {
     pub fn within_extent(&self, bounds: Option<Bounds>) -> Bounds {
         let extent = self.extent_bounds();
         bounds.map_or(extent, |bounds| bounds.intersect(&extent))
+    }
+
+    /// Returns the part of the extent that a node of a quadtree covers.
+    pub fn region_of(&self, code: Code) -> Region {
+        let shift = self.depth() - code.level();
+        let [x, y, _] = code.cell().map(|cell| u64::from(cell) << shift);
+        let side = |axis: usize, start: u64| (1 << shift).min(self.extent[axis].saturating_sub(start));
+        Region::new(x, y, side(0, x), side(1, y))
     }
 
     /// Returns whether the segments of nodes at a level are references.

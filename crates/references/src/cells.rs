@@ -14,20 +14,11 @@ use spinney_base::{Error, Progress, Result};
 use spinney_chunks::ChunkSelection;
 use spinney_container::{Codec, Finding, Header, MAX_FINDINGS};
 use spinney_engine::store::Slab;
-use spinney_engine::store::goblin::{OpenReferences, ReferencedCells, ReferringFile, register_references};
+use spinney_engine::store::goblin::{ReferencedCells, ReferringFile, register_references};
 
 /// Lets the engine read cells of indexes in this process.
 pub fn register() {
-    register_references(&Reader);
-}
-
-/// The reader of cells in other files.
-struct Reader;
-
-impl OpenReferences for Reader {
-    fn open(&self, file: &ReferringFile<'_>) -> Result<Box<dyn ReferencedCells>> {
-        open(file)
-    }
+    register_references(open);
 }
 
 /// Opens the cells that a file refers to. Opens none of the other files.
@@ -46,7 +37,7 @@ pub fn open(file: &ReferringFile<'_>) -> Result<Box<dyn ReferencedCells>> {
             let rule = &list.rules[placement.rule as usize];
             all.contains(&placement.cells)
                 && list.channels[placement.channels as usize].len() == usize::from(value.channels)
-                && rule.alpha.is_none_or(|alpha| alpha < value.channels.into())
+                && rule.opacity.is_none_or(|channel| channel < value.channels.into())
                 && rule.nodata.as_ref().is_none_or(|nodata| nodata.len() == value.size())
         };
         if header.codec == Codec::Reference && !placements.iter().all(fits) {
@@ -274,7 +265,7 @@ impl IndexedCells {
             let source = self.sources.source(bytes, placement.source);
             rule.ignores_mask || source.is_ok_and(|open| open.source.mask.is_none())
         };
-        rule.is_none() && rule.opacity.is_none() && has_no_mask()
+        rule.is_none() && rule.hidden_opacity.is_none() && has_no_mask()
     }
 
     /// Paints the cells of a part of a placement that are not known yet.
@@ -315,7 +306,7 @@ impl IndexedCells {
             let flags = flags.chunks_exact(format.pixel_bytes());
             valid = Some(flags.map(|flags| flags.iter().any(|flag| *flag != 0)).collect());
         }
-        if let Some(channel) = rule.opacity {
+        if let Some(channel) = rule.hidden_opacity {
             let channel = usize::from(channel);
             if channel >= format.channels() {
                 let found = format!("opacity in channel {channel} of {}", open.source.name);

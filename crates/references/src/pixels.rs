@@ -11,11 +11,11 @@ pub struct PixelRule {
     /// Whether a pixel with a NaN is VOID.
     pub nan: bool,
     /// Channel whose zero makes a pixel VOID.
-    pub alpha: Option<u16>,
-    /// Whether a pixel of zeros is VOID.
-    pub zero: bool,
-    /// Channel of the source, from 0, whose zeros make pixels VOID, and which is not one of theirs.
     pub opacity: Option<u16>,
+    /// Whether a pixel of zeros is VOID.
+    pub zeros: bool,
+    /// Channel of the source, from 0, whose zeros make pixels VOID, and which is not one of theirs.
+    pub hidden_opacity: Option<u16>,
     /// Whether the source's mask has no effect.
     pub ignores_mask: bool,
 }
@@ -23,7 +23,7 @@ pub struct PixelRule {
 impl PixelRule {
     /// Whether no pixel is VOID by its samples.
     pub(crate) fn is_none(&self) -> bool {
-        self.nodata.is_none() && !self.nan && self.alpha.is_none() && !self.zero
+        self.nodata.is_none() && !self.nan && self.opacity.is_none() && !self.zeros
     }
 
     /// Combines the flags of pixels of `channels` samples with the rule. Afterwards flags are
@@ -47,8 +47,8 @@ impl PixelRule {
 
     fn is_void(&self, sample: SampleType, pixel: &[u8]) -> bool {
         let size = sample.size();
-        self.alpha.is_some_and(|alpha| is_zero(sample, &pixel[usize::from(alpha) * size..][..size]))
-            || self.zero && pixel.iter().all(|byte| *byte == 0)
+        self.opacity.is_some_and(|channel| is_zero(sample, &pixel[usize::from(channel) * size..][..size]))
+            || self.zeros && pixel.iter().all(|byte| *byte == 0)
             || self.nodata.as_ref().is_some_and(|nodata| nodata == pixel)
             || self.nan && pixel.chunks_exact(size).any(|bytes| is_nan(sample, bytes))
     }
@@ -71,7 +71,7 @@ fn is_nan(sample: SampleType, bytes: &[u8]) -> bool {
 
 /// Combines the flags of pixels with a channel of opacity: pixels of opacity 0 are VOID.
 pub(crate) fn apply_opacity(sample: SampleType, opacity: &[u8], valid: &mut Option<Vec<bool>>) {
-    let rule = PixelRule { alpha: Some(0), ..PixelRule::default() };
+    let rule = PixelRule { opacity: Some(0), ..PixelRule::default() };
     rule.apply((sample, 1), opacity, valid);
 }
 
@@ -112,8 +112,8 @@ mod tests {
     fn rules_find_void_pixels() {
         let none = PixelRule::default();
         let nodata = PixelRule { nodata: Some(vec![7, 7]), ..none.clone() };
-        let alpha = PixelRule { alpha: Some(1), ..none.clone() };
-        let zero = PixelRule { zero: true, ..none.clone() };
+        let alpha = PixelRule { opacity: Some(1), ..none.clone() };
+        let zero = PixelRule { zeros: true, ..none.clone() };
         let pixels = [7, 7, 7, 0, 0, 7, 0, 0];
         for (rule, expected) in [
             (&none, None),
@@ -140,15 +140,15 @@ mod tests {
         let of = |rule: PixelRule| flags(&rule, SampleType::F32, &pixels, None);
         let none = PixelRule::default;
         // Minus zero has no opacity, but is no pixel of zero bytes.
-        assert_eq!(of(PixelRule { alpha: Some(1), ..none() }), Some(vec![false, true, true]));
-        assert_eq!(of(PixelRule { zero: true, ..none() }), None);
+        assert_eq!(of(PixelRule { opacity: Some(1), ..none() }), Some(vec![false, true, true]));
+        assert_eq!(of(PixelRule { zeros: true, ..none() }), None);
         assert_eq!(of(PixelRule { nan: true, ..none() }), Some(vec![true, false, true]));
         let wide: Vec<u8> = [f64::NAN, 1.0].iter().flat_map(|number| number.to_le_bytes()).collect();
         let rule = PixelRule { nan: true, ..none() };
         assert_eq!(flags(&rule, SampleType::F64, &wide, None), Some(vec![false]));
         // Integers are never NaN, and -128 is not zero.
         assert_eq!(flags(&rule, SampleType::I16, &[0xff; 4], None), None);
-        let rule = PixelRule { alpha: Some(0), ..none() };
+        let rule = PixelRule { opacity: Some(0), ..none() };
         assert_eq!(flags(&rule, SampleType::I8, &[0x80, 0, 0, 1], None), Some(vec![true, false]));
     }
 

@@ -54,16 +54,8 @@ enum UpdatedNode {
 }
 
 impl UpdatedIndex<'_> {
-    /// Returns the part of the extent that a node covers.
-    fn region(&self, code: Code) -> Region {
-        let shift = self.header.depth() - code.level();
-        let [x, y, _] = code.cell().map(|cell| u64::from(cell) << shift);
-        let side = |axis: usize, start: u64| (1 << shift).min(self.header.extent[axis].saturating_sub(start));
-        Region::new(x, y, side(0, x), side(1, y))
-    }
-
     fn child(&self, code: Code) -> Result<Child<UpdatedNode>> {
-        let region = self.region(code);
+        let region = self.header.region_of(code);
         if region.is_empty() {
             return Ok(Child::Void);
         }
@@ -133,7 +125,7 @@ impl Source for UpdatedIndex<'_> {
             UpdatedNode::Block(code) => *code,
         };
         let (cells, bytes, layer) = self.cells;
-        let region = self.region(code);
+        let region = self.header.region_of(code);
         let slab = cells.read(bytes, layer, region)?;
         let width = self.header.form.width();
         let nodata = cells.nodata(layer).map(|value| value.to_bytes()[..width].to_vec());

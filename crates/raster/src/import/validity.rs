@@ -16,9 +16,9 @@ impl Validity {
     pub(crate) fn by_opacity(info: &RasterInfo) -> Validity {
         let RasterInfo { sample, channels, alpha, transparent, .. } = *info;
         // Whether a pixel of zeros, with neither colour nor opacity, is VOID.
-        let zero = alpha.is_some() && transparent == Transparent::Masked;
-        let alpha = alpha.filter(|_| transparent == Transparent::Void).map(|alpha| alpha as u16);
-        Validity { sample, channels, rule: PixelRule { alpha, zero, ..PixelRule::default() } }
+        let zeros = alpha.is_some() && transparent == Transparent::Masked;
+        let opacity = alpha.filter(|_| transparent == Transparent::Void).map(|alpha| alpha as u16);
+        Validity { sample, channels, rule: PixelRule { opacity, zeros, ..PixelRule::default() } }
     }
 
     /// By opacity, the nodata number and NaN.

@@ -41,7 +41,7 @@ impl IndexPlan {
                 window.rule = opacity.clone();
             }
             // (Otherwise transparent pixels of a virtual raster would show others below.)
-            if (window.rule.alpha, window.rule.zero) != (opacity.alpha, opacity.zero) {
+            if (window.rule.opacity, window.rule.zeros) != (opacity.opacity, opacity.zeros) {
                 return Err(not_indexable(raster.path(), "a virtual raster with opacity"));
             }
         }

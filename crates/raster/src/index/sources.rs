@@ -12,8 +12,8 @@ use spinney_base::{Error, Result};
 pub struct SourceFile {
     /// Path or URL.
     pub path: PathBuf,
-    /// Acquisition time in ISO 8601, of a file of a STAC item: the item's `datetime`, or the start of
-    /// its range.
+    /// Acquisition time in ISO 8601, of a file of a STAC item: the item's `datetime`, or the start
+    /// of its range.
     pub time: Option<String>,
 }
 
@@ -23,9 +23,9 @@ impl SourceFile {
     }
 }
 
-/// Returns the files that names refer to, in their order. A pattern stands for the files that match
-/// it ([`FileAccess::expand`]), and a document of STAC items for the files of the items' `asset`:
-/// without a name, their only GeoTIFF with the role "data".
+/// Returns the files that names refer to, in their order: of a pattern those that match it
+/// ([`FileAccess::expand`]), of a document of STAC items those of the items' `asset`. Without a name
+/// of an asset, it is their only GeoTIFF with the role "data".
 ///
 /// # Errors
 /// If no file matches a pattern, a document of STAC items is corrupt or has no such asset, or an

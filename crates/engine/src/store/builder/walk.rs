@@ -206,6 +206,8 @@ pub(in crate::store) fn build_block(
     slab: &Slab,
     nodata: Option<Value>,
 ) -> BuiltBlock {
+    // Invariant: these are the options with which the index was built. Others would change the
+    // plain segment, and with it the checksum of the reference.
     let plan = Plan {
         form: header.form,
         shape: header.shape,

@@ -39,14 +39,9 @@ pub struct ReferringFile<'f> {
     pub headers: &'f [Header],
 }
 
-/// Reader of cells that are in files of other formats.
-pub trait OpenReferences: Send + Sync {
-    /// Opens the cells that a file refers to. Opens none of the other files.
-    ///
-    /// # Errors
-    /// If the sections are corrupt, or cannot be read.
-    fn open(&self, file: &ReferringFile<'_>) -> Result<Box<dyn ReferencedCells>>;
-}
+/// Opens the cells that a file refers to, but none of the other files. Fails if the sections are
+/// corrupt, or cannot be read.
+pub type OpenReferences = fn(&ReferringFile<'_>) -> Result<Box<dyn ReferencedCells>>;
 
 /// The cells that a file refers to. `bytes` are always those of this file.
 pub trait ReferencedCells: Send + Sync {
@@ -95,13 +90,13 @@ pub(in crate::store) const SOURCES_TAG: [u8; 4] = *b"SRCS";
 /// Tag of the section with pages that describe them.
 pub(in crate::store) const PAGES_TAG: [u8; 4] = *b"SRCP";
 
-/// The reader of cells in other files. (Formats of rasters are not known here.)
-static READER: OnceLock<&'static dyn OpenReferences> = OnceLock::new();
+/// Opens cells in other files. (Formats of rasters are not known here.)
+static OPEN: OnceLock<OpenReferences> = OnceLock::new();
 
-/// Sets the reader of cells in other files for this process. Only the first call has an effect.
-pub fn register_references(reader: &'static dyn OpenReferences) {
-    // (All callers register the same reader.)
-    let _ = READER.set(reader);
+/// Sets how cells in other files are opened in this process. Only the first call has an effect.
+pub fn register_references(open: OpenReferences) {
+    // (All callers register the same function.)
+    let _ = OPEN.set(open);
 }
 
 /// Opens the cells that a file refers to.
@@ -113,16 +108,17 @@ pub(super) fn open_references(
 ) -> Result<Option<Box<dyn ReferencedCells>>> {
     let headers: Vec<Header> = layers.iter().map(|layer| layer.header.clone()).collect();
     let [sources, pages] = trailer_sections(trailer);
-    // (The head of a sharded build has no cells yet.)
+    // (The head of a sharded build is opened before its sections exist. It has no segments, so it
+    // needs no cells.)
     let is_head = sources.length == 0 && layers.iter().all(|layer| layer.segments == 0);
     if is_head || headers.iter().all(|header| header.codec != Codec::Reference) {
         return Ok(None);
     }
-    let reader = READER.get().ok_or_else(|| {
+    let open = OPEN.get().ok_or_else(|| {
         let advice = "use a build of Spinney that reads rasters";
         Error::unsupported(path, "an index of rasters, whose cells are in other files", advice)
     })?;
-    reader.open(&ReferringFile { path, bytes, access, sources, pages, headers: &headers }).map(Some)
+    open(&ReferringFile { path, bytes, access, sources, pages, headers: &headers }).map(Some)
 }
 
 /// Returns the sections that describe other files.
@@ -220,15 +216,6 @@ fn take_number(bytes: &mut &[u8]) -> Option<u64> {
 }
 
 impl Goblin {
-    /// Returns the part of the extent that a block covers.
-    fn block_region(&self, code: Code) -> Region {
-        let [[x, y, _], [width, height, _]] = [code.cell(), self.header.extent.map(|cells| cells as u32)];
-        let side = 1u64 << (self.header.depth() - code.level());
-        let [x, y] = [u64::from(x) * side, u64::from(y) * side];
-        let within = |start: u64, extent: u32| side.min(u64::from(extent).saturating_sub(start));
-        Region::new(x, y, within(x, width), within(y, height))
-    }
-
     /// Announces a node whose entry could not be read yet: what describes its cells is then fetched
     /// in the same batch.
     pub(super) fn announce(&self, code: Code) {
@@ -237,7 +224,7 @@ impl Goblin {
             && self.header.is_referenced(block)
             && code.level() >= block
         {
-            cells.announce(&*self.file.backend, self.number, self.block_region(code.ancestor(block)));
+            cells.announce(&*self.file.backend, self.number, self.header.region_of(code.ancestor(block)));
         }
     }
 
@@ -330,11 +317,12 @@ impl Goblin {
     pub(super) fn referenced(&self, index: usize, entry: &Entry) -> Result<FileBytes<'_>> {
         let Entry { code: node, records, classes, .. } = *entry;
         let cells = self.file.references.as_deref().ok_or_else(|| self.changed(index))?;
-        let region = self.block_region(node);
+        let region = self.header.region_of(node);
         if region.is_empty() {
             return Err(self.corrupt(format!("segment {node}"), "no cells", "cells of the extent"));
         }
-        // (If both are missing, they are fetched in the same batch.)
+        // (The reference's error is returned only after the cells were requested, so that one batch
+        // fetches both.)
         let slab = cells.read(&*self.file.backend, self.number, region);
         let (reference, slab) = (self.reference(index, entry)?, slab?);
         let (_, sealed, _) = build_block(&self.header, node, &slab, cells.nodata(self.number));

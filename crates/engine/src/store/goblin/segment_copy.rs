@@ -74,7 +74,9 @@ impl<'a> SegmentCopy<'a> {
         }
         let segment = node.run as usize;
         let own = file.segment_code(segment)?.filter(|own| own.level() + node.height == there.depth());
-        // (References are copied to an index only; other files get the cells.)
+        // Invariant: references are copied to indexes only, since `is_cut_like` compares heavy
+        // thresholds, which are 0 in indexes alone. The caller ensures that the other index has the
+        // same sources.
         Ok(own.is_some() && !(needs_classes && file.entry(segment)?.classes == NOT_COUNTED))
     }
 

@@ -59,7 +59,7 @@ impl Raster for Masked {
             // The last channel is the opacity that `StackLayer::channels` appends.
             let opacity = window.channels.pop().and_then(|channel| u16::try_from(channel).ok());
             let is_plain = window.rule == PixelRule::default() && opacity.is_some();
-            window.rule.opacity = opacity;
+            window.rule.hidden_opacity = opacity;
             is_plain.then_some(window).ok_or_else(|| "a virtual raster with opacity".to_string())
         });
         windows.collect()

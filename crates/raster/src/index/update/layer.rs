@@ -167,7 +167,7 @@ impl LayerPlanner<'_> {
                     ));
                 }
                 self.check_opacity(placement, file, found)?;
-                PixelRule { opacity: old.opacity, ..Validity::by_all(&info).rule().clone() }
+                PixelRule { hidden_opacity: old.hidden_opacity, ..Validity::by_all(&info).rule().clone() }
             }
         };
         Ok(SourceWindow { source: file.number, channels, rule, cells: placement.cells, from: placement.from })
