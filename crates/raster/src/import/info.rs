@@ -41,6 +41,20 @@ impl RasterInfo {
         }
     }
 
+    /// Drops properties that do not affect samples.
+    pub(super) fn forget(&mut self) {
+        let RasterInfo { sample, channels, alpha, order, .. } = *self;
+        let bands = std::mem::take(&mut self.bands).into_iter();
+        let bands =
+            bands.map(|band| super::BandInfo { palette: None, class_names: Vec::new(), ..band }).collect();
+        *self = RasterInfo {
+            alpha,
+            order,
+            bands,
+            ..RasterInfo::plain([self.width, self.height], sample, channels)
+        };
+    }
+
     /// Assigns colour roles: red, green and blue if there are three channels, and opacity.
     pub(super) fn in_colour(mut self) -> RasterInfo {
         if self.channels >= 3 {

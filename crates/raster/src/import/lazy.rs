@@ -12,7 +12,7 @@ use spinney_base::space::Region;
 use spinney_base::{Error, Result};
 
 /// Maximum number of open files of a pool.
-pub(super) const MAX_POOL: usize = 128;
+pub(super) const MAX_POOL: usize = 64;
 /// Maximum number of open files that can only be read from the top down, in addition to a pool's
 /// limit. Reopening one of them means to read all rows above.
 const MAX_SEQUENTIAL: usize = 128;
@@ -131,17 +131,6 @@ impl Lazy {
         }
     }
 
-    /// Drops properties that do not affect samples, so that very many rasters take little memory.
-    pub(super) fn forget_words(&mut self) {
-        let RasterInfo { sample, channels, alpha, order, .. } = self.info;
-        let mut info = RasterInfo::plain([self.info.width, self.info.height], sample, channels);
-        (info.alpha, info.order, info.bands) = (alpha, order, std::mem::take(&mut self.info.bands));
-        for band in &mut info.bands {
-            (band.palette, band.class_names) = (None, Vec::new());
-        }
-        self.info = info;
-    }
-
     /// Takes the open file from the pool, or opens it again.
     fn take_open(&self) -> Result<OpenRaster> {
         match self.pool.take(self.id) {
@@ -248,6 +237,10 @@ impl Raster for Lazy {
         let taken = opened.raster.prefetch(regions)?;
         self.pool.put(self.id, opened);
         Ok(taken)
+    }
+
+    fn forget_properties(&mut self) {
+        self.info.forget();
     }
 
     fn source_windows(&self) -> SourceWindows {

@@ -199,6 +199,9 @@ pub trait Raster: Send {
         Ok(regions.len())
     }
 
+    /// Drops properties that do not affect samples, so that very many rasters take little memory.
+    fn forget_properties(&mut self) {}
+
     /// Returns the windows of files whose pixels are those of this raster, unchanged, from the
     /// bottom to the top.
     fn source_windows(&self) -> SourceWindows {

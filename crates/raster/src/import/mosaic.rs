@@ -106,10 +106,11 @@ impl Mosaic {
                 raster,
             }
         };
-        let inputs: Vec<Input> = rasters.into_iter().zip(offsets).map(input).collect();
+        let mut inputs: Vec<Input> = rasters.into_iter().zip(offsets).map(input).collect();
         info.width = inputs.iter().map(|input| input.region.right()).max().unwrap_or(0);
         info.height = inputs.iter().map(|input| input.region.bottom()).max().unwrap_or(0);
         let path = inputs[0].raster.path().to_path_buf();
+        inputs.iter_mut().for_each(|input| input.raster.forget_properties());
         Ok(Mosaic { path, inputs, info, flag_all, part: Pixels::default() })
     }
 

@@ -305,8 +305,10 @@ fn open_inputs(
             None => Ok(raster),
         }
     };
-    let described = |raster: Box<dyn Raster>| -> Box<dyn Raster> {
+    let described = |mut raster: Box<dyn Raster>| -> Box<dyn Raster> {
         let mut info = raster.info().clone();
+        // (These are used instead of its own.)
+        raster.forget_properties();
         apply_options_to_input(&mut info, are_several, options, overruled);
         Box::new(DescribedRaster { raster, info })
     };

@@ -58,6 +58,11 @@ impl Raster for DescribedRaster {
         self.raster.prefetch(regions)
     }
 
+    fn forget_properties(&mut self) {
+        self.info.forget();
+        self.raster.forget_properties();
+    }
+
     fn source_windows(&self) -> SourceWindows {
         self.raster.source_windows()
     }

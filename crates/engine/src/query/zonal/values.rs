@@ -37,8 +37,10 @@ struct Channel {
     limit: usize,
     /// Maximum number of entries in memory.
     most: usize,
-    /// Counts by key, used once there are many samples of at most two bytes.
+    /// Counts by key from `first` on, used once there are many samples of at most two bytes.
     table: Vec<u128>,
+    /// The key of the table's first count.
+    first: u64,
     /// Bits of a sample.
     bits: usize,
     /// Entries that exceed the memory limit.
@@ -63,6 +65,7 @@ impl Values {
             limit: MIN_ENTRIES,
             most,
             table: if bits == 8 { vec![0; 1 << bits] } else { Vec::new() },
+            first: 0,
             bits,
             sorter: None,
         };
@@ -160,7 +163,7 @@ fn add_dense<R: Record>(
 impl Channel {
     #[inline]
     fn add(&mut self, key: u64, cells: u128, failed: &mut Result<()>) {
-        if let Some(known) = self.table.get_mut(key as usize) {
+        if let Some(known) = self.table.get_mut(key.wrapping_sub(self.first) as usize) {
             *known += cells;
             return;
         }
@@ -180,7 +183,7 @@ impl Channel {
             self.entries.clear();
             *failed = Err(error);
         }
-        match self.table.get_mut(key as usize) {
+        match self.table.get_mut(key.wrapping_sub(self.first) as usize) {
             Some(known) => *known += cells,
             None => self.entries.push((key, cells)),
         }
@@ -190,10 +193,7 @@ impl Channel {
     /// memory limit is still used, the entries move to temporary files.
     fn free_memory(&mut self) -> Result<()> {
         if self.bits <= 16 {
-            self.table = vec![0; 1 << self.bits];
-            for (key, cells) in self.entries.drain(..) {
-                self.table[key as usize] += cells;
-            }
+            self.move_to_table();
             return Ok(());
         }
         self.merge_entries();
@@ -209,6 +209,26 @@ impl Channel {
         // small.)
         self.limit = (2 * self.entries.len()).clamp(MIN_ENTRIES, self.most);
         Ok(())
+    }
+
+    /// Moves the entries to the table, which gets a range of keys that has theirs. The table of a zone
+    /// is as short as the range of its samples, since most zones have only some of 65,536 values.
+    fn move_to_table(&mut self) {
+        let keys = || self.entries.iter().map(|(key, _)| *key);
+        let (Some(low), Some(high)) = (keys().min(), keys().max()) else { return };
+        let (before, end) = (self.first, self.first + self.table.len() as u64);
+        let (low, high) =
+            if before == end { (low, high + 1) } else { (low.min(before), (high + 1).max(end)) };
+        // (With a margin, so that the table does not grow with each new sample.)
+        let margin = (high - low) / 2;
+        let (first, end) = (low.saturating_sub(margin), (high + margin).min(1 << self.bits));
+        let mut table = vec![0; (end - first) as usize];
+        let at = (before.max(first) - first) as usize;
+        table[at..at + self.table.len()].copy_from_slice(&self.table);
+        for (key, cells) in self.entries.drain(..) {
+            table[(key - first) as usize] += cells;
+        }
+        (self.table, self.first) = (table, first);
     }
 
     fn merge_entries(&mut self) {
@@ -231,7 +251,8 @@ impl Channel {
     ) -> Result<Option<ZoneValues>> {
         let mut measures = OrderStatistics::new(all, request);
         if !self.table.is_empty() {
-            let counted = (0..).zip(&self.table).filter(|(_, cells)| **cells > 0);
+            self.move_to_table();
+            let counted = (self.first..).zip(&self.table).filter(|(_, cells)| **cells > 0);
             counted.for_each(|(key, cells)| measures.add(number(key), *cells));
             return Ok(measures.finish());
         }

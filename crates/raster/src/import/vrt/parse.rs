@@ -341,7 +341,7 @@ impl Reader<'_> {
         self.nesting.spend(self.path, 1)?;
         self.options.access.check_external(self.path, path)?;
         let mut raster = Lazy::open(path, &self.options, &self.pool)?;
-        raster.forget_words();
+        raster.forget_properties();
         let sources = before.saturating_sub(self.nesting.left());
         let another = raster.another();
         self.known.insert(path.to_path_buf(), (raster, sources));
