@@ -61,7 +61,7 @@ pub use directory::Entry;
 pub(in crate::store) use file_writer::FileWriter;
 pub(crate) use locate::Located;
 pub use reader::Goblin;
-pub use reference::{OpenReferences, ReferencedCells, ReferringFile, register_references};
+pub use reference::{ReferencedCells, ReferringFile, register_references};
 pub use segment::Segment;
 pub use shard_merge::{MergeOutput, merge_index_shards, merge_shards};
 pub(in crate::store) use shard_writer::ShardWriter;

@@ -41,7 +41,7 @@ pub struct ReferringFile<'f> {
 
 /// Opens the cells that a file refers to, but none of the other files. Fails if the sections are
 /// corrupt, or cannot be read.
-pub type OpenReferences = fn(&ReferringFile<'_>) -> Result<Box<dyn ReferencedCells>>;
+type OpenReferences = fn(&ReferringFile<'_>) -> Result<Box<dyn ReferencedCells>>;
 
 /// The cells that a file refers to. `bytes` are always those of this file.
 pub trait ReferencedCells: Send + Sync {
