@@ -51,8 +51,12 @@ static IS_NEEDED: AtomicBool = AtomicBool::new(false);
 
 /// Ranges that a pass of a query has missed, in all its threads: the [context](parallel::context)
 /// of their work.
-#[derive(Default)]
-struct Batch(Mutex<Vec<MissingRange>>);
+#[derive(Clone, Default)]
+struct Batch {
+    missing: Arc<Mutex<Vec<MissingRange>>>,
+    /// Number of the item of [`map`] that is made; 0 for other work.
+    item: usize,
+}
 
 /// A range of a file that has to be fetched.
 #[derive(Clone)]
@@ -61,6 +65,8 @@ pub struct MissingRange {
     pub file: RangeFile,
     /// First byte, and the end: one past the last byte.
     pub range: Range<u64>,
+    /// Number of the first item that misses it.
+    item: usize,
 }
 
 /// Counters of requests for remote files.
@@ -102,8 +108,8 @@ pub fn outside_batch<R>(work: impl FnOnce() -> R) -> R {
 /// Records a missing range. Returns false if this thread does not work on a batch.
 pub(super) fn record_missing(file: &RangeFile, range: &Range<u64>) -> bool {
     let Some(batch) = current_batch() else { return false };
-    let mut missing = batch.0.lock().unwrap_or_else(PoisonError::into_inner);
-    missing.push(MissingRange { file: file.clone(), range: range.clone() });
+    let mut missing = batch.missing.lock().unwrap_or_else(PoisonError::into_inner);
+    missing.push(MissingRange { file: file.clone(), range: range.clone(), item: batch.item });
     true
 }
 
@@ -142,13 +148,16 @@ pub fn finish_deferred(is_unread: bool) -> Result<()> {
 pub fn try_once(query: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<MissingRange>) {
     let batch = Arc::new(Batch::default());
     let result = parallel::with_context(Some(batch.clone()), query);
-    let mut missing = std::mem::take(&mut *batch.0.lock().unwrap_or_else(PoisonError::into_inner));
+    let mut missing = std::mem::take(&mut *batch.missing.lock().unwrap_or_else(PoisonError::into_inner));
     let order =
         |missing: &MissingRange| (missing.file.number(), missing.range.start, Reverse(missing.range.end));
     crate::sort::by(&mut missing, &mut |a, b| order(a).cmp(&order(b)));
     // A range within another one arrives with it.
-    missing
-        .dedup_by(|next, kept| next.file.number() == kept.file.number() && next.range.end <= kept.range.end);
+    missing.dedup_by(|next, kept| {
+        let is_within = next.file.number() == kept.file.number() && next.range.end <= kept.range.end;
+        kept.item = if is_within { kept.item.min(next.item) } else { kept.item };
+        is_within
+    });
     (result, missing)
 }
 
@@ -224,7 +233,16 @@ pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> Result<R> + Sync)
     run_batched(|| {
         left.retain(|index| done[*index].is_none());
         let mut is_unread = false;
-        for (index, made) in left.iter().zip(parallel::map(&left, |index| make(&items[*index]))) {
+        // (Ranges are fetched in the order of the items that miss them.)
+        let batch = current_batch();
+        let make_one = |index: &usize| match &batch {
+            None => make(&items[*index]),
+            Some(batch) => {
+                let batch = Batch { item: batch.item + *index, ..Batch::clone(batch) };
+                parallel::with_context(Some(Arc::new(batch)), || make(&items[*index]))
+            }
+        };
+        for (index, made) in left.iter().zip(parallel::map(&left, make_one)) {
             done[*index] = defer_missing(made, &mut is_unread)?;
         }
         finish_deferred(is_unread)
@@ -264,30 +282,39 @@ fn run_again(query: &mut dyn FnMut() -> Result<()>) -> Result<()> {
     query()
 }
 
-/// Ranges that were fetched for a query: their maximum end by number of the file and first byte.
-type Fetched = HashMap<(u64, u64), u64>;
+/// Ranges that were fetched for the first of the items that were left then: their maximum end by
+/// number of the item, number of the file and first byte.
+type Fetched = HashMap<(usize, u64, u64), u64>;
 
 /// Fetches as many of the ranges as fit into the caches, at least one, those of all files at the
 /// same time. Returns their number.
 ///
-/// Returns 0, and fetches nothing, if a range was already fetched for the same query: it is missing
+/// The ranges of the first item that misses some come first. So a query of many items, which
+/// together need more than the caches hold, finishes them one after the other.
+///
+/// Returns 0, and fetches nothing, if a range was already fetched for the first item: it is missing
 /// again, so it was evicted, and more batches would only replace each other's ranges. The caller
 /// must not continue with `fetched` then, which may name ranges that were not fetched.
-fn fetch(missing: Vec<MissingRange>, fetched: &mut Fetched) -> Result<usize> {
+fn fetch(mut missing: Vec<MissingRange>, fetched: &mut Fetched) -> Result<usize> {
+    // (The sort is stable: the ranges of an item are in order.)
+    crate::sort::by_key(&mut missing, |missing| missing.item as u64);
+    let first_item = missing.first().map_or(0, |missing| missing.item);
     let mut files: BTreeMap<u64, (RangeFile, Vec<Range<u64>>)> = BTreeMap::new();
     let mut capacity =
         missing.iter().map(|missing| missing.file.cache_limit()).min().unwrap_or(0) / BATCH_SHARE;
     let mut count = 0;
-    for MissingRange { file, range } in missing {
+    for MissingRange { file, range, item } in missing {
         let length = range.end - range.start;
         if count > 0 && length > capacity {
             break;
         }
-        let fetched_end = fetched.entry((file.number(), range.start)).or_insert(0);
-        if range.end <= *fetched_end {
-            return Ok(0);
+        if item == first_item {
+            let fetched_end = fetched.entry((item, file.number(), range.start)).or_insert(0);
+            if range.end <= *fetched_end {
+                return Ok(0);
+            }
+            *fetched_end = range.end;
         }
-        *fetched_end = range.end;
         capacity = capacity.saturating_sub(length);
         count += 1;
         files.entry(file.number()).or_insert_with(|| (file, Vec::new())).1.push(range);
@@ -295,7 +322,9 @@ fn fetch(missing: Vec<MissingRange>, fetched: &mut Fetched) -> Result<usize> {
     let files: Vec<_> = files.into_values().collect();
     run_waiting(files.len(), &|index| {
         let (file, ranges) = &files[index];
-        file.fetch(ranges).map(drop)
+        let mut ranges = ranges.clone();
+        crate::sort::by_key(&mut ranges, |range| range.start);
+        file.fetch(&ranges).map(drop)
     })?;
     Ok(count)
 }
