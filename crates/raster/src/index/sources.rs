@@ -24,8 +24,8 @@ impl SourceFile {
 }
 
 /// Returns the files that names refer to, in their order: of a pattern those that match it
-/// ([`FileAccess::expand`]), of a document of STAC items those of the items' `asset`. Without a name
-/// of an asset, it is their only GeoTIFF with the role "data".
+/// ([`FileAccess::expand`]), of a document of STAC items those of the items' `asset`. Without a
+/// name of an asset, it is their only GeoTIFF with the role "data".
 ///
 /// # Errors
 /// If no file matches a pattern, a document of STAC items is corrupt or has no such asset, or an
