@@ -290,7 +290,7 @@ type Fetched = HashMap<(usize, u64, u64), u64>;
 /// same time. Returns their number.
 ///
 /// The ranges of the first item that misses some come first. So a query of many items, which
-/// together need more than the caches hold, finishes them one after the other.
+/// together need more than the caches hold, finishes item by item.
 ///
 /// Returns 0, and fetches nothing, if a range was already fetched for the first item: it is missing
 /// again, so it was evicted, and more batches would only replace each other's ranges. The caller

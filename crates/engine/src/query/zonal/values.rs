@@ -211,8 +211,8 @@ impl Channel {
         Ok(())
     }
 
-    /// Moves the entries to the table, which gets a range of keys that has theirs. The table of a zone
-    /// is as short as the range of its samples, since most zones have only some of 65,536 values.
+    /// Moves the entries to the table, which gets a range of keys that has theirs. The table of a
+    /// zone is as short as the range of its samples, since most zones have few of 65,536 values.
     fn move_to_table(&mut self) {
         let keys = || self.entries.iter().map(|(key, _)| *key);
         let (Some(low), Some(high)) = (keys().min(), keys().max()) else { return };
