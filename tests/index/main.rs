@@ -9,6 +9,7 @@ mod targets;
 mod compare;
 mod corpus;
 mod faults;
+mod kills;
 mod limits;
 mod malicious;
 mod mosaics;
