@@ -1,4 +1,4 @@
-//! What readers of an index refuse is refused when the index is made.
+//! Sources that readers of an index would refuse are refused when the index is made.
 
 use std::path::PathBuf;
 

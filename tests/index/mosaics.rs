@@ -101,35 +101,26 @@ fn mosaics_equal_a_model() {
     }
 }
 
+/// Files that others hide are not read, also if a block has cells that no file has.
 #[test]
-fn sources_that_others_hide_are_indexed() {
-    let directory = Directory::new();
-    let paths: Vec<PathBuf> = ["a.tif", "b.tif"].iter().map(|name| directory.path(name)).collect();
-    for path in &paths {
-        Tiff { origin: Some([0, 0]), ..Tiff::new([400, 300], 5) }.write(path);
+fn hidden_sources_are_not_read() {
+    let cases: [&[([u64; 2], [i64; 2])]; 2] = [
+        &[([400, 300], [0, 0]), ([400, 300], [0, 0])],
+        &[([64, 64], [0, 0]), ([64, 64], [0, 0]), ([32, 32], [96, 96])],
+    ];
+    for files in cases {
+        let directory = Directory::new();
+        let paths: Vec<PathBuf> =
+            (0..files.len()).map(|number| directory.path(&format!("{number}.tif"))).collect();
+        for (path, (size, origin)) in paths.iter().zip(files) {
+            Tiff { origin: Some(*origin), ..Tiff::new(*size, 5) }.filled(size[0]).write(path);
+        }
+        let [made, whole] = ["x.goblin", "whole.goblin"].map(|name| directory.path(name));
+        index(&paths, &made);
+        tree(&paths, &whole);
+        std::fs::remove_file(&paths[0]).unwrap();
+        assert_equal_trees(&open(&made), &open(&whole), &format!("{files:?}"));
     }
-    let [made, whole] = ["x.goblin", "whole.goblin"].map(|name| directory.path(name));
-    index(&paths, &made);
-    tree(&paths, &whole);
-    // The hidden file is not read.
-    std::fs::remove_file(&paths[0]).unwrap();
-    assert_equal_trees(&open(&made), &open(&whole), "hidden");
-}
-
-/// A block with cells that no file has needs no hidden file either.
-#[test]
-fn hidden_sources_next_to_gaps_are_not_read() {
-    let directory = Directory::new();
-    let files = [("a.tif", [64, 64], [0, 0]), ("b.tif", [64, 64], [0, 0]), ("c.tif", [32, 32], [96, 96])];
-    let paths: Vec<PathBuf> = files.iter().map(|(name, ..)| directory.path(name)).collect();
-    for (path, (_, size, origin)) in paths.iter().zip(files) {
-        Tiff { origin: Some(origin), ..Tiff::new(size, 5) }.filled(size[0]).write(path);
-    }
-    let [made, whole] = ["x.goblin", "whole.goblin"].map(|name| directory.path(name));
-    index(&paths, &made);
-    tree(&paths, &whole);
-    std::fs::remove_file(&paths[0]).unwrap();
-    assert_equal_trees(&open(&made), &open(&whole), "hidden next to a gap");
 }
 
 /// Pages that describe sources are checked even if no cell needs them.

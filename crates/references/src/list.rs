@@ -19,7 +19,7 @@ const SECTION: VersionedSection<{ 256 << 20 }> = VersionedSection { name: "list 
 /// Maximum size in bytes of a decoded chunk.
 pub(crate) const MAX_CHUNK: u64 = 1 << 28;
 
-/// What to do with a source whose chunks an index cannot refer to.
+/// Advice for a source whose chunks an index cannot refer to.
 pub const SOURCE_ADVICE: &str = "rewrite the source with small tiles (`gdal_translate -of COG -co COMPRESS=ZSTD SOURCE.tif \
                                  OUT.tif`), or build a tree of it (`spinney build`)";
 

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use spinney_base::io::{FileAccess, directory_of, url_of};
+use spinney_base::io::{FileAccess, directory_of, listed_path, url_of};
 use spinney_base::{Error, Result};
 use spinney_container::FileReference;
 use spinney_engine::dataset::{self, Dataset};
@@ -138,8 +138,9 @@ fn check_is_inside(path: &Path, tree: &Dataset) -> Result<()> {
     let is_outside = |name: &str| {
         let is_plain = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
         // (Symbolic links must not leave the directory.)
-        let leaves = || match (directory.canonicalize(), directory.join(name).canonicalize()) {
-            (Ok(directory), Ok(source)) => !source.starts_with(directory),
+        let source = || listed_path(path, name).ok()?.canonicalize().ok();
+        let leaves = || match (directory.canonicalize(), source()) {
+            (Ok(directory), Some(source)) => !source.starts_with(directory),
             _ => false,
         };
         url_of(Path::new(name)).is_some() || !is_plain || leaves()

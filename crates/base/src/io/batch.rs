@@ -319,12 +319,12 @@ fn fetch(mut missing: Vec<MissingRange>, fetched: &mut Fetched) -> Result<usize>
         count += 1;
         files.entry(file.number()).or_insert_with(|| (file, Vec::new())).1.push(range);
     }
-    let files: Vec<_> = files.into_values().collect();
+    let mut files: Vec<_> = files.into_values().collect();
+    // (Near ranges of different items are merged.)
+    files.iter_mut().for_each(|(_, ranges)| crate::sort::by_key(ranges, |range| range.start));
     run_waiting(files.len(), &|index| {
         let (file, ranges) = &files[index];
-        let mut ranges = ranges.clone();
-        crate::sort::by_key(&mut ranges, |range| range.start);
-        file.fetch(&ranges).map(drop)
+        file.fetch(ranges).map(drop)
     })?;
     Ok(count)
 }

@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crate::Result;
 
 /// Maximum number of threads. They wait most of the time.
-const MAX_THREADS: usize = 32;
+const MAX_THREADS: usize = 128;
 
-/// Runs a job once for each number from 0 to `count - 1`, on up to 32 threads: for jobs that wait
+/// Runs a job once for each number from 0 to `count - 1`, on up to 128 threads: for jobs that wait
 /// for responses of servers. After an error, no other job starts.
 ///
 /// # Errors

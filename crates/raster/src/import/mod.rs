@@ -282,10 +282,10 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
             None => Err(OtherFormat::refuse_source(path, start, "a raster")),
         },
     };
+    let mut raster = raster?;
     // (Both in one request to a host, since most rasters have neither.)
     let [mask, sidecar] = [mask_file::mask_of(path), sibling_path(path, sidecar_of)];
     let found = options.access.stat_companions(&[&mask, &sidecar])?;
-    let mut raster = raster?;
     if found[0].is_some() {
         raster = mask_file::masked(raster, options)?;
     }

@@ -368,7 +368,7 @@ impl Raster for Vrt {
     }
 }
 
-/// What is said of bands that are not those of a file.
+/// Description of bands that are not those of a file, for messages.
 const OTHER_BANDS: &str = "a virtual raster whose bands are not bands of the same files, of one type";
 
 impl Source {
