@@ -220,7 +220,7 @@ fn stac_items_name_sources() {
         "{message}"
     );
     let message = complaint(&["index", RELIEF, "--asset", "dem", "-o", &index], 1);
-    assert!(message.contains("--asset: works only with STAC items"), "{message}");
+    assert!(message.contains("--asset: got dem, expected a source with STAC items"), "{message}");
     let other = temp.write("other.geojson", "{\"type\":\"FeatureCollection\",\"features\":[]}");
     let message = complaint(&["index", &other, "-o", &index], 1);
     assert!(message.contains("a GeoJSON document"), "{message}");
