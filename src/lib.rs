@@ -201,8 +201,14 @@ pub mod style {
 /// Exact models: boundary representations on an integer grid, not cells.
 #[cfg(feature = "brep")]
 pub mod brep {
-    pub use spinney_brep::query::{BoxLocation, CuttingPlane, Hit, Location, MassProperties, SurfacePoint};
-    pub use spinney_brep::{Face, FaceBuffer, Faces, Grid, Motion, TransformOptions, combine, transform};
+    pub use spinney_brep::query::{
+        BoxLocation, CuttingPlane, Detail, DetailSurface, Hit, Location, MassProperties, SurfacePoint,
+    };
+    pub use spinney_brep::{
+        DetailLevel, Face, FaceBuffer, Faces, Grid, Motion, TransformOptions, combine, transform,
+    };
+    #[cfg(feature = "meshopt")]
+    pub use spinney_mesh::{add_levels, with_levels};
 }
 
 /// Trees of points with attributes, and LAS and LAZ files.

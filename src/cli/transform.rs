@@ -82,9 +82,21 @@ impl ChainArgs {
             match step {
                 AnyOperation::Cells(step) => cells.push(step.clone()),
                 AnyOperation::Points(raster) => rasters.push(raster),
+                AnyOperation::Levels => {}
             }
         }
         (cells, rasters)
+    }
+
+    /// Returns whether levels of detail are added, which must be the last operation.
+    fn has_levels(&self) -> Result<bool> {
+        let is_levels = |step: &AnyOperation| matches!(step, AnyOperation::Levels);
+        match self.steps.iter().position(is_levels) {
+            Some(at) if at + 1 < self.steps.len() => {
+                bail!("levels: is followed by another operation, expected it to be the last one")
+            }
+            at => Ok(at.is_some()),
+        }
     }
 
     /// Returns the view of a tree of cells.
@@ -92,6 +104,9 @@ impl ChainArgs {
         let (steps, rasters) = self.steps();
         if !rasters.is_empty() {
             bail!("{}: is not a tree of points, which raster= needs", self.file.display());
+        }
+        if self.has_levels()? {
+            bail!("{}: is not an exact model, which levels needs", self.file.display());
         }
         let mut warp = WarpOptions::default();
         (warp.resampling, warp.allow_ballpark) = (self.resampling, self.allow_ballpark);
@@ -105,14 +120,20 @@ impl ChainArgs {
     }
 }
 
-/// An operation on trees of cells and exact models, or a rasterization of a tree of points.
+/// An operation on trees of cells and exact models, or one of these only, or a rasterization of a
+/// tree of points.
 #[derive(Clone, Debug)]
 enum AnyOperation {
     Cells(ViewOperation),
     Points(PointRaster),
+    /// Levels of detail of an exact model.
+    Levels,
 }
 
 fn parse_any_step(text: &str) -> Result<AnyOperation, String> {
+    if text == "levels" {
+        return Ok(AnyOperation::Levels);
+    }
     match text.strip_prefix("raster=") {
         Some(raster) => {
             raster.parse().map(AnyOperation::Points).map_err(|error: spinney::Error| error.to_string())
@@ -140,6 +161,7 @@ Examples:
   spinney transform landcover.goblin sieve=100 -o clean.goblin
   spinney transform part.goblin rotate=90,x translate=0,0,12.5 -o placed.goblin
   spinney transform inches.goblin scale=25.4 --unit mm -o part.goblin
+  spinney transform statue.goblin levels -o statue_levels.goblin
   spinney transform parcels.gpkg warp=EPSG:25832 -o parcels_25832.gpkg
   spinney transform scan.goblin raster=max,cell=0.5 -o surface.goblin
 
@@ -182,6 +204,7 @@ Operations on exact models, in world coordinates, about the origin:
   axes=+y,-x,+z             permute and reverse axes
   affine=12 numbers         map coordinates by a 3 x 4 matrix, row by row
   crs=DEF                   set the coordinate system
+  levels                    add levels of detail: coarser surfaces with bounds of their error
 
 Operations on feature files (GeoJSON, GeoPackage, FlatGeobuf, shapefile, CSV):
   warp=DEF                  reproject each vertex; edges are straight between vertices
@@ -251,14 +274,14 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         report_output(global, &path, start);
         return Ok(());
     }
-    let cells = chain.chain(global)?;
     if let Some(model) = exact::open(file, global)? {
         global.check_options(file, exact::KIND, &["--codec", "--snap", "--unit"])?;
         let mut options = TransformOptions::new(memory.bytes);
         (options.snap, options.unit, options.codec) = (snap, unit, packing.of_model(file)?);
-        let moving = exact::Moving { model: &model, steps: &steps, options };
+        let moving = exact::Moving { model: &model, steps: &steps, options, levels: chain.has_levels()? };
         return exact::transform(moving, &path, &limit, global);
     }
+    let cells = chain.chain(global)?;
     let given = [("--snap", snap.is_some()), ("--unit", unit.is_some())];
     if let Some((name, _)) = given.iter().find(|(_, is_given)| *is_given) {
         bail!("{}: is not an exact model, which {name} needs", file.display());

@@ -20,6 +20,8 @@ mod exact_build;
 mod exact_contacts;
 #[cfg(all(feature = "mesh", feature = "vector"))]
 mod exact_interrupts;
+#[cfg(all(feature = "mesh", feature = "meshopt"))]
+mod exact_levels;
 #[cfg(feature = "mesh")]
 mod exact_objects;
 #[cfg(feature = "mesh")]

@@ -16,6 +16,7 @@ mod face_triangle;
 pub mod geometry;
 mod grid;
 mod hash;
+mod levels;
 mod motion;
 mod object_contacts;
 pub mod planar;
@@ -38,10 +39,12 @@ pub use combine::{
 pub use exact::bounds::MAX_BITS;
 pub use face::{AttributedFaceVisitor, Face, FaceList, Faces};
 pub use grid::Grid;
+pub use levels::{Simplifier, add_levels};
 pub use motion::{ModelView, Motion, TransformOptions, TransformReport, ViewRays, transform};
 pub use object_contacts::{ContactKind, ContactVisitor, ObjectContact, object_contacts};
 pub use repair::{InsideRule, REPAIR_PASSES, Repair, repair, repair_bytes};
 pub use store::{
-    ExactModel, FaceBuffer, LeafRule, ModelNode, ModelNodeState, NodeCounts, NodeKind, is_model_file,
+    DetailLevel, ExactModel, FaceBuffer, LeafRule, ModelNode, ModelNodeState, NodeCounts, NodeKind,
+    is_model_file,
 };
 pub use triangulated::Triangulated;

@@ -81,33 +81,10 @@ impl Faces for Triangulated<'_> {
     }
 
     fn each_with_values(&self, columns: &[&str], each: &mut AttributedFaceVisitor<'_>) -> Result<()> {
-        let mut triangulator = Triangulator::new();
-        let (mut wide, mut triangles) = (Vec::new(), Vec::new());
+        let mut triangulator = FaceTriangulator::default();
         let mut number = 0;
         self.faces.each_with_values(columns, &mut |face, values| {
-            triangles.clear();
-            if face.points.len() == 3 {
-                triangles.push([0, 1, 2]);
-            } else {
-                wide.clear();
-                wide.extend(face.points.iter().map(|point| point.map(i64::from)));
-                if triangulator.triangulate(&wide, face.ring_ends, &mut triangles) {
-                    let normal = ring_normal(&face.points[..face.ring_ends[0]]);
-                    let points: Vec<[f64; 3]> =
-                        face.points.iter().map(|point| point.map(f64::from)).collect();
-                    flip_in_plane(normal.map(|part| part as f64), &points, &mut triangles);
-                } else {
-                    // Faces without area, or with crossing rings, become fans that keep their
-                    // edges.
-                    triangles.clear();
-                    let mut start = 0;
-                    for end in face.ring_ends.iter().map(|end| *end as u32) {
-                        triangles.extend((start + 2..end).map(|corner| [start, corner - 1, corner]));
-                        start = end;
-                    }
-                }
-            }
-            for triangle in &triangles {
+            for triangle in triangulator.triangles(face) {
                 let points = triangle.map(|corner| face.points[corner as usize]);
                 let colours =
                     triangle.map(|corner| face.colours.get(corner as usize).copied().unwrap_or_default());
@@ -117,5 +94,42 @@ impl Faces for Triangulated<'_> {
             }
             Ok(())
         })
+    }
+}
+
+/// Divides faces into triangles; the memory is reused for the next face.
+#[derive(Default)]
+pub(crate) struct FaceTriangulator {
+    triangulator: Triangulator,
+    wide: Vec<[i64; 3]>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl FaceTriangulator {
+    /// Returns the triangles of a face, as indices of its points. Their edges are those of the face
+    /// and pairs that cancel.
+    pub(crate) fn triangles(&mut self, face: &Face<'_>) -> &[[u32; 3]] {
+        let FaceTriangulator { triangulator, wide, triangles } = self;
+        triangles.clear();
+        if face.points.len() == 3 {
+            triangles.push([0, 1, 2]);
+            return triangles;
+        }
+        wide.clear();
+        wide.extend(face.points.iter().map(|point| point.map(i64::from)));
+        if triangulator.triangulate(wide, face.ring_ends, triangles) {
+            let normal = ring_normal(&face.points[..face.ring_ends[0]]);
+            let points: Vec<[f64; 3]> = face.points.iter().map(|point| point.map(f64::from)).collect();
+            flip_in_plane(normal.map(|part| part as f64), &points, triangles);
+        } else {
+            // Faces without area, or with crossing rings, become fans that keep their edges.
+            triangles.clear();
+            let mut start = 0;
+            for end in face.ring_ends.iter().map(|end| *end as u32) {
+                triangles.extend((start + 2..end).map(|corner| [start, corner - 1, corner]));
+                start = end;
+            }
+        }
+        triangles
     }
 }

@@ -3,3 +3,8 @@
 
 pub mod export;
 pub mod import;
+#[cfg(feature = "meshopt")]
+mod levels;
+
+#[cfg(feature = "meshopt")]
+pub use levels::{add_levels, with_levels};

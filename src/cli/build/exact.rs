@@ -18,6 +18,7 @@ use super::{Common, Lines};
 pub(super) struct ExactImport {
     models: Vec<Box<dyn Model>>,
     options: ExactOptions,
+    levels: bool,
     description: Vec<(&'static str, String)>,
 }
 
@@ -40,6 +41,7 @@ impl ExactImport {
             "--inside",
             "--skip-bad",
             "--leaf-size",
+            "--levels",
             "--up",
             "--unit",
             "--crs",
@@ -67,7 +69,7 @@ impl ExactImport {
             ("input", format!("{}: {}{faces}", info.path.display(), info.format))
         };
         let description = models.iter().map(|model| of(&**model)).collect();
-        Ok(ExactImport { models, options, description })
+        Ok(ExactImport { models, options, levels: solids.levels, description })
     }
 
     pub(super) fn description(&self) -> &[(&'static str, String)] {
@@ -76,7 +78,13 @@ impl ExactImport {
 
     /// Builds the file. Returns lines about it.
     pub(super) fn build(self, output: Output, stats: bool, progress: &dyn Progress) -> Result<Lines> {
-        Ok(lines(&spinney::import::mesh::import_exact(self.models, &self.options, output, progress)?, stats))
+        let ExactImport { models, options, levels, .. } = self;
+        let import = |output: Output| spinney::import::mesh::import_exact(models, &options, output, progress);
+        let report = match levels {
+            true => spinney::brep::with_levels(output, options.memory, progress, import)?,
+            false => import(output)?,
+        };
+        Ok(lines(&report, stats))
     }
 }
 

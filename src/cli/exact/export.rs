@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use spinney::ExactModel;
-use spinney::brep::Faces;
+use spinney::brep::{Detail, Faces};
 use spinney::export::{MeshFormat, export_exact};
 use spinney::import::feature::FeatureFilter;
 use spinney::raw::brep::{ChosenParts, Triangulated};
@@ -14,24 +14,36 @@ use spinney::raw::store::Tag;
 use super::super::Global;
 use super::super::args::check_output;
 use super::super::report::{Work, report_output};
-use super::chosen;
+use super::{chosen, unit};
 
-/// Writes the faces of an exact model unchanged.
+/// What is written of an exact model.
+pub(crate) struct MeshContents<'a> {
+    pub(crate) format: MeshFormat,
+    /// Whether faces are divided into triangles.
+    pub(crate) triangles: bool,
+    /// Conditions for objects.
+    pub(crate) filter: Option<&'a FeatureFilter>,
+    /// How much detail there is; by default, the exact surface.
+    pub(crate) detail: Option<Detail>,
+}
+
+/// Writes faces of an exact model unchanged.
 pub(crate) fn export(
     model: &ExactModel,
     path: &Path,
-    format: MeshFormat,
-    triangles: bool,
-    filter: Option<&FeatureFilter>,
+    contents: MeshContents<'_>,
     global: &Global,
 ) -> Result<()> {
     let start = Instant::now();
+    let MeshContents { format, triangles, filter, detail } = contents;
     check_output([model.path()], path)?;
+    let coarse = detail.map(|detail| model.at_detail(detail, None)).transpose()?;
+    let all: &dyn Faces = coarse.as_ref().map_or(model, |coarse| coarse);
     let some = match filter {
-        Some(filter) => Some(ChosenParts::of(model, &chosen(model, filter)?)?),
+        Some(filter) => Some(ChosenParts::of(all, &chosen(model, filter)?)?),
         None => None,
     };
-    let whole: &dyn Faces = some.as_ref().map_or(model, |some| some);
+    let whole: &dyn Faces = some.as_ref().map_or(all, |some| some);
     let cut = if triangles { Some(Triangulated::of(whole)?) } else { None };
     let faces: &dyn Faces = cut.as_ref().map_or(whole, |cut| cut);
     let work = Work::start(global, "faces")?;
@@ -40,6 +52,13 @@ pub(crate) fn export(
         .with_context(|| format!("{}: cannot write", path.display()))?;
     work.finish();
     global.report("mesh", format_args!("{} faces, {} vertices", summary.faces, summary.vertices));
+    if let Some(coarse) = &coarse {
+        let text = format!("at most {:.3e}{} from the surface", coarse.error(), unit(model));
+        global.report("error", format_args!("{text}"));
+        if !model.value_columns()?.is_empty() {
+            global.report("left out", format_args!("values of faces: those of coarse levels have none"));
+        }
+    }
     let (exact, _) = model.exact_faces();
     if exact > 0 {
         let thin = model.metadata().tag(Tag::ModelIntersections);

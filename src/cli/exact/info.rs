@@ -5,11 +5,11 @@ use std::fmt::Write as _;
 use anyhow::Result;
 use serde_json::json;
 use spinney::ExactModel;
-use spinney::brep::Faces;
+use spinney::brep::{DetailLevel, Faces};
 use spinney::raw::io::shown;
 use spinney::raw::store::Tag;
 
-use super::super::report::{print_json, print_text, shortened};
+use super::super::report::{print_json, print_text, quantity, shortened};
 use super::{list, space, unit};
 
 /// Prints what an exact model contains.
@@ -46,9 +46,21 @@ fn as_json(model: &ExactModel) -> Result<serde_json::Value> {
         "epsg": metadata.frame.crs.as_ref().and_then(|crs| crs.numbers()).map(|numbers| numbers.horizontal),
         "provenance": metadata.clean_provenance(),
         "tags": metadata.tags,
+        "levels": model.levels().iter().map(|level| level_json(level, model)).collect::<Vec<_>>(),
         "bytes": model.file_size(),
         "sections": sections,
     }))
+}
+
+fn level_json(level: &DetailLevel, model: &ExactModel) -> serde_json::Value {
+    let width = model.grid().width();
+    json!({
+        "faces": level.faces,
+        "error": level.error * width,
+        "bytes": level.bytes,
+        "vanished_bodies": level.vanished,
+        "vanished_diameter": level.vanished_diameter * width,
+    })
 }
 
 /// Returns the attributes of each part and of the source files; null if there are none.
@@ -85,6 +97,25 @@ fn as_text(model: &ExactModel) -> Result<String> {
     let nodes = model.nodes();
     let kinds: Vec<String> = nodes.named().iter().map(|(name, count)| format!("{count} {name}")).collect();
     writeln!(text, "  nodes       {}: {}", nodes.total(), kinds.join(", "))?;
+    let width = grid.width();
+    for (number, level) in model.levels().iter().enumerate() {
+        let DetailLevel { faces, error, bytes, vanished, vanished_diameter, .. } = level;
+        let label = if number == 0 { "levels" } else { "" };
+        if number + 1 == model.levels().len() {
+            writeln!(text, "  {label:<12}{number}: the exact surface")?;
+            break;
+        }
+        write!(text, "  {label:<12}{number}: {faces} faces, at most {:.3e}{unit} off", error * width)?;
+        write!(text, ", {}", quantity::bytes(*bytes))?;
+        match vanished {
+            0 => writeln!(text)?,
+            _ => writeln!(
+                text,
+                "; without {vanished} bodies of up to {:.3e}{unit}",
+                vanished_diameter * width
+            )?,
+        }
+    }
     let parts = model.parts();
     let names: Vec<&str> = parts.iter().take(8).map(String::as_str).collect();
     let more = if parts.len() > names.len() { ", ..." } else { "" };

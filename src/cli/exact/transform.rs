@@ -4,7 +4,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::brep::{Faces, Motion, TransformOptions};
+use spinney::Output;
+use spinney::brep::{DetailLevel, Faces, Motion, TransformOptions};
 use spinney::raw::brep::TransformReport;
 use spinney::raw::ops::AffineMap;
 use spinney::{ExactModel, ViewOperation};
@@ -19,6 +20,8 @@ pub(in crate::cli) struct Moving<'a> {
     pub(in crate::cli) model: &'a ExactModel,
     pub(in crate::cli) steps: &'a [ViewOperation],
     pub(in crate::cli) options: TransformOptions,
+    /// Whether levels of detail are added.
+    pub(in crate::cli) levels: bool,
 }
 
 /// Writes a transformed model.
@@ -29,7 +32,17 @@ pub(in crate::cli) fn transform(
     global: &Global,
 ) -> Result<()> {
     let start = Instant::now();
-    let Moving { model, steps, mut options } = moving;
+    let Moving { model, steps, mut options, levels } = moving;
+    if levels && steps.is_empty() && options.snap.is_none() && options.unit.is_none() {
+        let work = Work::start(global, "faces")?;
+        let output = (limit.create_tree(path, global)?, options.codec);
+        let found = spinney::brep::add_levels(model, output, options.memory, &work)?;
+        work.finish();
+        global.report("input", format_args!("{}: {} faces", model.path().display(), model.len()));
+        report_levels(&found, model, global);
+        report_output(global, path, start);
+        return Ok(());
+    }
     let mut maps = Vec::new();
     for step in steps {
         match step {
@@ -42,7 +55,11 @@ pub(in crate::cli) fn transform(
     options.note = (!operations.is_empty()).then(|| operations.join(", "));
     let work = Work::start(global, "faces")?;
     let output = limit.create_tree(path, global)?;
-    let report = spinney::brep::transform(model, &motion, &options, output, &work)?;
+    let transformed = |output: Output| spinney::brep::transform(model, &motion, &options, output, &work);
+    let report = match levels {
+        true => spinney::brep::with_levels(output, options.memory, &work, transformed)?,
+        false => transformed(output)?,
+    };
     work.finish();
     global.report("input", format_args!("{}: {} faces", model.path().display(), report.before));
     let unit = options.unit.map_or_else(|| unit(model), |unit| format!(" {unit}"));
@@ -56,6 +73,18 @@ pub(super) fn motion(steps: &[ViewOperation]) -> Result<Motion> {
     let map =
         steps.iter().try_fold(AffineMap::IDENTITY, |map, step| step.as_map().map(|next| map.then(&next)))?;
     Ok(Motion::from_rows(map.to_rows())?)
+}
+
+/// Reports levels of detail, from the finest that is not exact.
+pub(super) fn report_levels(levels: &[DetailLevel], model: &ExactModel, global: &Global) {
+    let (unit, width) = (unit(model), model.grid().width());
+    for (number, level) in levels.iter().enumerate().rev().skip(1) {
+        let DetailLevel { faces, error, .. } = level;
+        global.report(
+            &format!("level {number}"),
+            format_args!("{faces} faces, at most {:.3e}{unit} from the surface", error * width),
+        );
+    }
 }
 
 fn report_transformed(report: &TransformReport, unit: &str, is_unbounded: bool, global: &Global) {

@@ -3,8 +3,9 @@
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 use spinney::Dataset;
+use spinney::brep::Detail;
 use spinney::export::{MeshFormat, MeshRequest, export_mesh};
 use spinney::import::feature::FeatureFilter;
 
@@ -21,6 +22,13 @@ pub(super) struct MeshOptions {
     /// (other rules)
     #[arg(long)]
     pub(super) level: Option<u8>,
+    /// Maximum distance from the surface, of exact models with levels of detail: as few faces as
+    /// possible
+    #[arg(long, value_name = "DISTANCE", conflicts_with_all = ["level", "faces"])]
+    pub(super) error: Option<f64>,
+    /// Maximum number of faces, of exact models with levels of detail: those with the smallest error
+    #[arg(long, value_name = "N", conflicts_with = "level")]
+    pub(super) faces: Option<u64>,
     /// Smooth surface: where cells are half full (surface nets; every edge has two faces), instead
     /// of the cells' faces
     #[arg(long)]
@@ -36,10 +44,18 @@ pub(super) struct MeshOptions {
 }
 
 impl MeshOptions {
+    /// Returns how much detail of an exact model is written.
+    fn detail(&self) -> Option<Detail> {
+        let level = self.level.map(Detail::Level);
+        level.or(self.error.map(Detail::Error)).or(self.faces.map(Detail::Faces))
+    }
+
     /// Returns the first given option.
     pub(super) fn given(&self) -> Option<&'static str> {
         let given = [
             ("--level", self.level.is_some()),
+            ("--error", self.error.is_some()),
+            ("--faces", self.faces.is_some()),
             ("--smooth", self.smooth),
             ("--triangles", self.triangles),
             ("--where", self.filter.is_some()),
@@ -61,18 +77,21 @@ pub(super) fn check_octree(tree: &Dataset, file: &Path) -> Result<()> {
 /// Writes a mesh of an octree or of an exact model.
 pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let MeshOptions { level, smooth, triangles, ref filter } = args.mesh;
+    let MeshOptions { level, smooth, triangles, ref filter, error, faces } = args.mesh;
     if let Some(view) = args.tree.open_model(global)? {
-        let fitting = ["--output", "--format", "--triangles", "--where", "--view"];
+        let fitting =
+            ["--output", "--format", "--triangles", "--where", "--view", "--level", "--error", "--faces"];
         global.check_options(&args.tree.file, exact::KIND, &fitting)?;
         return exact::export(
             view.as_model("faces")?,
             args.output.path(),
-            format,
-            triangles,
-            filter.as_ref(),
+            exact::MeshContents { format, triangles, filter: filter.as_ref(), detail: args.mesh.detail() },
             global,
         );
+    }
+    let given = [("--error", error.is_some()), ("--faces", faces.is_some())];
+    for (name, _) in given.iter().filter(|(_, is_given)| *is_given) {
+        bail!("{name}: works only with exact models, which have levels of detail");
     }
     ensure!(filter.is_none(), "--where: works only with exact models, which have objects");
     let tree = args.tree.open(global)?;

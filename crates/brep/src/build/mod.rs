@@ -478,7 +478,7 @@ impl ModelBuilder {
         );
         let codec = writer.codec();
         let summary = Summary { grid, codec, faces, is_unbounded, nodes, exact_faces, proxies, reach, parts };
-        writer.finish(&summary, &formula, metadata)?;
+        writer.finish(&summary, &[], &formula, metadata)?;
         Ok(report)
     }
 }

@@ -19,11 +19,20 @@ pub(crate) enum List {
     Exact,
     Objects,
     FaceValues,
+    Clusters,
+    LevelFaces,
 }
 
 impl List {
-    pub(crate) const ALL: [List; 5] =
-        [List::Faces, List::Segments, List::Exact, List::Objects, List::FaceValues];
+    pub(crate) const ALL: [List; 7] = [
+        List::Faces,
+        List::Segments,
+        List::Exact,
+        List::Objects,
+        List::FaceValues,
+        List::Clusters,
+        List::LevelFaces,
+    ];
 
     /// Returns the name of a chunk, for messages.
     pub(crate) fn chunk_name(self) -> &'static str {
@@ -33,6 +42,8 @@ impl List {
             List::Exact => "block of exact faces",
             List::Objects => "table of parts",
             List::FaceValues => "table of faces",
+            List::Clusters => "table of clusters",
+            List::LevelFaces => "block of coarse faces",
         }
     }
 }
@@ -209,7 +220,12 @@ impl ChunkList {
 
     /// Loads the stored bytes of a chunk; verifies their checksum on first use.
     #[inline]
-    fn stored<'f>(&self, path: &Path, backend: &'f dyn ReadBackend, index: usize) -> Result<FileBytes<'f>> {
+    pub(crate) fn stored<'f>(
+        &self,
+        path: &Path,
+        backend: &'f dyn ReadBackend,
+        index: usize,
+    ) -> Result<FileBytes<'f>> {
         let Entry { offset, length, checksum, .. } = self.entry(backend, index);
         let corrupt = |found: String, expected: &str| self.corrupt(path, index, found, expected);
         if offset.checked_add(u64::from(length)).is_none_or(|end| end > self.end) {

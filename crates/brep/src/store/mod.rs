@@ -1,9 +1,11 @@
 //! Files of exact models: see `formats.md`.
 
 pub(super) mod block;
-mod chunks;
+pub(crate) mod chunks;
+mod copy;
 pub(super) mod exact;
 pub(crate) mod formula;
+pub(crate) mod levels;
 mod node;
 pub(crate) mod objects;
 mod open;
@@ -17,6 +19,7 @@ mod verify;
 pub(crate) mod writer;
 
 pub use block::FaceBuffer;
+pub use levels::DetailLevel;
 pub use node::{ModelNode, ModelNodeState};
 pub use open::is_model_file;
 pub use reader::ExactModel;

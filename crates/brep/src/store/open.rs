@@ -5,6 +5,7 @@ use std::path::Path;
 use super::chunks::{ChunkList, ENTRY, List};
 use super::exact::EXACT;
 use super::formula::{FORMULA, MAX_FORMULA};
+use super::levels::{CLUSTERS, DetailLevel, LEVEL_FACES, LEVELS};
 use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
 use super::reader::ExactModel;
 use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
@@ -86,7 +87,7 @@ impl ExactModel {
             let expected = format!("{} for a grid of {} bits", summary.grid.depth(), summary.grid.bits);
             return Err(Error::corrupt(path, "header", format!("depth {depth}"), expected));
         }
-        let others = [EXACT, OBJECTS, FACE_VALUES];
+        let others = [EXACT, OBJECTS, FACE_VALUES, CLUSTERS, LEVEL_FACES];
         let lists = others.map(|tag| trailer.section(tag)).into_iter().filter(|list| list.length > 0);
         let first_lists = trailer.section(FACES).offset.min(trailer.section(DIRECTORY).offset);
         let end = lists.map(|list| list.offset).fold(first_lists, u64::min);
@@ -112,10 +113,24 @@ impl ExactModel {
         let exact = chunk_list(List::Exact, trailer.section(EXACT), Some(summary.exact_faces > 0))?;
         let objects = chunk_list(List::Objects, trailer.section(OBJECTS), None)?;
         let face_values = chunk_list(List::FaceValues, trailer.section(FACE_VALUES), None)?;
+        let section = trailer.section(LEVELS);
+        let levels = match section.length {
+            0 => Vec::new().into(),
+            1..=4096 => section.read(path, &*backend, "levels")?,
+            length => {
+                let found = format!("{length} bytes");
+                return Err(Error::corrupt(path, "levels", found, "at most 4096"));
+            }
+        };
+        let levels = DetailLevel::from_bytes(&levels)
+            .map_err(|found| Error::corrupt(path, "levels", found, "levels as in formats.md"))?;
+        let has_levels = Some(!levels.is_empty());
+        let clusters = chunk_list(List::Clusters, trailer.section(CLUSTERS), has_levels)?;
+        let level_faces = chunk_list(List::LevelFaces, trailer.section(LEVEL_FACES), has_levels)?;
         // Chunks must not overlap in total, so that the time to read all of them is limited by the
         // file's size.
         let mut bytes = 0u64;
-        for list in [&segments, &blocks, &exact, &objects, &face_values] {
+        for list in [&segments, &blocks, &exact, &objects, &face_values, &clusters, &level_faces] {
             bytes = bytes.saturating_add(list.check(path, &*backend)?);
         }
         let available = end.saturating_sub(HEADER_SIZE as u64);
@@ -150,6 +165,9 @@ impl ExactModel {
             exact,
             objects,
             face_values,
+            levels,
+            clusters,
+            level_faces,
             schema: SchemaCell::new(),
         };
         model.parts = model.read_parts()?;

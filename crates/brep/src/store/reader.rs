@@ -6,6 +6,7 @@ use super::block::{Block, FaceBuffer};
 use super::chunks::ChunkList;
 use super::exact::{EXACT, ExactBlock, ExactHead};
 use super::formula::FORMULA;
+use super::levels::{CLUSTERS, DetailLevel, LEVEL_FACES, LEVELS};
 use super::node::ModelNode;
 use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
 use super::segment::{CUT, INNER, ModelSegment};
@@ -36,6 +37,9 @@ pub struct ExactModel {
     pub(super) exact: ChunkList,
     pub(super) objects: ChunkList,
     pub(super) face_values: ChunkList,
+    pub(super) levels: Vec<DetailLevel>,
+    pub(super) clusters: ChunkList,
+    pub(super) level_faces: ChunkList,
     pub(super) schema: SchemaCell,
 }
 
@@ -99,6 +103,9 @@ impl ExactModel {
             ("list of exact faces", self.trailer.section(EXACT)),
             ("list of parts", self.trailer.section(OBJECTS)),
             ("list of values of faces", self.trailer.section(FACE_VALUES)),
+            ("levels", self.trailer.section(LEVELS)),
+            ("list of clusters", self.trailer.section(CLUSTERS)),
+            ("list of coarse faces", self.trailer.section(LEVEL_FACES)),
         ];
         let Section { offset, length, .. } = self.trailer.section(super::summary::METADATA);
         let trailer = self.file_size().saturating_sub(offset + length);

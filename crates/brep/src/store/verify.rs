@@ -8,6 +8,7 @@ use super::reader::ExactModel;
 use crate::build::{Checked, OctreeCheck};
 use crate::closure::{Closure, Seed, edges};
 use crate::face_check::{FaceCheck, FaceFlaw};
+use crate::query::Detail;
 use crate::{Face, Faces};
 use spinney_base::io::Sorter;
 use spinney_base::{Error, Progress, Result};
@@ -50,6 +51,9 @@ impl ExactModel {
             ("list of parts", self.trailer.section(super::objects::OBJECTS)),
             ("list of values of faces", self.trailer.section(super::objects::FACE_VALUES)),
             ("formula", self.trailer.section(super::formula::FORMULA)),
+            ("levels", self.trailer.section(super::levels::LEVELS)),
+            ("list of clusters", self.trailer.section(super::levels::CLUSTERS)),
+            ("list of coarse faces", self.trailer.section(super::levels::LEVEL_FACES)),
         ];
         for (name, section) in sections.into_iter().filter(|(_, section)| section.length > 0) {
             match section.read(&self.path, &*self.backend, name) {
@@ -64,6 +68,8 @@ impl ExactModel {
             ("block of exact faces", &self.exact),
             ("table of parts", &self.objects),
             ("table of faces", &self.face_values),
+            ("table of clusters", &self.clusters),
+            ("block of coarse faces", &self.level_faces),
         ];
         for (name, count) in lists.map(|(name, list)| (name, list.len())) {
             for index in 0..count {
@@ -73,6 +79,8 @@ impl ExactModel {
                     "block of exact faces" => self.exact_block(index).map(drop),
                     "table of parts" => self.values(&self.objects, index).map(drop),
                     "table of faces" => self.values(&self.face_values, index).map(drop),
+                    "table of clusters" => self.cluster_table(index).map(drop),
+                    "block of coarse faces" => self.level_block(index).map(drop),
                     _ => self.block(index).map(drop),
                 };
                 match read {
@@ -143,6 +151,40 @@ impl ExactModel {
             checked => checked?,
         };
         findings.extend(self.compare(checked));
+        if findings.is_empty() {
+            findings = self.verify_levels(seed, progress)?;
+        }
+        Ok(findings)
+    }
+
+    /// Returns levels of detail that are not closed, or do not have as many faces as recorded.
+    fn verify_levels(&self, seed: Seed, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        let mut findings = Vec::new();
+        for (number, level) in self.levels.iter().enumerate() {
+            let surface = self.at_detail(Detail::Level(number as u8), None)?;
+            let mut closure = Closure::new(seed);
+            let mut faces = 0u64;
+            let read = surface.each(&mut |face| {
+                if face.number.is_multiple_of(1 << 12) {
+                    progress.check()?;
+                }
+                closure.add(face);
+                faces += 1;
+                Ok(())
+            });
+            let place = format!("level {number}");
+            match read {
+                Err(error @ Error::Corrupt { .. }) => findings.push(finding(&place, &error)),
+                read => read?,
+            }
+            if findings.is_empty() && faces != level.faces {
+                let problem = format!("{faces} faces, expected {}", level.faces);
+                findings.push(Finding { place, problem });
+            } else if findings.is_empty() && !closure.is_closed() {
+                let problem = "edges that have a face on one side only, expected a closed surface".into();
+                findings.push(Finding { place, problem });
+            }
+        }
         Ok(findings)
     }
 

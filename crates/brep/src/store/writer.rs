@@ -10,6 +10,7 @@ pub(crate) use super::chunks::List;
 use super::chunks::{ENTRY, Entry};
 use super::exact::{EXACT, ExactBlock, ExactBlockBuilder};
 use super::formula::FORMULA;
+use super::levels::{CLUSTERS, DetailLevel, LEVEL_FACES, LEVELS};
 use super::objects::{FACE_VALUES, OBJECTS};
 use super::packed::pack;
 use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
@@ -32,7 +33,7 @@ pub(crate) struct ModelWriter {
     block: BlockBuilder,
     exact: ExactBlockBuilder,
     /// Entries of the lists.
-    lists: [Sorter; 5],
+    lists: [Sorter; List::ALL.len()],
 }
 
 impl ModelWriter {
@@ -75,18 +76,29 @@ impl ModelWriter {
 
     /// Writes a chunk, and adds it to a list under a key.
     pub(crate) fn chunk(&mut self, list: List, key: u64, plain: &[u8]) -> Result<()> {
-        let bytes = match self.codec {
-            Codec::Plain => Cow::Borrowed(plain),
-            Codec::Packed | Codec::Reference => Cow::Owned(pack(list, plain)),
-        };
+        self.stored_chunk(list, key, &encoded(self.codec, list, plain))
+    }
+
+    /// Writes the stored bytes of a chunk, and adds it to a list under a key.
+    pub(crate) fn stored_chunk(&mut self, list: List, key: u64, bytes: &[u8]) -> Result<()> {
+        let entry = self.append(list, bytes)?;
+        self.entry(list, Entry { key, ..entry })
+    }
+
+    /// Writes the stored bytes of a chunk; returns its entry, without a key.
+    pub(crate) fn append(&mut self, list: List, bytes: &[u8]) -> Result<Entry> {
         let offset = self.position;
         let Ok(length) = u32::try_from(bytes.len()) else {
             let advice = "divide the model, or choose a larger --snap";
             return Err(Error::unsupported(&self.path, format!("a chunk of {} bytes", bytes.len()), advice));
         };
-        self.write(&bytes, doing(list))?;
-        let entry = Entry { key, offset, length, checksum: crc32c::crc32c(&bytes) };
-        self.lists[list as usize].push(key, entry.to_bytes().to_vec())
+        self.write(bytes, doing(list))?;
+        Ok(Entry { key: 0, offset, length, checksum: crc32c::crc32c(bytes) })
+    }
+
+    /// Adds the entry of a chunk to a list.
+    pub(crate) fn entry(&mut self, list: List, entry: Entry) -> Result<()> {
+        self.lists[list as usize].push(entry.key, entry.to_bytes().to_vec())
     }
 
     /// Adds a face, which may be a proxy for faces with off-grid vertices.
@@ -136,7 +148,13 @@ impl ModelWriter {
     }
 
     /// Writes the sections after the segments, and commits the file.
-    pub(crate) fn finish(self, summary: &Summary, formula: &str, metadata: &Metadata) -> Result<()> {
+    pub(crate) fn finish(
+        self,
+        summary: &Summary,
+        levels: &[DetailLevel],
+        formula: &str,
+        metadata: &Metadata,
+    ) -> Result<()> {
         let ModelWriter { mut out, path, mut position, lists, .. } = self;
         let metadata = metadata.to_bytes(&path)?;
         let mut sections = Vec::new();
@@ -162,12 +180,23 @@ impl ModelWriter {
             (OBJECTS, of(List::Objects)),
             (FACE_VALUES, of(List::FaceValues)),
             (FORMULA, bytes(formula.as_bytes(), "write the formula")?),
+            (LEVELS, bytes(&DetailLevel::to_bytes(levels), "write the levels")?),
+            (CLUSTERS, of(List::Clusters)),
+            (LEVEL_FACES, of(List::LevelFaces)),
         ];
         all.extend(others.into_iter().filter(|(_, section)| section.length > 0));
         all.push((METADATA, bytes(&metadata, "write the metadata")?));
         let trailer = Trailer { header: model_header(&summary.grid), sections: all };
         out.write_all(&trailer.to_bytes(position)).map_err(Error::io(&path, "write the trailer"))?;
         out.commit()
+    }
+}
+
+/// Returns the stored bytes of a chunk.
+pub(crate) fn encoded(codec: Codec, list: List, plain: &[u8]) -> Cow<'_, [u8]> {
+    match codec {
+        Codec::Plain => Cow::Borrowed(plain),
+        Codec::Packed | Codec::Reference => Cow::Owned(pack(list, plain)),
     }
 }
 
@@ -179,6 +208,8 @@ fn doing(list: List) -> &'static str {
         List::Exact => "write exact faces",
         List::Objects => "write attributes of parts",
         List::FaceValues => "write values of faces",
+        List::Clusters => "write clusters of faces",
+        List::LevelFaces => "write coarse faces",
     }
 }
 

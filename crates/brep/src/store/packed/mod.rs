@@ -34,7 +34,7 @@ const MAX_BYTES: u64 = 1 << 20;
 
 /// Returns whether a chunk of `plain` bytes may be packed into `packed` bytes.
 fn may_be_packed(list: List, packed: u64, plain: u64) -> bool {
-    let is_short = matches!(list, List::Faces | List::Segments) || plain <= MAX_BYTES;
+    let is_short = matches!(list, List::Faces | List::Segments | List::LevelFaces) || plain <= MAX_BYTES;
     is_short && may_unpack(packed, plain)
 }
 
@@ -43,7 +43,7 @@ fn may_be_packed(list: List, packed: u64, plain: u64) -> bool {
 pub(super) struct Corruption(pub(super) &'static str);
 
 /// Packs a chunk, if possible, for a file with packed chunks.
-pub(super) fn pack(list: List, plain: &[u8]) -> Vec<u8> {
+pub(crate) fn pack(list: List, plain: &[u8]) -> Vec<u8> {
     // Invariant: every packed chunk unpacks to the same bytes, which is verified here. Contents
     // that columns cannot represent (of other writers, or corrupt) stay plain, and a bug in the
     // coder loses no data.
@@ -89,19 +89,19 @@ pub(super) fn unpack(list: List, packed: &[u8]) -> Result<Vec<u8>, Corruption> {
 /// Returns the numbers of contexts of bits and of numbers for a list's chunks.
 fn contexts(list: List) -> (usize, usize) {
     match list {
-        List::Faces => faces::CONTEXTS,
+        List::Faces | List::LevelFaces => faces::CONTEXTS,
         List::Segments => segments::CONTEXTS,
         List::Exact => exact::CONTEXTS,
-        List::Objects | List::FaceValues => bytes::CONTEXTS,
+        List::Objects | List::FaceValues | List::Clusters => bytes::CONTEXTS,
     }
 }
 
 /// Codes a chunk of `length` bytes; writes `plain`. Returns `None` if it is invalid.
 fn code(list: List, columns: &mut Columns<'_>, length: usize, plain: &[u8]) -> Option<Vec<u8>> {
     match list {
-        List::Faces => Faces::code(columns, length, plain),
+        List::Faces | List::LevelFaces => Faces::code(columns, length, plain),
         List::Segments => Segment::code(columns, length, plain),
         List::Exact => Exact::code(columns, length, plain),
-        List::Objects | List::FaceValues => Some(bytes::code(columns, length, plain)),
+        List::Objects | List::FaceValues | List::Clusters => Some(bytes::code(columns, length, plain)),
     }
 }
