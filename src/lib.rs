@@ -173,7 +173,8 @@ pub mod import {
 pub mod export {
     #[cfg(feature = "mesh")]
     pub use spinney_mesh::export::{
-        GltfOptions, MeshFormat, MeshRequest, export_exact, export_glb, export_mesh, export_tileset,
+        GltfOptions, MeshFormat, MeshRequest, export_exact, export_glb, export_mesh, export_model_glb,
+        export_model_tileset, export_tileset,
     };
     #[cfg(feature = "raster")]
     pub use spinney_raster::tile_archives::{

@@ -343,8 +343,9 @@ pub mod export {
     #[cfg(feature = "mesh")]
     pub mod mesh {
         pub use spinney_mesh::export::{
-            ExactSummary, FaceAttribute, IsosurfaceSummary, MeshSummary, SurfaceMesh, TilesetSummary,
-            export_blocks, export_isosurfaces, export_triangles, isosurface_mesh, surface_mesh,
+            ExactSummary, FaceAttribute, IsosurfaceSummary, MeshSummary, ModelTilesSummary, SurfaceMesh,
+            TilesetSummary, export_blocks, export_isosurfaces, export_triangles, isosurface_mesh,
+            surface_mesh,
         };
     }
 

@@ -6,9 +6,10 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use spinney::ExactModel;
 use spinney::brep::{Detail, Faces};
-use spinney::export::{MeshFormat, export_exact};
+use spinney::export::{GltfOptions, MeshFormat, export_exact, export_model_glb};
 use spinney::import::feature::FeatureFilter;
 use spinney::raw::brep::{ChosenParts, Triangulated};
+use spinney::raw::export::mesh::ExactSummary;
 use spinney::raw::store::Tag;
 
 use super::super::Global;
@@ -16,9 +17,14 @@ use super::super::args::check_output;
 use super::super::report::{Work, report_output};
 use super::{chosen, unit};
 
+/// Format of the output.
+pub(crate) enum MeshOutput {
+    Mesh(MeshFormat),
+    Glb(GltfOptions),
+}
+
 /// What is written of an exact model.
 pub(crate) struct MeshContents<'a> {
-    pub(crate) format: MeshFormat,
     /// Whether faces are divided into triangles.
     pub(crate) triangles: bool,
     /// Conditions for objects.
@@ -31,11 +37,12 @@ pub(crate) struct MeshContents<'a> {
 pub(crate) fn export(
     model: &ExactModel,
     path: &Path,
+    format: MeshOutput,
     contents: MeshContents<'_>,
     global: &Global,
 ) -> Result<()> {
     let start = Instant::now();
-    let MeshContents { format, triangles, filter, detail } = contents;
+    let MeshContents { triangles, filter, detail } = contents;
     check_output([model.path()], path)?;
     let coarse = detail.map(|detail| model.at_detail(detail, None)).transpose()?;
     let all: &dyn Faces = coarse.as_ref().map_or(model, |coarse| coarse);
@@ -48,10 +55,21 @@ pub(crate) fn export(
     let faces: &dyn Faces = cut.as_ref().map_or(whole, |cut| cut);
     let work = Work::start(global, "faces")?;
     let output = global.access().create(path)?;
-    let summary = export_exact(faces, format, output, &work)
-        .with_context(|| format!("{}: cannot write", path.display()))?;
+    let cannot_write = || format!("{}: cannot write", path.display());
+    let summary = match format {
+        MeshOutput::Mesh(format) => export_exact(faces, format, output, &work).with_context(cannot_write)?,
+        MeshOutput::Glb(options) => {
+            let triangles = export_model_glb(faces, &options, output, &work).with_context(cannot_write)?;
+            let mut summary = ExactSummary::default();
+            summary.faces = triangles;
+            summary
+        }
+    };
     work.finish();
-    global.report("mesh", format_args!("{} faces, {} vertices", summary.faces, summary.vertices));
+    match summary.vertices {
+        0 => global.report("mesh", format_args!("{} triangles", summary.faces)),
+        vertices => global.report("mesh", format_args!("{} faces, {vertices} vertices", summary.faces)),
+    }
     if let Some(coarse) = &coarse {
         let text = format!("at most {:.3e}{} from the surface", coarse.error(), unit(model));
         global.report("error", format_args!("{text}"));

@@ -5,10 +5,11 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
 use spinney::Dataset;
-use spinney::export::{GltfOptions, MeshRequest, export_glb, export_tileset};
+use spinney::brep::Faces as _;
+use spinney::export::{GltfOptions, MeshRequest, export_glb, export_model_tileset, export_tileset};
 use spinney::raw::io::OutputDirectory;
 
-use super::super::args::check_output;
+use super::super::args::{DEFAULT_MEMORY, check_output};
 use super::super::report::quantity::counted;
 use super::super::report::{Work, report_output};
 use super::super::{Global, exact};
@@ -39,9 +40,7 @@ impl GltfArgs {
 
 /// Opens the tree. Returns it with the request and the progress display.
 fn start(args: &Args, what: &str, global: &Global) -> Result<(Dataset, MeshRequest, Work)> {
-    if exact::open(&args.tree.file, global)?.is_some() {
-        exact::refuse(&args.tree.file, &[(what, true)])?;
-    }
+    args.mesh.check_cells()?;
     ensure!(!args.mesh.triangles, "--triangles: has no effect on {what}, which always has triangles");
     let tree = args.tree.open(global)?;
     check_octree(&tree, &args.tree.file)?;
@@ -54,12 +53,34 @@ fn start(args: &Args, what: &str, global: &Global) -> Result<(Dataset, MeshReque
 /// Writes a tileset of 3D Tiles (`x/tileset.json`).
 pub(super) fn write_tileset(args: &Args, global: &Global) -> Result<()> {
     let begin = Instant::now();
-    let (tree, request, work) = start(args, "3D Tiles", global)?;
-    let directory = args.output.path().parent().filter(|directory| *directory != Path::new(""));
     let name = args.output.path().display();
-    let directory = directory
-        .with_context(|| format!("{name}: expected a directory in the name, as in x/tileset.json"))?;
-    let directory = OutputDirectory::create(directory)?;
+    let directory = || {
+        let directory = args.output.path().parent().filter(|directory| *directory != Path::new(""));
+        let expected = || format!("{name}: expected a directory in the name, as in x/tileset.json");
+        anyhow::Ok(OutputDirectory::create(directory.with_context(expected)?)?)
+    };
+    if let Some(view) = args.tree.open_model(global)? {
+        global.check_options(&args.tree.file, exact::KIND, &["--output", "--format", "--meshopt"])?;
+        check_output([args.tree.file.as_path()], args.output.path())?;
+        let model = view.as_model("faces")?;
+        let work = Work::start(global, "faces")?;
+        let (options, memory) = (args.gltf.options(), DEFAULT_MEMORY);
+        let summary = export_model_tileset(model, &options, directory()?, memory, &work)
+            .with_context(|| format!("{name}: cannot write"))?;
+        work.finish();
+        let levels = counted(u64::from(summary.levels), "level");
+        global
+            .report("tiles", format_args!("{} in {levels}, {} triangles", summary.tiles, summary.triangles));
+        match (summary.is_on_globe, model.crs()) {
+            (true, _) => global.report("position", format_args!("on the globe, vertex by vertex")),
+            (false, Some(crs)) => global.report("position", format_args!("in coordinates of {crs}")),
+            (false, None) => {}
+        }
+        report_output(global, args.output.path(), begin);
+        return Ok(());
+    }
+    let (tree, request, work) = start(args, "3D Tiles", global)?;
+    let directory = directory()?;
     let summary = export_tileset(&tree, &request, &args.gltf.options(), directory, &work)
         .with_context(|| format!("{name}: cannot write"))?;
     work.finish();
@@ -85,6 +106,18 @@ pub(super) fn write_tileset(args: &Args, global: &Global) -> Result<()> {
 /// Writes one level as binary glTF.
 pub(super) fn write_glb(args: &Args, global: &Global) -> Result<()> {
     let begin = Instant::now();
+    if let Some(view) = args.tree.open_model(global)? {
+        let fitting =
+            ["--output", "--format", "--meshopt", "--where", "--level", "--error", "--faces", "--view"];
+        global.check_options(&args.tree.file, exact::KIND, &fitting)?;
+        let contents = exact::MeshContents {
+            triangles: false,
+            filter: args.mesh.filter.as_ref(),
+            detail: args.mesh.detail(),
+        };
+        let format = exact::MeshOutput::Glb(args.gltf.options());
+        return exact::export(view.as_model("faces")?, args.output.path(), format, contents, global);
+    }
     let (tree, request, work) = start(args, ".glb", global)?;
     let output = global.access().create(args.output.path())?;
     let triangles = export_glb(&tree, &request, &args.gltf.options(), output, &work)

@@ -26,7 +26,8 @@ pub(super) struct MeshOptions {
     /// possible
     #[arg(long, value_name = "DISTANCE", conflicts_with_all = ["level", "faces"])]
     pub(super) error: Option<f64>,
-    /// Maximum number of faces, of exact models with levels of detail: those with the smallest error
+    /// Maximum number of faces, of exact models with levels of detail: those with the smallest
+    /// error
     #[arg(long, value_name = "N", conflicts_with = "level")]
     pub(super) faces: Option<u64>,
     /// Smooth surface: where cells are half full (surface nets; every edge has two faces), instead
@@ -44,8 +45,18 @@ pub(super) struct MeshOptions {
 }
 
 impl MeshOptions {
+    /// Fails for options that need an exact model.
+    pub(super) fn check_cells(&self) -> Result<()> {
+        let given = [("--error", self.error.is_some()), ("--faces", self.faces.is_some())];
+        for (name, _) in given.iter().filter(|(_, is_given)| *is_given) {
+            bail!("{name}: works only with exact models, which have levels of detail");
+        }
+        ensure!(self.filter.is_none(), "--where: works only with exact models, which have objects");
+        Ok(())
+    }
+
     /// Returns how much detail of an exact model is written.
-    fn detail(&self) -> Option<Detail> {
+    pub(super) fn detail(&self) -> Option<Detail> {
         let level = self.level.map(Detail::Level);
         level.or(self.error.map(Detail::Error)).or(self.faces.map(Detail::Faces))
     }
@@ -77,23 +88,17 @@ pub(super) fn check_octree(tree: &Dataset, file: &Path) -> Result<()> {
 /// Writes a mesh of an octree or of an exact model.
 pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let MeshOptions { level, smooth, triangles, ref filter, error, faces } = args.mesh;
+    let MeshOptions { level, smooth, triangles, ref filter, .. } = args.mesh;
     if let Some(view) = args.tree.open_model(global)? {
         let fitting =
             ["--output", "--format", "--triangles", "--where", "--view", "--level", "--error", "--faces"];
         global.check_options(&args.tree.file, exact::KIND, &fitting)?;
-        return exact::export(
-            view.as_model("faces")?,
-            args.output.path(),
-            exact::MeshContents { format, triangles, filter: filter.as_ref(), detail: args.mesh.detail() },
-            global,
-        );
+        let detail = args.mesh.detail();
+        let contents = exact::MeshContents { triangles, filter: filter.as_ref(), detail };
+        let format = exact::MeshOutput::Mesh(format);
+        return exact::export(view.as_model("faces")?, args.output.path(), format, contents, global);
     }
-    let given = [("--error", error.is_some()), ("--faces", faces.is_some())];
-    for (name, _) in given.iter().filter(|(_, is_given)| *is_given) {
-        bail!("{name}: works only with exact models, which have levels of detail");
-    }
-    ensure!(filter.is_none(), "--where: works only with exact models, which have objects");
+    args.mesh.check_cells()?;
     let tree = args.tree.open(global)?;
     check_octree(&tree, &args.tree.file)?;
     check_output([args.tree.file.as_path()], args.output.path())?;

@@ -1,7 +1,7 @@
 //! Bounds of the distance between two triangulated patches.
 //!
 //! The bound of a convex polygon's distance from a patch: the distance from a triangle, which is
-//! convex, is a convex function, so it is greatest at one of the polygon's vertices. If this is not
+//! convex, is a convex function, so its maximum is at one of the polygon's vertices. If this is not
 //! small enough, the polygon is divided by the planes through the triangle's edges: over the
 //! triangle, the distance is that from its plane, and the rest is compared with other triangles. So
 //! a flat patch has the distance 0 from any other triangulation of it.
@@ -11,31 +11,37 @@ use super::tree::TriangleTree;
 pub(super) type Point = [f64; 3];
 
 /// Bounds are at most this multiple of the maximum distance that was found at a point.
-const SLACK: f64 = 1.25;
+const SLACK: f64 = 1.4;
 /// Smallest bound in grid units: smaller distances are not distinguished.
 const MIN_BOUND: f64 = 1.0 / 256.0;
 /// Maximum number of divisions of a triangle.
-const MAX_PIECES: usize = 2048;
+const MAX_FRAGMENTS: usize = 2048;
 /// Maximum number of vertices of a polygon.
 const MAX_VERTICES: usize = 16;
 /// Points that are this close to a plane, in grid units, are on it. Otherwise, rounding would cause
 /// endless divisions.
 const ON_PLANE: f64 = 1e-5;
 
-/// Returns a bound of the distance between two patches, both ways. Distances of up to `tolerance`
-/// need not be distinguished.
-pub(super) fn distance_bound(a: &[[Point; 3]], b: &[[Point; 3]], tolerance: f64) -> f64 {
+/// Maximum number of triangles that a polygon is passed on to before the nearest one is searched
+/// for.
+const MAX_STEPS: u8 = 4;
+
+/// Returns a bound of the distance between two sets of triangles between the same points, both
+/// ways. Distances of up to `tolerance` need not be distinguished.
+pub(super) fn distance_bound(points: &[Point], a: &[[u32; 3]], b: &[[u32; 3]], tolerance: f64) -> f64 {
     if a.is_empty() || b.is_empty() {
         return if a.len() == b.len() { 0.0 } else { f64::INFINITY };
     }
+    let corners = |triangle: &[u32; 3]| triangle.map(|point| points[point as usize]);
     let mut search =
-        Search { found: 0.0, bound: 0.0, tolerance: tolerance.max(MIN_BOUND), pieces: Vec::new() };
-    let trees = [TriangleTree::of(b), TriangleTree::of(a)];
+        Search { found: 0.0, bound: 0.0, tolerance: tolerance.max(MIN_BOUND), fragments: Vec::new() };
+    let trees = [TriangleTree::of(points, b), TriangleTree::of(points, a)];
     // Distances that are found first save divisions later.
     for (triangles, tree) in [a, b].into_iter().zip(&trees) {
         let mut near = 0;
-        for triangle in triangles.iter().step_by(7) {
-            for at in [triangle[0], centroid(triangle)] {
+        for triangle in triangles.iter().step_by(16) {
+            let triangle = corners(triangle);
+            for at in [triangle[0], centroid(&triangle)] {
                 let (index, distance) = tree.nearest(at, near);
                 near = index;
                 search.found = search.found.max(distance);
@@ -45,7 +51,7 @@ pub(super) fn distance_bound(a: &[[Point; 3]], b: &[[Point; 3]], tolerance: f64)
     for (triangles, tree) in [a, b].into_iter().zip(&trees) {
         let mut near = 0;
         for triangle in triangles {
-            near = search.bound_triangle(triangle, tree, near);
+            near = search.bound_triangle(&corners(triangle), tree, near);
         }
     }
     // (Doubles have 53 bits, and coordinates at most 26: errors of rounding are below ON_PLANE.)
@@ -58,70 +64,95 @@ struct Search {
     /// Bound for all polygons so far.
     bound: f64,
     tolerance: f64,
-    pieces: Vec<Polygon>,
+    fragments: Vec<Fragment>,
+}
+
+/// A polygon whose distance is to be bounded.
+struct Fragment {
+    polygon: Polygon,
+    /// A triangle that may be near.
+    near: usize,
+    /// Number of further triangles that may be tried instead of the nearest one.
+    steps: u8,
 }
 
 impl Search {
     /// Adds the bound of a triangle. `near` is an index of a triangle that may be near; returns one
     /// for the next triangle.
-    fn bound_triangle(&mut self, triangle: &[Point; 3], tree: &TriangleTree, mut near: usize) -> usize {
-        self.pieces.clear();
-        self.pieces.push(Polygon::of(triangle));
-        let mut count = 0;
-        while let Some(piece) = self.pieces.pop() {
+    fn bound_triangle(&mut self, triangle: &[Point; 3], tree: &TriangleTree, near: usize) -> usize {
+        self.fragments.clear();
+        self.fragments.push(Fragment { polygon: Polygon::of(triangle), near, steps: 0 });
+        let (mut count, mut last) = (0, near);
+        while let Some(Fragment { polygon, mut near, steps }) = self.fragments.pop() {
             count += 1;
-            let mut distance = piece.distance(tree, near);
-            if self.is_enough(distance) {
+            let mut distance = polygon.distance(tree, near);
+            if !self.is_enough(distance) && steps == 0 {
+                let (index, found) = tree.nearest(centroid(polygon.vertices()), near);
+                self.found = self.found.max(found);
+                if index != near {
+                    near = index;
+                    distance = polygon.distance(tree, near);
+                }
+            }
+            last = near;
+            if self.is_enough(distance) || count >= MAX_FRAGMENTS {
                 self.bound = self.bound.max(distance);
                 continue;
             }
-            let (index, found) = tree.nearest(centroid(piece.vertices()), near);
-            self.found = self.found.max(found);
-            if index != near {
-                near = index;
-                distance = piece.distance(tree, near);
-            }
-            if self.is_enough(distance) || count >= MAX_PIECES {
-                self.bound = self.bound.max(distance);
+            if polygon.len + 3 > MAX_VERTICES {
+                let halves = polygon.fan_halves().map(|polygon| Fragment { polygon, near, steps });
+                self.fragments.extend(halves);
                 continue;
             }
-            if piece.len + 3 > MAX_VERTICES {
-                self.pieces.extend(piece.fan_halves());
+            let Some(planes) = tree.edge_planes(near) else {
+                self.halve(&polygon, near);
                 continue;
-            }
-            let mut rest = Some(piece);
-            for plane in tree.edge_planes(near).into_iter().flatten() {
+            };
+            let mut rest = Some(polygon);
+            for (edge, plane) in planes.iter().enumerate() {
                 let Some(whole) = rest else { break };
-                let [inside, outside] = whole.divide(&plane);
-                self.pieces.extend(outside);
+                let [inside, outside] = whole.divide(plane);
                 rest = inside;
-            }
-            match rest {
-                // Nothing was cut off.
-                Some(rest) if rest.len == piece.len && tree.edge_planes(near).is_none() => {
-                    self.pieces.extend(piece.halves());
-                }
-                Some(rest) => self.bound_above(&rest, tree, near, count),
-                None => {
-                    // The polygon is beside the triangle; it is halved, if nothing was divided.
-                    if self.pieces.last().is_some_and(|last| last.len == piece.len && *last == piece) {
-                        self.pieces.pop();
-                        self.pieces.extend(piece.halves());
+                let Some(outside) = outside else { continue };
+                // The triangle across the edge is probably the nearest one.
+                match tree.neighbour(near, edge) {
+                    _ if steps == 0 && outside == polygon => self.halve(&outside, near),
+                    Some(next) if steps != 1 => {
+                        let steps = if steps == 0 { MAX_STEPS } else { steps - 1 };
+                        self.fragments.push(Fragment { polygon: outside, near: next, steps });
                     }
+                    _ => self.fragments.push(Fragment { polygon: outside, near, steps: 0 }),
                 }
+            }
+            if let Some(rest) = rest {
+                self.bound_above(&rest, tree, near, (count, steps));
             }
         }
-        near
+        last
+    }
+
+    fn halve(&mut self, polygon: &Polygon, near: usize) {
+        self.fragments.extend(polygon.halves().map(|polygon| Fragment { polygon, near, steps: 0 }));
     }
 
     /// Adds the bound of a polygon over a triangle: its distance from the triangle's plane. Where
     /// this is more than necessary, another triangle may be nearer.
-    fn bound_above(&mut self, piece: &Polygon, tree: &TriangleTree, near: usize, count: usize) {
-        let (at, distance) = tree.highest(near, piece.vertices());
+    fn bound_above(
+        &mut self,
+        fragment: &Polygon,
+        tree: &TriangleTree,
+        near: usize,
+        (count, steps): (usize, u8),
+    ) {
+        let (at, distance) = tree.highest(near, fragment.vertices());
         if !self.is_enough(distance) {
+            if steps > 0 {
+                self.fragments.push(Fragment { polygon: *fragment, near, steps: 0 });
+                return;
+            }
             self.found = self.found.max(tree.nearest(at, near).1);
-            if !self.is_enough(distance) && count < MAX_PIECES {
-                self.pieces.extend(piece.halves());
+            if !self.is_enough(distance) && count < MAX_FRAGMENTS {
+                self.halve(fragment, near);
                 return;
             }
         }

@@ -1,5 +1,6 @@
 //! Simplification of a group: each object by itself, within the group's border.
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
 use super::distance::{Point, distance_bound};
@@ -56,18 +57,27 @@ pub(super) fn simplify(
     for triangle in triangles {
         by_object.entry(objects[triangle.part as usize]).or_default().push(*triangle);
     }
-    let mut components = Vec::new();
-    for own in by_object.values() {
-        let patch = Patch::of(own);
-        match patch.components() {
-            None => components.push(simplify_component(&patch, own, error, simplifier)),
-            Some(parts) => components.extend(parts.into_iter().map(|part| {
-                let own: Vec<Triangle> = part.into_iter().map(|index| own[index as usize]).collect();
-                simplify_component(&Patch::of(&own), &own, error, simplifier)
-            })),
+    let mut connected: Vec<Vec<Triangle>> = Vec::new();
+    for own in by_object.into_values() {
+        match Patch::of(&own).components() {
+            None => connected.push(own),
+            Some(parts) => connected
+                .extend(parts.iter().map(|part| part.iter().map(|index| own[*index as usize]).collect())),
         }
     }
-    // Whole bodies disappear, the smallest first, but not the largest of the group.
+    // The largest components determine the error of the group; the others get no larger one.
+    connected.sort_by_key(|triangles| Reverse(triangles.len()));
+    let mut components: Vec<Component> = Vec::new();
+    let mut most = f64::INFINITY;
+    for triangles in &connected {
+        let component = simplify_component(triangles, (error, most), simplifier);
+        if component.distance > 0.0 {
+            most = if most.is_finite() { most.max(component.distance) } else { component.distance };
+        }
+        components.push(component);
+    }
+    // Whole bodies disappear, the smallest first: those within the error, and up to half of all if
+    // there are too many faces. The largest body of a group stays.
     // (A smaller goal would increase the error of all others by much.)
     let goal = triangles.len().div_ceil(2);
     let mut distance = components.iter().map(|component| component.distance).fold(0.0, f64::max);
@@ -78,10 +88,11 @@ pub(super) fn simplify(
     if bodies.len() == components.len() {
         bodies.pop();
     }
-    for index in bodies {
+    let half = bodies.len() / 2;
+    for (rank, index) in bodies.into_iter().enumerate() {
         // (The exact body is within `error` of this one.)
         let own = components[index].diagonal + 2.0 * error;
-        if count <= goal && own > error + distance {
+        if (count <= goal || rank >= half) && own > error + distance {
             break;
         }
         count -= components[index].after.len();
@@ -96,13 +107,14 @@ pub(super) fn simplify(
     Some(Simplified { clusters: clusters(&components, level), distance, vanished, diameter })
 }
 
-/// Simplifies connected triangles, or keeps them where this fails.
+/// Simplifies connected triangles, or keeps them where this fails: `error` is the bound of their
+/// distance from the exact surface, and `most` the maximum distance of the result from them.
 fn simplify_component(
-    patch: &Patch,
     triangles: &[Triangle],
-    error: f64,
+    (error, most): (f64, f64),
     simplifier: &dyn Simplifier,
 ) -> Component {
+    let patch = Patch::of(triangles);
     let points = patch.points();
     let [min, max] = bounds_of(&points, 0);
     let side = |axis: usize| f64::from(max[axis] - min[axis]);
@@ -123,10 +135,11 @@ fn simplify_component(
     let positions: Vec<[f32; 3]> = points.iter().map(near).collect();
     let goal = (triangles.len() / REDUCTION).max(SMALL);
     let locked = patch.locked(&boundary);
-    let wide = |point: [i32; 3]| -> Point { [0, 1, 2].map(|axis| f64::from(point[axis] - min[axis])) };
-    let surface = |triangles: &[[u32; 3]]| -> Vec<[Point; 3]> {
-        triangles.iter().map(|triangle| triangle.map(|vertex| wide(points[vertex as usize]))).collect()
+    let by_position = |triangles: &[[u32; 3]]| -> Vec<[u32; 3]> {
+        triangles.iter().map(|triangle| triangle.map(|vertex| patch.position(vertex))).collect()
     };
+    let exact_points: Vec<Point> = patch.each_position().map(|point| point.map(f64::from)).collect();
+    let before = by_position(&patch.triangles);
     // Returns triangles and their distance, up to an estimated error.
     let simplified = |most: f64| -> Option<(Vec<[u32; 3]>, f64)> {
         let mut after = simplifier.simplify(&positions, &patch.triangles, &locked, goal, most as f32);
@@ -139,12 +152,13 @@ fn simplify_component(
             && (!boundary.is_empty()
                 || !after.is_empty() && patch.volume_sign(&after) == patch.volume_sign(&patch.triangles));
         let tolerance = error / 16.0;
-        let distance = || distance_bound(&surface(&patch.triangles), &surface(&after), tolerance);
+        let distance = || distance_bound(&exact_points, &before, &by_position(&after), tolerance);
         is_usable.then(distance).map(|distance| (after, distance))
     };
-    let is_bad = |(_, distance): &(Vec<[u32; 3]>, f64)| *distance > MAX_DISTANCE * diagonal;
-    let mut best = simplified(f64::from(f32::MAX));
     let free = (error / 8.0).max(0.25);
+    let limit = (MAX_DISTANCE * diagonal).min(most.max(free));
+    let is_bad = |(_, distance): &(Vec<[u32; 3]>, f64)| *distance > limit;
+    let mut best = simplified(most.max(free).min(f32::MAX.into()));
     if triangles.len() <= FEW_PLANES && best.as_ref().is_none_or(|(_, distance)| *distance > free) {
         let flat = simplified(free);
         let is_enough = flat.as_ref().is_some_and(|(after, _)| after.len() * 2 <= triangles.len());

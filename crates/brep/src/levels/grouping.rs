@@ -2,9 +2,9 @@
 
 use spinney_base::sort;
 
-/// Directions of the planes' normals, one set per level. Planes of consecutive levels are oblique to
-/// each other, so borders between the groups of one level are inside of groups of the next, except
-/// where they cross.
+/// Directions of the planes' normals, one set per level. Planes of consecutive levels are oblique
+/// to each other, so borders between the groups of one level are inside of groups of the next,
+/// except where they cross.
 const DIRECTIONS: [[[i64; 3]; 3]; 3] = [
     [[2, 2, 1], [-2, 1, 2], [1, -2, 2]],
     [[2, -1, 2], [2, 2, -1], [-1, 2, 2]],

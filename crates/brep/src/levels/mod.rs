@@ -50,9 +50,10 @@ const COARSEST: u64 = 128;
 
 /// Reduces the number of triangles of a mesh.
 pub trait Simplifier: Sync {
-    /// Returns about `goal` triangles between some of the points, that are near the given triangles,
-    /// or more, if an estimate of the distance would exceed `error`. Their orientation is the same.
-    /// Locked points are kept, with all edges between them that have a triangle on one side only.
+    /// Returns about `goal` triangles between some of the points, that are near the given
+    /// triangles, or more, if an estimate of the distance would exceed `error`. Their orientation
+    /// is the same. Locked points are kept, with all edges between them that have a triangle on one
+    /// side only.
     fn simplify(
         &self,
         points: &[[f32; 3]],
@@ -63,8 +64,9 @@ pub trait Simplifier: Sync {
     ) -> Vec<[u32; 3]>;
 }
 
-/// Copies a model with a codec, and adds levels of detail; existing ones are replaced. About `memory`
-/// bytes are used, and temporary files next to the output. Time grows with the number of faces.
+/// Copies a model with a codec, and adds levels of detail; existing ones are replaced. About
+/// `memory` bytes are used, and temporary files next to the output. Time grows with the number of
+/// faces.
 ///
 /// # Errors
 /// If the model has no faces, if a file cannot be read or written, or on cancellation.
@@ -294,8 +296,8 @@ impl LevelBuilder {
         self.current.iter().map(|index| u64::from(self.clusters[*index as usize].triangles)).sum()
     }
 
-    /// Divides the last level's clusters into groups, in the order of the smallest octree nodes that
-    /// contain them.
+    /// Divides the last level's clusters into groups, in the order of the smallest octree nodes
+    /// that contain them.
     fn groups(&self, model: &ExactModel, level: usize) -> Vec<Vec<u32>> {
         let item = |index: &u32| {
             let cluster = &self.clusters[*index as usize];

@@ -52,6 +52,22 @@ impl Patch {
         self.vertices.iter().map(|vertex| vertex.0).collect()
     }
 
+    /// Returns the number of a vertex' position.
+    pub(super) fn position(&self, vertex: u32) -> u32 {
+        self.positions[vertex as usize]
+    }
+
+    /// Returns all positions in the order of their numbers.
+    pub(super) fn each_position(&self) -> impl Iterator<Item = [i32; 3]> {
+        let mut next = 0;
+        self.vertices.iter().zip(&self.positions).filter_map(move |(vertex, position)| {
+            // (Numbers ascend in the order of their first vertices.)
+            let is_new = *position == next;
+            next += u32::from(is_new);
+            is_new.then_some(vertex.0)
+        })
+    }
+
     /// Returns the triangles of each set that shares no vertex position with others; `None` if all
     /// are connected.
     pub(super) fn components(&self) -> Option<Vec<Vec<u32>>> {

@@ -1,17 +1,24 @@
 //! Nearest triangles: a tree of boxes over the triangles of a patch.
 
 use super::distance::Point;
+use spinney_base::sort;
+use spinney_base::space::{Dimension, morton_encode};
 
 /// Triangles per leaf.
 const LEAF: usize = 4;
 
-/// A binary tree over triangles, in order of the boxes' medians along their longest sides.
+/// A binary tree over triangles that are sorted along a space-filling curve.
 pub(super) struct TriangleTree {
     nodes: Vec<Node>,
-    /// Sorted for the leaves.
+    /// Sorted along the curve.
     triangles: Vec<[Point; 3]>,
     normals: Vec<Option<Point>>,
+    /// The triangle across each edge, or [`NONE`].
+    neighbours: Vec<[u32; 3]>,
 }
+
+/// Number of a triangle that does not exist.
+const NONE: u32 = u32::MAX;
 
 struct Node {
     min: Point,
@@ -23,37 +30,21 @@ struct Node {
 }
 
 impl TriangleTree {
-    pub(super) fn of(triangles: &[[Point; 3]]) -> TriangleTree {
-        let mut tree = TriangleTree { nodes: Vec::new(), triangles: triangles.to_vec(), normals: Vec::new() };
-        let mut triangles = std::mem::take(&mut tree.triangles);
-        tree.divide(&mut triangles, 0);
-        tree.normals = triangles.iter().map(unit_normal).collect();
-        tree.triangles = triangles;
-        tree
+    /// Creates the tree over triangles between numbered points.
+    pub(super) fn of(points: &[Point], triangles: &[[u32; 3]]) -> TriangleTree {
+        let corners = |triangle: &[u32; 3]| triangle.map(|point| points[point as usize]);
+        let sorted = sorted(triangles, &corners);
+        let triangles: Vec<[Point; 3]> = sorted.iter().map(corners).collect();
+        let normals = triangles.iter().map(unit_normal).collect();
+        let mut nodes = Vec::with_capacity(triangles.len());
+        build(&mut nodes, &triangles, 0);
+        TriangleTree { nodes, triangles, normals, neighbours: neighbours(&sorted) }
     }
 
-    fn divide(&mut self, triangles: &mut [[Point; 3]], first: usize) {
-        let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for point in triangles.as_flattened() {
-            for axis in 0..3 {
-                min[axis] = min[axis].min(point[axis]);
-                max[axis] = max[axis].max(point[axis]);
-            }
-        }
-        let index = self.nodes.len();
-        self.nodes.push(Node { min, max, at: first as u32, count: triangles.len() as u32 });
-        if triangles.len() <= LEAF {
-            return;
-        }
-        let axis = (0..3).max_by(|a, b| (max[*a] - min[*a]).total_cmp(&(max[*b] - min[*b]))).unwrap_or(0);
-        let key = |triangle: &[Point; 3]| triangle.iter().map(|point| point[axis]).sum::<f64>();
-        let middle = triangles.len() / 2;
-        triangles.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)));
-        let (low, high) = triangles.split_at_mut(middle);
-        self.divide(low, first);
-        self.nodes[index].at = self.nodes.len() as u32;
-        self.nodes[index].count = 0;
-        self.divide(high, first + middle);
+    /// Returns the triangle across an edge of a triangle.
+    pub(super) fn neighbour(&self, triangle: usize, edge: usize) -> Option<usize> {
+        let found = self.neighbours[triangle][edge];
+        (found != NONE).then_some(found as usize)
     }
 
     /// Returns the nearest triangle to a point, and its distance. The search is faster if the
@@ -168,6 +159,89 @@ impl TriangleTree {
             if height > highest.1 { (*point, height) } else { highest }
         })
     }
+}
+
+/// Bits per axis of positions on the curve, and of numbers of triangles next to them.
+const CURVE_BITS: u32 = 13;
+const NUMBER_BITS: u32 = 25;
+
+/// Sorts triangles along the curve.
+fn sorted(triangles: &[[u32; 3]], corners: &impl Fn(&[u32; 3]) -> [Point; 3]) -> Vec<[u32; 3]> {
+    if triangles.len() >= 1 << NUMBER_BITS {
+        return triangles.to_vec();
+    }
+    let centre = |triangle: &[u32; 3]| {
+        let [a, b, c] = corners(triangle);
+        [0, 1, 2].map(|axis| a[axis] + b[axis] + c[axis])
+    };
+    let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for at in triangles.iter().map(centre) {
+        min = [0, 1, 2].map(|axis| min[axis].min(at[axis]));
+        max = [0, 1, 2].map(|axis| max[axis].max(at[axis]));
+    }
+    let width = (0..3).map(|axis| max[axis] - min[axis]).fold(1.0, f64::max);
+    let scale = f64::from((1 << CURVE_BITS) - 1) / width;
+    let key = |(triangle, number): (&[u32; 3], u64)| {
+        let at = centre(triangle);
+        let part = |axis: usize| morton_encode(Dimension::Oct, ((at[axis] - min[axis]) * scale) as u32);
+        (part(0) | part(1) << 1 | part(2) << 2) << NUMBER_BITS | number
+    };
+    let mut keys: Vec<u64> = triangles.iter().zip(0..).map(key).collect();
+    sort::numbers64(&mut keys);
+    let of = |key: &u64| triangles[(key & ((1 << NUMBER_BITS) - 1)) as usize];
+    keys.iter().map(of).collect()
+}
+
+/// Adds the nodes over triangles, and returns their box.
+fn build(nodes: &mut Vec<Node>, triangles: &[[Point; 3]], first: usize) -> [Point; 2] {
+    let index = nodes.len();
+    nodes.push(Node { min: [0.0; 3], max: [0.0; 3], at: first as u32, count: triangles.len() as u32 });
+    let boxes = if triangles.len() <= LEAF {
+        triangles
+            .as_flattened()
+            .iter()
+            .fold([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]], |all, at| union(all, [*at, *at]))
+    } else {
+        let (low, high) = triangles.split_at(triangles.len() / 2);
+        let below = build(nodes, low, first);
+        nodes[index].at = nodes.len() as u32;
+        nodes[index].count = 0;
+        union(below, build(nodes, high, first + low.len()))
+    };
+    [nodes[index].min, nodes[index].max] = boxes;
+    boxes
+}
+
+fn union(a: [Point; 2], b: [Point; 2]) -> [Point; 2] {
+    [[0, 1, 2].map(|axis| a[0][axis].min(b[0][axis])), [0, 1, 2].map(|axis| a[1][axis].max(b[1][axis]))]
+}
+
+/// Returns the triangle across each edge: one with the opposite edge, if there is any. Very large
+/// patches have none.
+fn neighbours(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
+    let mut found = vec![[NONE; 3]; triangles.len()];
+    let last = triangles.as_flattened().iter().max().copied().unwrap_or(0);
+    if last >= 1 << 21 || triangles.len() >= 1 << 20 {
+        return found;
+    }
+    let mut edges: Vec<u64> = Vec::with_capacity(3 * triangles.len());
+    for (number, triangle) in (0..).zip(triangles) {
+        for edge in 0..3 {
+            let (from, to) = (triangle[edge], triangle[(edge + 1) % 3]);
+            let (low, high) = (u64::from(from.min(to)), u64::from(from.max(to)));
+            edges.push(low << 43 | high << 22 | number << 2 | edge as u64);
+        }
+    }
+    sort::numbers64(&mut edges);
+    for pair in edges.windows(2) {
+        if pair[0] >> 22 == pair[1] >> 22 {
+            let [(a, first), (b, second)] =
+                [pair[0], pair[1]].map(|edge| ((edge & ((1 << 22) - 1)) as usize >> 2, (edge & 3) as usize));
+            found[a][first] = b as u32;
+            found[b][second] = a as u32;
+        }
+    }
+    found
 }
 
 fn unit_normal([a, b, c]: &[Point; 3]) -> Option<Point> {

@@ -124,9 +124,10 @@ impl ExactModel {
         };
         let levels = DetailLevel::from_bytes(&levels)
             .map_err(|found| Error::corrupt(path, "levels", found, "levels as in formats.md"))?;
-        let has_levels = Some(!levels.is_empty());
+        // (Models with few faces have the exact level alone.)
+        let (has_levels, no_levels) = (Some(!levels.is_empty()), levels.is_empty().then_some(false));
         let clusters = chunk_list(List::Clusters, trailer.section(CLUSTERS), has_levels)?;
-        let level_faces = chunk_list(List::LevelFaces, trailer.section(LEVEL_FACES), has_levels)?;
+        let level_faces = chunk_list(List::LevelFaces, trailer.section(LEVEL_FACES), no_levels)?;
         // Chunks must not overlap in total, so that the time to read all of them is limited by the
         // file's size.
         let mut bytes = 0u64;

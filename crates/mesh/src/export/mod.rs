@@ -1,6 +1,6 @@
 //! Surfaces of octrees as meshes: PLY, OBJ, STL or OFF. Exact models are also exported as CityJSON
-//! (`exact/`), and octrees for viewers as glTF and 3D Tiles (`gltf/`). Isosurfaces of values other
-//! than coverage have their own module (`isosurfaces/`).
+//! (`exact/`), and for viewers as glTF and 3D Tiles (`model_gltf/`), octrees likewise (`gltf/`).
+//! Isosurfaces of values other than coverage have their own module (`isosurfaces/`).
 //!
 //! There are two kinds of surfaces. The *faces* of the cells, merged to rectangles, enclose exactly
 //! the solid cells. The *smooth* surface (Gibson's surface nets) runs between the cell centres,
@@ -29,6 +29,7 @@ mod faces;
 mod gltf;
 mod isosurfaces;
 mod losses;
+mod model_gltf;
 mod net_normals;
 mod nets;
 mod numbers;
@@ -58,6 +59,7 @@ pub use exact::{ExactSummary, export_exact};
 pub use gltf::{GltfOptions, TilesetSummary, export_glb, export_tileset};
 pub use isosurfaces::{IsosurfaceSummary, export_isosurfaces, isosurface_mesh};
 use losses::Losses;
+pub use model_gltf::{ModelTilesSummary, export_model_glb, export_model_tileset};
 pub use ply::FaceAttribute;
 use sink::{Mesh, Sink};
 pub use triangles::export_triangles;

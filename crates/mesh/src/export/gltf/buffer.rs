@@ -10,7 +10,7 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const MESHOPT: &str = "EXT_meshopt_compression";
 
 /// Buffer views under construction, all in one buffer.
-pub(super) struct GlbBuffer {
+pub(in crate::export) struct GlbBuffer {
     meshopt: bool,
     bytes: Vec<u8>,
     /// Length in bytes of the uncompressed buffer.
@@ -19,17 +19,17 @@ pub(super) struct GlbBuffer {
 }
 
 impl GlbBuffer {
-    pub(super) fn new(meshopt: bool) -> GlbBuffer {
+    pub(in crate::export) fn new(meshopt: bool) -> GlbBuffer {
         GlbBuffer { meshopt, bytes: Vec::new(), plain: 0, views: Vec::new() }
     }
 
     /// Extension that readers must support.
-    pub(super) fn extension(&self) -> Option<&'static str> {
+    pub(in crate::export) fn extension(&self) -> Option<&'static str> {
         self.meshopt.then_some(MESHOPT)
     }
 
     /// Adds a view of a vertex attribute with `stride` bytes per vertex; returns its index.
-    pub(super) fn vertices(&mut self, bytes: &[u8], stride: usize) -> usize {
+    pub(in crate::export) fn vertices(&mut self, bytes: &[u8], stride: usize) -> usize {
         let view = json!({ "target": ARRAY_BUFFER, "byteStride": stride });
         match self.meshopt {
             true => {
@@ -41,7 +41,7 @@ impl GlbBuffer {
 
     /// Adds a view of triangles; returns its index. Vertex indices have 16 bits if `is_small`, else
     /// 32.
-    pub(super) fn triangles(&mut self, triangles: &[[u32; 3]], is_small: bool) -> usize {
+    pub(in crate::export) fn triangles(&mut self, triangles: &[[u32; 3]], is_small: bool) -> usize {
         let view = json!({ "target": ELEMENT_ARRAY_BUFFER });
         let numbers = triangles.as_flattened();
         let size = if is_small { 2 } else { 4 };
@@ -62,13 +62,13 @@ impl GlbBuffer {
     }
 
     /// Adds a view of a table column; returns its index.
-    pub(super) fn table(&mut self, bytes: &[u8]) -> usize {
+    pub(in crate::export) fn table(&mut self, bytes: &[u8]) -> usize {
         self.plain(bytes, json!({}))
     }
 
     /// Adds buffers and views to the file's root. Returns the bytes of the only buffer that has
     /// any.
-    pub(super) fn finish(self, root: &mut Map<String, Json>) -> Vec<u8> {
+    pub(in crate::export) fn finish(self, root: &mut Map<String, Json>) -> Vec<u8> {
         let mut buffers = vec![json!({ "byteLength": self.bytes.len() })];
         if self.meshopt {
             // Placeholder for the bytes that readers decompress from the first buffer.
@@ -124,14 +124,14 @@ mod meshopt {
     use meshoptimizer_rs::Workspace;
     use meshoptimizer_rs::codec::{IndexEncoding, VertexEncoding, encode_index_buffer, encode_vertex_buffer};
 
-    pub(super) fn vertices(bytes: &[u8], stride: usize) -> Vec<u8> {
+    pub(in crate::export) fn vertices(bytes: &[u8], stride: usize) -> Vec<u8> {
         // The extension only allows version 0.
         let encoding = VertexEncoding::new(0, 0).expect("there is such a version");
         let (count, mut workspace) = (bytes.len() / stride, Workspace::default());
         encode_vertex_buffer(bytes, count, stride, encoding, &mut workspace).expect("strides are 4 and 8")
     }
 
-    pub(super) fn triangles(numbers: &[u32]) -> Vec<u8> {
+    pub(in crate::export) fn triangles(numbers: &[u32]) -> Vec<u8> {
         let mut workspace = Workspace::default();
         encode_index_buffer(numbers, IndexEncoding::DEFAULT, &mut workspace)
             .expect("triangles have three corners")
@@ -141,11 +141,11 @@ mod meshopt {
 /// Without the feature, `GltfOptions::check` rejects the option.
 #[cfg(not(feature = "meshopt"))]
 mod meshopt {
-    pub(super) fn vertices(_: &[u8], _: usize) -> Vec<u8> {
+    pub(in crate::export) fn vertices(_: &[u8], _: usize) -> Vec<u8> {
         unreachable!("refused without the feature")
     }
 
-    pub(super) fn triangles(_: &[u32]) -> Vec<u8> {
+    pub(in crate::export) fn triangles(_: &[u32]) -> Vec<u8> {
         unreachable!("refused without the feature")
     }
 }

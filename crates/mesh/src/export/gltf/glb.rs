@@ -187,13 +187,6 @@ impl<'a> Glb<'a> {
                 true
             }
         };
-        // sRGB transfer function, IEC 61966-2-1.
-        let linear = |number: u8| {
-            let number = f64::from(number) / 255.0;
-            let linear =
-                if number <= 0.040_45 { number / 12.92 } else { ((number + 0.055) / 1.055).powf(2.4) };
-            (linear * 65535.0).round() as u16
-        };
         let table: [u16; 256] = std::array::from_fn(|number| linear(number as u8));
         Some(move |attribute: u32| {
             let [_, r, g, b] = match palette.filter(|_| is_class) {
@@ -236,8 +229,20 @@ impl<'a> Glb<'a> {
     }
 }
 
+/// Returns a linear part of a colour: the sRGB transfer function, IEC 61966-2-1.
+fn linear(number: u8) -> u16 {
+    let number = f64::from(number) / 255.0;
+    let linear = if number <= 0.040_45 { number / 12.92 } else { ((number + 0.055) / 1.055).powf(2.4) };
+    (linear * 65535.0).round() as u16
+}
+
+/// Returns the linear parts of a colour.
+pub(in crate::export) fn linear_colour(colour: [u8; 3]) -> [u16; 3] {
+    colour.map(linear)
+}
+
 /// GLB file with a JSON chunk and a binary chunk.
-fn file_of(root: &Json, bin: Vec<u8>) -> Vec<u8> {
+pub(in crate::export) fn file_of(root: &Json, bin: Vec<u8>) -> Vec<u8> {
     let mut text = root.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
     let chunks = [(b"JSON", text), (b"BIN\0", bin)];

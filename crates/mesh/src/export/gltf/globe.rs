@@ -4,11 +4,35 @@
 use glam::{DMat4, DVec3};
 
 use spinney_container::Unit;
-use spinney_crs::{Frame, Projection};
+use spinney_crs::{Crs, Frame, Projection};
 
 /// Semi-major axis in metres, and squared eccentricity, of the WGS 84 ellipsoid.
 const SEMI_MAJOR: f64 = 6_378_137.0;
 const ECCENTRICITY: f64 = 0.006_694_379_990_141_316;
+
+/// Positions of world coordinates on the globe.
+pub(in crate::export) struct GlobePosition {
+    projection: Projection,
+    /// Length of the unit of heights.
+    metres: f64,
+}
+
+impl GlobePosition {
+    /// Returns `None` for coordinate systems without a known projection. Heights are taken as
+    /// ellipsoidal heights, in the unit of the projection, or in metres if that is degrees.
+    pub(in crate::export) fn of(crs: &Crs) -> Option<GlobePosition> {
+        let projection = Projection::new(crs, false).ok()?;
+        let metres = Unit::parse(crs.unit()?).and_then(Unit::metres).unwrap_or(1.0);
+        Some(GlobePosition { projection, metres })
+    }
+
+    /// Returns the geocentric position of a point, in metres; `None` outside of the projection's
+    /// area.
+    pub(in crate::export) fn of_world(&self, [x, y, z]: [f64; 3]) -> Option<DVec3> {
+        let found = geocentric(self.projection.inverse([x, y])?, z * self.metres);
+        found.is_finite().then_some(found)
+    }
+}
 
 /// Affine map onto the globe.
 #[derive(Clone, Copy, Debug)]
@@ -21,17 +45,12 @@ pub(super) struct OnGlobe {
 }
 
 impl OnGlobe {
-    /// Map that touches the globe in the middle of a box of cells. Heights are taken as ellipsoidal
-    /// heights, in the unit of the projection, or in metres if that is degrees. Returns `None` if
-    /// the coordinate system cannot be projected there.
+    /// Map that touches the globe in the middle of a box of cells. Returns `None` if the coordinate
+    /// system cannot be projected there.
     pub(super) fn touching(frame: &Frame, [least, most]: [[f64; 3]; 2]) -> Option<OnGlobe> {
         let crs = frame.crs.as_ref()?;
-        let projection = Projection::new(crs, false).ok()?;
-        let metres = Unit::parse(crs.unit()?).and_then(Unit::metres).unwrap_or(1.0);
-        let place = |cells: DVec3| {
-            let [x, y, z] = frame.to_world(cells.to_array());
-            Some(geocentric(projection.inverse([x, y])?, z * metres))
-        };
+        let position = GlobePosition::of(crs)?;
+        let place = |cells: DVec3| position.of_world(frame.to_world(cells.to_array()));
         let (least, most) = (DVec3::from(least), DVec3::from(most));
         let middle = least.midpoint(most);
         let centre = place(middle)?;
@@ -67,7 +86,6 @@ fn geocentric([longitude, latitude]: [f64; 2], height: f64) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spinney_crs::Crs;
 
     /// Points of EPSG:4979 in EPSG:4978, from PROJ 9.
     #[test]

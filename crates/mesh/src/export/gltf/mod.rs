@@ -5,9 +5,9 @@
 //! Tiles are generated independently, on all threads. They meet without cracks because all tiles of
 //! a level share one lattice.
 
-mod buffer;
-mod glb;
-mod globe;
+pub(super) mod buffer;
+pub(super) mod glb;
+pub(super) mod globe;
 mod subtree;
 mod tile_cells;
 mod tile_mesh;
@@ -43,7 +43,7 @@ impl GltfOptions {
         GltfOptions::default()
     }
 
-    fn check(self) -> Result<()> {
+    pub(super) fn check(self) -> Result<()> {
         if self.meshopt && !cfg!(feature = "meshopt") {
             let found = "a build without meshopt compression";
             return Err(Error::invalid(

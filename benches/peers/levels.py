@@ -1,0 +1,136 @@
+#!/usr/bin/env python3
+"""Levels of detail of exact models: `spinney transform FILE levels` against meshoptimizer's
+clusterlod, which makes all levels in memory, without bounds and without a file; distances that are
+sampled, against the stored bounds.
+
+    levels.py            the bumpy torus of 5.5 million triangles, and distances of three meshes
+    levels.py time       the torus alone; also distances
+
+clusterlod is that of the crate meshoptimizer-rs, as a program in benches/peers/work. Distances need
+trimesh and rtree. The program is target/release/spinney, or SPINNEY. One thread.
+"""
+
+import json
+import os
+import subprocess
+import sys
+
+os.environ["RAYON_NUM_THREADS"] = "1"
+
+from common import ROOT, SPINNEY, WORK, once, record, row, start, table  # noqa: E402
+from exact import MESH, PYTHON, TORUS, python  # noqa: E402
+
+MANIFEST = """[package]
+name = "clusterlod"
+version = "0.1.0"
+edition = "2024"
+[dependencies]
+meshoptimizer-rs = { version = "=0.2.17", default-features = false, features = ["std", "clusterlod"] }
+[workspace]
+"""
+
+PROGRAM = """use meshoptimizer_rs::{Workspace, clusterlod};
+
+// Reads a binary PLY file of triangles, and makes all levels.
+fn main() {
+    let bytes = std::fs::read(std::env::args().nth(1).unwrap()).unwrap();
+    let end = bytes.windows(11).position(|at| at == b"end_header\\n").unwrap() + 11;
+    let head = std::str::from_utf8(&bytes[..end]).unwrap();
+    let count = |name: &str| -> usize {
+        let line = head.lines().find_map(|line| line.strip_prefix(&format!("element {name} ")));
+        line.unwrap().parse().unwrap()
+    };
+    let (vertices, faces) = (count("vertex"), count("face"));
+    let four = |at: usize| <[u8; 4]>::try_from(&bytes[at..at + 4]).unwrap();
+    let point = |at: usize| [0, 4, 8].map(|axis| f32::from_le_bytes(four(end + 12 * at + axis)));
+    let mut positions: Vec<[f32; 3]> = (0..vertices).map(point).collect();
+    let from = end + 12 * vertices;
+    let index = |at: usize| u32::from_le_bytes(four(from + 13 * (at / 3) + 1 + 4 * (at % 3)));
+    let indices: Vec<u32> = (0..3 * faces).map(index).collect();
+    let mesh = clusterlod::Mesh {
+        indices: &indices,
+        positions: &mut positions,
+        attributes: None,
+        vertex_lock: None,
+        attribute_weights: &[],
+        attribute_protect_mask: 0,
+    };
+    let config = clusterlod::default_config(128).unwrap();
+    let groups = clusterlod::build(config, mesh, &mut Workspace::default()).unwrap();
+    println!("{} groups", groups.len());
+}
+"""
+
+# Distances both ways between a level and the exact surface at sampled points.
+DISTANCES = """
+import sys
+import numpy as np, trimesh
+exact, level = (trimesh.load(path, process=False) for path in sys.argv[1:3])
+def farthest(a, b):
+    points = np.concatenate([a.vertices[:5000], trimesh.sample.sample_surface(a, 5000, seed=1)[0]])
+    return trimesh.proximity.closest_point(b, points)[1].max()
+print(max(farthest(exact, level), farthest(level, exact)))
+"""
+
+
+def torus():
+    mesh = WORK / "torus_5501370.ply"
+    if not mesh.exists():
+        python(TORUS, 2345, 1173, mesh)
+    return mesh
+
+
+def time():
+    program = WORK / "clusterlod"
+    (program / "src").mkdir(parents=True, exist_ok=True)
+    (program / "Cargo.toml").write_text(MANIFEST)
+    (program / "src" / "main.rs").write_text(PROGRAM)
+    subprocess.run(["cargo", "build", "--release", "-q"], cwd=program, check=True)
+    mesh = torus()
+    model, levels = WORK / "torus.goblin", WORK / "torus_levels.goblin"
+    once([SPINNEY, "-q", "build", mesh, "-o", model, "--brep"])
+    ours = once([SPINNEY, "-q", "transform", model, "levels", "-o", levels, "--memory", "256MiB"])
+    theirs = once([program / "target/release/clusterlod", mesh])[0]
+    table(
+        ["job", "ours, CPU s", "MiB", "clusterlod, s", "ratio"],
+        [["levels of 5.5 million triangles", f"{ours[0]:.1f}", f"{ours[2]:.0f}", f"{theirs:.1f}", f"{ours[0] / theirs:.2f}"]],
+    )
+    record(
+        "exact models",
+        [
+            row("levels of 5.5 million triangles, CPU", "s", ours[0], "clusterlod", theirs),
+            row("levels of 5.5 million triangles, memory", "MiB", ours[2]),
+            row("levels of 5.5 million triangles, bytes added", "MB", (levels.stat().st_size - model.stat().st_size) / 1e6),
+        ],
+    )
+
+
+def distances():
+    rows, results = [], []
+    for name in ["armadillo", "bunny_hr", "fandisk"]:
+        if not (MESH / f"{name}.ply").exists():
+            continue
+        model = WORK / f"{name}_levels.goblin"
+        once([SPINNEY, "-q", "build", MESH / f"{name}.ply", "-o", model, "--brep", "--levels"])
+        levels = json.loads(subprocess.run([SPINNEY, "info", model, "--json"], check=True, capture_output=True).stdout)["levels"]
+        meshes = []
+        for level in range(len(levels)):
+            meshes.append(WORK / f"{name}_{level}.ply")
+            once([SPINNEY, "-q", "export", model, meshes[-1], "--level", level, "--triangles"])
+        for level, about in enumerate(levels[:-1]):
+            command = [PYTHON, "-c", DISTANCES, meshes[-1], meshes[level]]
+            far = float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+            rows.append([name, level, about["faces"], f"{far:.3e}", f"{about['error']:.3e}", f"{about['error'] / far:.2f}"])
+    table(["mesh", "level", "faces", "distance", "bound", "bound / distance"], rows)
+    if rows:
+        ratios = sorted(float(found[-1]) for found in rows)
+        results.append(row("bound of a level / sampled distance, median", "times", ratios[len(ratios) // 2]))
+        results.append(row("bound of a level / sampled distance, least", "times", ratios[0]))
+        record("exact models", results)
+
+
+if __name__ == "__main__":
+    start(data=False, peer="cargo")
+    chosen = sys.argv[1:] or ["time", "distances"]
+    for name in chosen:
+        {"time": time, "distances": distances}[name]()

@@ -1,0 +1,86 @@
+//! Exact models for viewers: binary glTF of a surface, and 3D Tiles whose levels are the model's
+//! levels of detail.
+
+mod face_mesh;
+mod features;
+mod model_glb;
+mod model_tiles;
+mod position;
+
+use std::io::Write as _;
+
+use self::face_mesh::FaceMesh;
+use self::model_glb::model_glb;
+use self::position::metres_of;
+use super::GltfOptions;
+use super::losses::Losses;
+use glam::DVec3;
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result};
+use spinney_brep::{Faces, Triangulated};
+
+pub use model_tiles::{ModelTilesSummary, export_model_tileset};
+
+/// Maximum bytes of a single file: it is built in memory.
+const MAX_GLB: u64 = 1 << 30;
+/// Approximate bytes of a triangle while a file is built.
+const TRIANGLE: u64 = 160;
+/// Maximum number of vertices of a node.
+const NODE_VERTICES: usize = 65_000;
+
+/// Writes a surface of an exact model as binary glTF, triangulated, in metres and with y up as in
+/// glTF. Objects are features with their names and attributes; vertices have colours if the model
+/// has any. Positions are relative to nodes, so that distant coordinates lose no precision. The
+/// file is built in memory. Returns the number of triangles.
+///
+/// Other units of length are converted to metres; without a unit, coordinates are taken as metres.
+///
+/// # Errors
+/// If the file would exceed 1 GiB; if the faces cannot be read; if the output cannot be written; or
+/// on cancellation.
+pub fn export_model_glb(
+    faces: &dyn Faces,
+    options: &GltfOptions,
+    mut output: Output,
+    progress: &dyn Progress,
+) -> Result<u64> {
+    options.check()?;
+    let triangles = Triangulated::of(faces)?;
+    let needed = triangles.len() * TRIANGLE;
+    if needed > MAX_GLB {
+        return Err(Error::TooLarge {
+            path: output.path().to_path_buf(),
+            what: format!("a glTF model of {} triangles", triangles.len()),
+            needed,
+            limit: MAX_GLB,
+            advice: "choose less detail (--error or --faces, with levels of detail), or write a tileset \
+                     (x/tileset.json)"
+                .into(),
+        });
+    }
+    let grid = faces.grid();
+    let metres = metres_of(faces);
+    let place = |point: [i32; 3]| Ok(DVec3::from(grid.to_world(point)) * metres);
+    let mut meshes: Vec<FaceMesh> = Vec::new();
+    let mut is_coloured = false;
+    triangles.each(&mut |face| {
+        if face.number.is_multiple_of(1 << 12) {
+            progress.check()?;
+            progress.advance((1 << 12).min(triangles.len() - face.number), triangles.len());
+        }
+        is_coloured |= !face.colours.is_empty();
+        if meshes.last().is_none_or(|mesh| mesh.vertices.len() >= NODE_VERTICES) {
+            meshes.push(FaceMesh::at(place(face.points[0])?));
+        }
+        meshes.last_mut().expect("one was added").push(face, &place)
+    })?;
+    let count = meshes.iter().map(|mesh| mesh.triangles.len() as u64).sum();
+    let bytes = model_glb(faces, &meshes, is_coloured, (options.meshopt, DVec3::ZERO))?;
+    let mut losses = Losses::of(&output);
+    losses.add(!faces.value_columns()?.is_empty(), "values of faces");
+    losses.add_crs(faces.crs());
+    output.write_all(&bytes).map_err(Error::io(output.path(), "write"))?;
+    output.commit()?;
+    losses.report(progress);
+    Ok(count)
+}
