@@ -28,6 +28,8 @@ from ._types import (
     BuiltModel,
     Codec,
     Coverage,
+    DetailLevel,
+    DetailMesh,
     Euler,
     Faces,
     Finding,
@@ -54,6 +56,7 @@ def build_brep(
     inside: Inside = "nonzero",
     where: str | None = None,
     skip_bad: bool = False,
+    levels: bool = False,
     colours: npt.ArrayLike | None = None,
     parts: npt.ArrayLike | None = None,
     names: Sequence[str] | None = None,
@@ -95,9 +98,10 @@ def build_brep(
     ("positive"), or odd ("odd"). `where` selects objects by conditions, as in
     "type=Building,measuredHeight>5" (`id` is the name), and `skip_bad` leaves out objects that are
     not valid bodies, and reports them. Without these, an invalid surface raises a ValueError that
-    lists the locations, and no file is written. Octree cells with up to `leaf_size` faces are not
-    divided. `up`, `unit`, `crs`, `memory` and `max_bytes` are as for `build`. With the `codec`
-    "packed" the file is compressed, and unpacked when it is used.
+    lists the locations, and no file is written. `levels` adds levels of detail, coarser surfaces
+    with bounds of their error (see `ExactModel.mesh`). Octree cells with up to `leaf_size` faces
+    are not divided. `up`, `unit`, `crs`, `memory` and `max_bytes` are as for `build`. With the
+    `codec` "packed" the file is compressed, and unpacked when it is used.
     """
     paths, meshes = paths_of(models), meshes_of(models)
     if paths is None and meshes is None:
@@ -115,6 +119,7 @@ def build_brep(
         "inside": inside,
         "where": where,
         "skip_bad": skip_bad,
+        "levels": levels,
         "leaf_size": leaf_size,
         "up": up,
         "unit": unit or unit_of(meshes or []),
@@ -476,17 +481,62 @@ class ExactModel(_native.Model):
             vertices, triangles, _ = self._triangle_arrays(None if box is None else _box(box), terms)
         return Mesh(vertices, triangles)
 
-    def export(self, path: Path, *, threads: int | None = None, progress: Progress = None) -> tuple[int, int]:
+    @property
+    def levels(self) -> list[DetailLevel]:
+        """The levels of detail, coarsest first. The last one is the exact surface. Empty if the
+        file has none: `build_brep(levels=True)` and `transform(path, "levels", out)` add them.
+        """
+        return [DetailLevel(*level) for level in self._levels()]
+
+    def mesh(
+        self,
+        error: float | None = None,
+        faces: int | None = None,
+        level: int | None = None,
+        box: BBox | None = None,
+        *,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> DetailMesh:
+        """Returns the surface as triangles, at a level of detail::
+
+            spinney.transform("statue.goblin", "levels", "levels.goblin")
+            with spinney.open_brep("levels.goblin") as model:
+                coarse = model.mesh(error=0.01)
+                coarse.error, len(coarse.faces), model.levels[0].faces
+
+        At most one of three arguments selects the detail: `error` as few faces as possible whose
+        distance from the exact surface is at most that; `faces` the smallest error with at most
+        that number of faces; `level` an index of `levels`. These need a file with levels. By
+        default, the surface is exact, as that of `triangles`.
+
+        A surface is closed where the exact one is. Coarse surfaces may intersect themselves, within
+        their error; they are for display. With a `box`, a coarse surface consists of all clusters
+        of about 500 faces that touch the box, and an exact one of faces as for `faces`.
+        """
+        with working(progress, threads) as terms:
+            return DetailMesh(**self._mesh_arrays((error, faces, level), None if box is None else _box(box), terms))
+
+    def export(
+        self,
+        path: Path,
+        *,
+        error: float | None = None,
+        faces: int | None = None,
+        level: int | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> tuple[int, int]:
         """Writes the faces as a mesh, .ply, .obj, .stl, .off or .city.json; returns the number of
-        vertices and faces.
+        vertices and faces. `error`, `faces` or `level` select the detail, as for `mesh`.
 
         Polygons stay polygons, except in STL, which has triangles in single precision (and no
         numbered vertices: 0). A warning lists what the format cannot store, such as colours, parts,
         the coordinate system or the unit of length.
         """
         with working(progress, threads) as terms:
-            vertices, faces, _ = self._export(path_of(path), terms)
-        return vertices, faces
+            vertices, count, _ = self._export(path_of(path), (error, faces, level), terms)
+        return vertices, count
 
     def show(self, *, height: int = 500) -> Any:
         """Displays the model in a notebook: a page that rotates and cuts it. The kernel reads the

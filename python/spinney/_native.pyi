@@ -17,6 +17,7 @@ _ZoneBand = tuple[float, float, float, float, float, float, tuple[int, float, fl
 _Reconcile = tuple[str, str, str, bool]
 _Packing = tuple[str, float | None]
 _Contact = tuple[list[str], list[int], str, float, float, list[float]]
+_DetailChoice = tuple[float | None, int | None, int | None]
 _Terms = tuple[Callable[[int, int], object] | None, int | None, int | None]
 
 @disjoint_base
@@ -308,7 +309,7 @@ class Model:
     def _coverage(
         self, level: int, position: list[int], terms: _Terms
     ) -> tuple[float, float, list[float] | None]: ...
-    def _export(self, path: Any, terms: _Terms) -> tuple[int, int, int]: ...
+    def _export(self, path: Any, choice: _DetailChoice, terms: _Terms) -> tuple[int, int, int]: ...
     def _write_section(
         self, path: Any, cutters: list[Any], flat: bool, memory: int, terms: _Terms
     ) -> dict[str, Any]: ...
@@ -316,6 +317,8 @@ class Model:
     def _triangle_arrays(
         self, part: Any, terms: _Terms
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.int64]]: ...
+    def _levels(self) -> list[tuple[int, float, int, int, float]]: ...
+    def _mesh_arrays(self, choice: _DetailChoice, part: Any, terms: _Terms) -> dict[str, Any]: ...
 
 @final
 class Editor:

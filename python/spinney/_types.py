@@ -645,6 +645,37 @@ class LevelCounts(NamedTuple):
     """Nodes with children."""
 
 
+class DetailLevel(NamedTuple):
+    """A level of detail of an exact model: a closed surface. The last one is the exact surface."""
+
+    faces: int
+    """Number of faces. Those of coarser levels are triangles."""
+    error: float
+    """Bound of the distance between the level and the exact surface, both ways, in the world."""
+    bytes: int
+    """Bytes of the faces that are stored for this level."""
+    vanished_bodies: int
+    """Connected surfaces of an object that have no faces in this level."""
+    vanished_diameter: float
+    """Bound of the largest diameter of these, in the world."""
+
+
+@dataclass(frozen=True, eq=False)
+class DetailMesh:
+    """A surface of triangles at a level of detail: `trimesh.Trimesh(mesh.vertices, mesh.faces)`."""
+
+    vertices: npt.NDArray[np.float64]
+    """World coordinates, a row each."""
+    faces: npt.NDArray[np.int64]
+    """Vertices of the triangles, counterclockwise seen from outside."""
+    parts: npt.NDArray[np.int64]
+    """Numbers of the triangles' parts."""
+    colours: npt.NDArray[np.uint8] | None
+    """Red, green and blue of the three corners of each triangle."""
+    error: float
+    """Bound of the distance between this surface and the exact one, both ways; 0 if it is exact."""
+
+
 def commit_of(facts: dict[str, Any]) -> Commit:
     """Converts a commit of the native module."""
     time = facts["time"]

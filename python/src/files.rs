@@ -6,7 +6,7 @@ use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::brep::{Motion, TransformOptions};
+use spinney::brep::{Faces as _, Motion, TransformOptions, add_levels, with_levels};
 use spinney::edit::{Commit, Note};
 use spinney::export::VectorFormat;
 use spinney::lines::LineTree;
@@ -20,8 +20,8 @@ use spinney::raw::ops::{self, AffineMap, FdRange, Outcome, Prefer, ReconcileOpti
 use spinney::raw::points::is_point_file;
 use spinney::raw::store::autumnal::{self, CompactOptions, History, Keep};
 use spinney::{
-    Codec, CombineOperation, CombineOptions, ExactModel, FileView, Header, Metadata, Number, Progress as _,
-    Universe, ViewOperation, WarpOptions,
+    Codec, CombineOperation, CombineOptions, ExactModel, FileView, Header, Metadata, Number, Output,
+    Progress as _, Universe, ViewOperation, WarpOptions,
 };
 
 use crate::error::{OrRaise, invalid};
@@ -112,7 +112,7 @@ pub(crate) fn universe_of(
 pub(crate) fn transform<'py>(
     py: Python<'py>,
     path: PathBuf,
-    steps: Vec<String>,
+    mut steps: Vec<String>,
     out: PathBuf,
     resampling: Option<String>,
     allow_ballpark: bool,
@@ -122,6 +122,7 @@ pub(crate) fn transform<'py>(
     packing: Packing,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let has_levels = take_levels(&mut steps)?;
     let steps = steps_of(&steps)?;
     let others = steps.iter().flat_map(ViewOperation::files).map(Path::to_path_buf);
     let inputs: Vec<PathBuf> = others.chain([path.clone()]).collect();
@@ -132,7 +133,10 @@ pub(crate) fn transform<'py>(
         }
         let mut options = TransformOptions::new(memory);
         ((options.snap, options.unit), options.codec) = (of_model, packing.of_model()?);
-        return transform_exact(py, &path, steps, &out, options, terms);
+        return transform_exact(py, &path, (steps, has_levels), &out, options, terms);
+    }
+    if has_levels {
+        return Err(invalid(format!("{}: is not an exact model, which levels needs", path.display())));
     }
     if of_model != (None, None) {
         return Err(invalid("snap, unit: are for exact models"));
@@ -165,15 +169,39 @@ pub(crate) fn reproject(
     jobs::run(py, terms, |work| reproject_features(&path, &options, work.create(&out)?, format, work))
 }
 
-/// Transforms an exact model into a new one; returns counts by name.
+/// Removes the operation that adds levels of detail, which must be the last one; returns whether
+/// there is one.
+fn take_levels(steps: &mut Vec<String>) -> PyResult<bool> {
+    match steps.iter().position(|step| step == "levels") {
+        None => Ok(false),
+        Some(index) if index + 1 == steps.len() => Ok(steps.pop().is_some()),
+        Some(_) => Err(invalid("levels: is followed by another operation, expected it to be the last one")),
+    }
+}
+
+/// Transforms an exact model into a new one, or adds levels of detail; returns counts by name.
 fn transform_exact<'py>(
     py: Python<'py>,
     path: &Path,
-    steps: Vec<ViewOperation>,
+    (steps, has_levels): (Vec<ViewOperation>, bool),
     out: &Path,
     mut options: TransformOptions,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let facts = PyDict::new(py);
+    if has_levels && steps.is_empty() && options.snap.is_none() && options.unit.is_none() {
+        let faces = jobs::run(py, terms, |work| {
+            let model = ExactModel::open(path, &access().into())?;
+            add_levels(&model, (work.create_tree(out)?, options.codec), options.memory, work)?;
+            Ok(model.len())
+        })?;
+        facts.set_item("before", faces)?;
+        facts.set_item("faces", faces)?;
+        facts.set_item("is_exact", true)?;
+        facts.set_item("displacement", 0.0)?;
+        ["cut", "collapsed", "rounded"].into_iter().try_for_each(|name| facts.set_item(name, 0))?;
+        return Ok(facts);
+    }
     let strings: Vec<String> = steps.iter().map(ViewOperation::to_string).collect();
     options.note = (!strings.is_empty()).then(|| strings.join(", "));
     let mut map = AffineMap::IDENTITY;
@@ -186,9 +214,12 @@ fn transform_exact<'py>(
     let motion = Motion::from_rows(map.to_rows()).or_raise()?;
     let made = jobs::run(py, terms, |work| {
         let model = ExactModel::open(path, &access().into())?;
-        spinney::brep::transform(&model, &motion, &options, work.create_tree(out)?, work)
+        let transformed = |output: Output| spinney::brep::transform(&model, &motion, &options, output, work);
+        match has_levels {
+            true => with_levels(work.create_tree(out)?, options.memory, work, transformed),
+            false => transformed(work.create_tree(out)?),
+        }
     })?;
-    let facts = PyDict::new(py);
     facts.set_item("before", made.before)?;
     facts.set_item("faces", made.after)?;
     facts.set_item("is_exact", made.is_exact)?;

@@ -7,7 +7,7 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
-use spinney::brep::{BoxLocation, Faces, Location, Motion};
+use spinney::brep::{BoxLocation, Faces, Location, Motion, with_levels};
 use spinney::export::{MeshFormat, export_exact};
 use spinney::import::feature::FeatureFilter;
 use spinney::import::mesh::ExactOptions;
@@ -17,12 +17,13 @@ use spinney::raw::import::feature::choose_objects;
 use spinney::raw::import::mesh;
 use spinney::raw::ops::AffineMap;
 use spinney::raw::store::Tag;
-use spinney::{Crs, ExactModel, Progress, Result, ViewOperation};
+use spinney::{Crs, ExactModel, Output, Progress, Result, ViewOperation};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms, access};
 use crate::meshes::{arrays_of, models_of};
+use crate::model_faces::{DetailChoice, detail_of};
 use crate::packing::Packing;
 use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
@@ -311,18 +312,26 @@ impl Model {
         Ok((found.share, found.volume, found.centre))
     }
 
-    /// Writes the faces as a mesh; returns the number of vertices, of faces, and of vertices that
-    /// single precision has moved.
+    /// Writes the faces as a mesh, at a level of detail if there is one; returns the number of
+    /// vertices, of faces, and of vertices that single precision has moved.
     #[pyo3(name = "_export")]
-    fn export(&self, py: Python<'_>, path: PathBuf, terms: Terms) -> PyResult<(u64, u64, u64)> {
-        let model = self.get()?;
+    fn export(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        choice: DetailChoice,
+        terms: Terms,
+    ) -> PyResult<(u64, u64, u64)> {
+        let (model, detail) = (self.get()?, detail_of(choice)?);
         check_output(std::slice::from_ref(&self.path), &path)?;
         let format = MeshFormat::of(&path).ok_or_else(|| {
             invalid(format!("{}: use .ply, .obj, .stl, .off or .city.json", path.display()))
         })?;
         let made = jobs::run(py, terms, |work| {
             let model = model.as_model("faces")?;
-            let made = export_exact(model, format, work.create(&path)?, work)?;
+            let surface = detail.map(|detail| model.at_detail(detail, None)).transpose()?;
+            let faces: &dyn Faces = surface.as_ref().map_or(model, |surface| surface);
+            let made = export_exact(faces, format, work.create(&path)?, work)?;
             model.check_unchanged()?;
             Ok(made)
         })?;
@@ -341,6 +350,7 @@ pub(crate) struct ModelOptions {
     #[pyo3(item("where"))]
     filter: Option<String>,
     skip_bad: bool,
+    levels: bool,
     leaf_size: Option<usize>,
     up: Option<String>,
     unit: Option<String>,
@@ -380,7 +390,12 @@ pub(crate) fn build_brep<'py>(
             let (names, about) = mesh::parts_of(&models);
             exact.parts = Some(choose_objects(filter, &names, &|part| Ok(about[part as usize].clone()))?);
         }
-        spinney::import::mesh::import_exact(models, &exact, work.create_tree(&out)?, work)
+        let output = work.create_tree(&out)?;
+        let import = |output: Output| spinney::import::mesh::import_exact(models, &exact, output, work);
+        match options.levels {
+            true => with_levels(output, exact.memory, work, import),
+            false => import(output),
+        }
     })?;
     let facts = PyDict::new(py);
     facts.set_item("read", report.read)?;

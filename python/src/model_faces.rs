@@ -5,12 +5,12 @@ use std::collections::{BTreeSet, HashMap};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::brep::{Face, FaceBuffer, Faces};
+use spinney::brep::{Detail, DetailLevel, Face, FaceBuffer, Faces, Grid};
 use spinney::raw::brep::ModelNode;
 use spinney::raw::geometry::{Triangulator, join_rings};
 use spinney::{ExactModel, Progress, Result};
 
-use crate::error::OrRaise;
+use crate::error::{OrRaise, invalid};
 use crate::jobs::{self, Terms};
 use crate::model::Model;
 
@@ -33,18 +33,18 @@ struct Lists {
 
 impl Lists {
     /// Returns the number of the vertex at a grid point.
-    fn vertex(&mut self, model: &ExactModel, point: [i32; 3]) -> i64 {
+    fn vertex(&mut self, grid: &Grid, point: [i32; 3]) -> i64 {
         let next = self.known.len() as i64;
         *self.known.entry(point).or_insert_with(|| {
-            self.vertices.extend(model.grid().to_world(point));
+            self.vertices.extend(grid.to_world(point));
             next
         })
     }
 
-    fn push(&mut self, model: &ExactModel, face: &Face<'_>) {
+    fn push(&mut self, grid: &Grid, face: &Face<'_>) {
         let start = self.corners.len() as i64;
         for point in face.points {
-            let vertex = self.vertex(model, *point);
+            let vertex = self.vertex(grid, *point);
             self.corners.push(vertex);
         }
         self.colours.extend_from_slice(face.colours.as_flattened());
@@ -55,8 +55,8 @@ impl Lists {
         self.sources.push(face.source as i64);
     }
 
-    /// Adds a face as triangles.
-    fn push_triangles(&mut self, model: &ExactModel, face: &Face<'_>, triangulator: &mut Triangulator) {
+    /// Adds a face as triangles, each with the number and the part of the face.
+    fn push_triangles(&mut self, grid: &Grid, face: &Face<'_>, triangulator: &mut Triangulator) {
         let points: Vec<[i64; 3]> = face.points.iter().map(|point| point.map(i64::from)).collect();
         let mut triangles = Vec::new();
         if !triangulator.triangulate(&points, face.ring_ends, &mut triangles) {
@@ -68,10 +68,12 @@ impl Lists {
         }
         for triangle in triangles {
             for corner in triangle {
-                let vertex = self.vertex(model, face.points[corner as usize]);
+                let vertex = self.vertex(grid, face.points[corner as usize]);
                 self.corners.push(vertex);
+                self.colours.extend(face.colours.get(corner as usize).into_iter().flatten());
             }
             self.numbers.push(face.number as i64);
+            self.parts.push(face.part.into());
         }
     }
 }
@@ -100,6 +102,18 @@ fn numbers_in(
     Ok(())
 }
 
+/// Visits all faces of a surface.
+fn each_of(faces: &dyn Faces, work: &dyn Progress, each: &mut dyn FnMut(&Face<'_>)) -> Result<()> {
+    faces.each(&mut |face| {
+        if face.number.is_multiple_of(1024) {
+            work.check()?;
+            work.advance(1024.min(faces.len() - face.number), faces.len());
+        }
+        each(face);
+        Ok(())
+    })
+}
+
 /// Visits all faces, or those whose own boxes intersect a box.
 fn each(
     model: &ExactModel,
@@ -108,14 +122,7 @@ fn each(
     each: &mut dyn FnMut(&Face<'_>),
 ) -> Result<()> {
     let Some(part) = part else {
-        model.each(&mut |face| {
-            if face.number.is_multiple_of(1024) {
-                work.check()?;
-                work.advance(1024.min(model.len() - face.number), model.len());
-            }
-            each(face);
-            Ok(())
-        })?;
+        each_of(model, work, each)?;
         return model.check_unchanged();
     };
     let mut numbers = BTreeSet::new();
@@ -138,6 +145,29 @@ fn each(
         }
     }
     model.check_unchanged()
+}
+
+/// Level of detail: faces, error, bytes, vanished bodies, and a bound of their diameter.
+type LevelRow = (u64, f64, u64, u64, f64);
+
+/// Detail of a surface: the maximum error, the maximum number of faces, or the level.
+pub(crate) type DetailChoice = (Option<f64>, Option<i64>, Option<i64>);
+
+/// Returns the detail that is chosen, if there is one.
+pub(crate) fn detail_of(choice: DetailChoice) -> PyResult<Option<Detail>> {
+    Ok(match choice {
+        (None, None, None) => None,
+        (Some(error), None, None) => Some(Detail::Error(error)),
+        (None, Some(faces), None) => match u64::try_from(faces) {
+            Ok(faces) => Some(Detail::Faces(faces)),
+            Err(_) => return Err(invalid(format!("faces: got {faces}, expected a number of faces"))),
+        },
+        (None, None, Some(level)) => match u8::try_from(level) {
+            Ok(level) => Some(Detail::Level(level)),
+            Err(_) => return Err(invalid(format!("level: got {level}, expected a level of `levels`"))),
+        },
+        _ => return Err(invalid("error, faces, level: got several, expected one of them")),
+    })
 }
 
 /// Vertices, triangles, and the triangles' face numbers.
@@ -181,7 +211,7 @@ impl Model {
         let model = self.get()?;
         let lists = jobs::run(py, terms, |work| {
             let (mut lists, model) = (Lists::default(), model.as_model("faces")?);
-            each(model, part.as_ref(), work, &mut |face| lists.push(model, face))?;
+            each(model, part.as_ref(), work, &mut |face| lists.push(model.grid(), face))?;
             Ok(lists)
         })?;
         let facts = PyDict::new(py);
@@ -212,7 +242,7 @@ impl Model {
             let (mut lists, mut triangulator) = (Lists::default(), Triangulator::new());
             let model = model.as_model("faces")?;
             each(model, part.as_ref(), work, &mut |face| {
-                lists.push_triangles(model, face, &mut triangulator);
+                lists.push_triangles(model.grid(), face, &mut triangulator);
             })?;
             Ok(lists)
         })?;
@@ -222,5 +252,59 @@ impl Model {
             PyArray1::from_vec(py, lists.corners).reshape([triangles, 3])?,
             PyArray1::from_vec(py, lists.numbers),
         ))
+    }
+
+    /// Returns the levels of detail, coarsest first.
+    #[pyo3(name = "_levels")]
+    fn levels(&self) -> PyResult<Vec<LevelRow>> {
+        let view = self.get()?;
+        let model = view.as_model("levels of detail").or_raise()?;
+        let width = model.grid().width();
+        let row = |level: &DetailLevel| {
+            let DetailLevel { faces, error, bytes, vanished, vanished_diameter, .. } = *level;
+            (faces, error * width, bytes, vanished, vanished_diameter * width)
+        };
+        Ok(model.levels().iter().map(row).collect())
+    }
+
+    /// Returns a surface at a level of detail as triangles, by name; without a detail, the exact
+    /// one. A box selects clusters that touch it, or faces of the exact surface.
+    #[pyo3(name = "_mesh_arrays")]
+    fn mesh_arrays<'py>(
+        &self,
+        py: Python<'py>,
+        choice: DetailChoice,
+        part: Option<WorldBox>,
+        terms: Terms,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let (view, detail) = (self.get()?, detail_of(choice)?);
+        let (lists, error) = jobs::run(py, terms, |work| {
+            let (mut lists, mut triangulator) = (Lists::default(), Triangulator::new());
+            let model = view.as_model("faces")?;
+            let mut push = |face: &Face<'_>| lists.push_triangles(model.grid(), face, &mut triangulator);
+            let error = match detail {
+                None => {
+                    each(model, part.as_ref(), work, &mut push)?;
+                    0.0
+                }
+                Some(detail) => {
+                    let surface = model.at_detail(detail, part)?;
+                    each_of(&surface, work, &mut push)?;
+                    model.check_unchanged()?;
+                    surface.error()
+                }
+            };
+            Ok((lists, error))
+        })?;
+        let facts = PyDict::new(py);
+        let (vertices, triangles) = (lists.known.len(), lists.numbers.len());
+        let has_colours = lists.colours.len() == 9 * triangles && triangles > 0;
+        facts.set_item("vertices", PyArray1::from_vec(py, lists.vertices).reshape([vertices, 3])?)?;
+        facts.set_item("faces", PyArray1::from_vec(py, lists.corners).reshape([triangles, 3])?)?;
+        facts.set_item("parts", PyArray1::from_vec(py, lists.parts))?;
+        let colours = has_colours.then(|| PyArray1::from_vec(py, lists.colours).reshape([triangles, 3, 3]));
+        facts.set_item("colours", colours.transpose()?)?;
+        facts.set_item("error", error)?;
+        Ok(facts)
     }
 }
