@@ -37,6 +37,18 @@
 // Inside the body.
 #define SPINNEY_INSIDE 1
 
+// For `by` of spinney_detail: the exact surface.
+#define SPINNEY_DETAIL_EXACT 0
+
+// As few faces as possible, whose distance from the exact surface is at most `error`.
+#define SPINNEY_DETAIL_ERROR 1
+
+// The smallest error for which there are at most `faces` faces.
+#define SPINNEY_DETAIL_FACES 2
+
+// Level `level`; level 0 is the coarsest.
+#define SPINNEY_DETAIL_LEVEL 3
+
 // For `inside` of spinney_mesh_options: points with a nonzero winding number are inside, as in
 // trees of cells.
 #define SPINNEY_INSIDE_NONZERO 0
@@ -225,6 +237,63 @@ typedef struct {
   // Whether the ray hits the surface; otherwise all other fields are zeros.
   bool is_hit;
 } spinney_hit;
+
+// A level of detail of an exact model: a closed surface.
+typedef struct {
+  // Number of faces. Those of coarser levels than the exact surface are triangles.
+  uint64_t faces;
+  // Bound of the distance between the level and the exact surface, both ways, in the world.
+  double error;
+  // Bytes of the faces that are stored for this level.
+  uint64_t bytes;
+  // Number of connected surfaces of an object that have no faces in this level.
+  uint64_t vanished_bodies;
+  // Bound of the largest diameter of these, in the world.
+  double vanished_diameter;
+} spinney_detail_level;
+
+// How much detail a surface has, and where. Zeros mean the whole exact surface, as in
+// `spinney_detail detail = {0};`.
+typedef struct {
+  // One of SPINNEY_DETAIL_*, which decides which of the next three members is used.
+  uint32_t by;
+  // Level of detail.
+  uint32_t level;
+  // Maximum number of faces.
+  uint64_t faces;
+  // Maximum distance from the exact surface, in the world.
+  double error;
+  // A box: three minimum and three maximum coordinates in the world. The surface then consists
+  // of all clusters (of about 500 faces) that touch the box, and is open outside of it. NULL for
+  // the whole surface.
+  const double *bounds;
+} spinney_detail;
+
+// The caller's arrays for triangles, their capacities, and the total counts.
+typedef struct {
+  // Gets x, y and z of each vertex in the world.
+  double *vertices;
+  // Capacity of `vertices`, in vertices.
+  size_t vertex_capacity;
+  // Gets three vertex indices per triangle, counterclockwise seen from outside.
+  uint32_t *corners;
+  // Gets the part index of each triangle; may be NULL.
+  uint32_t *parts;
+  // Gets red, green and blue of the three corners of each triangle, nine bytes; may be NULL.
+  // Zeros for faces without colours.
+  uint8_t *colours;
+  // Capacity of `corners`, `parts` and `colours`, in triangles.
+  size_t triangle_capacity;
+  // Set to the number of vertices.
+  size_t vertex_count;
+  // Set to the number of triangles.
+  size_t triangle_count;
+  // Set to a bound of the distance between this surface and the exact one, both ways; 0 if it
+  // is exact.
+  double error;
+  // Set to whether all faces have colours.
+  bool has_colours;
+} spinney_triangles;
 
 // A mesh in the caller's memory: vertices, and faces over them. Absent values are zeros and NULL,
 // as in `spinney_mesh mesh = {0};`.
@@ -629,6 +698,30 @@ spinney_status spinney_model_rays(const spinney_model *model,
                                   spinney_hit *hits,
                                   size_t hit_count,
                                   size_t hit_size);
+
+// Writes the levels of detail of a model, coarsest first; the last one is the exact surface.
+// `levels` has a capacity of `capacity` structs, each of `level_size` bytes,
+// `sizeof(spinney_detail_level)`. `count` is set to the number of levels: 0 if the file has none.
+// `spinney transform FILE levels -o OUTPUT` adds them.
+spinney_status spinney_model_levels(const spinney_model *model,
+                                    spinney_detail_level *levels,
+                                    size_t capacity,
+                                    size_t level_size,
+                                    size_t *count);
+
+// Writes a surface of a model as triangles, at a level of detail. `detail_size` is
+// `sizeof(spinney_detail)`; `detail` may be NULL for the whole exact surface. `triangles_size` is
+// `sizeof(spinney_triangles)`. Vertices and triangles beyond the capacities are only counted: pass
+// NULL and 0 to get the counts.
+//
+// A coarse surface is closed where the exact one is, but may intersect itself, within its error:
+// it is for display. Reads only the clusters that the surface consists of. SPINNEY_UNSUPPORTED if
+// the file has no levels, unless the detail is the whole exact surface.
+spinney_status spinney_model_triangles(const spinney_model *model,
+                                       const spinney_detail *detail,
+                                       size_t detail_size,
+                                       spinney_triangles *triangles,
+                                       size_t triangles_size);
 
 // Builds the file of an exact model from `count` meshes, one or more, as `spinney build --brep`
 // does from files. Each mesh is an object, whose part or parts have names. `mesh_size` is

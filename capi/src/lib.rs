@@ -13,6 +13,9 @@ mod dataset;
 mod exact;
 mod layers;
 #[cfg(test)]
+mod level_tests;
+mod levels;
+#[cfg(test)]
 mod mesh_tests;
 mod meshes;
 mod metadata;
@@ -32,6 +35,7 @@ pub use blocks::*;
 pub use dataset::*;
 pub use exact::*;
 pub use layers::*;
+pub use levels::*;
 pub use meshes::*;
 pub use model::*;
 pub use parts::*;

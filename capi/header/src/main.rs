@@ -8,8 +8,8 @@ fn main() {
     let crate_directory = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the library's directory");
     let config = cbindgen::Config::from_file(crate_directory.join("cbindgen.toml")).expect("cbindgen.toml");
     let sources = [
-        "status", "warnings", "dataset", "layers", "queries", "exact", "blocks", "model", "meshes", "shells",
-        "sections", "parts",
+        "status", "warnings", "dataset", "layers", "queries", "exact", "blocks", "model", "levels", "meshes",
+        "shells", "sections", "parts",
     ];
     let builder = cbindgen::Builder::new().with_config(config);
     let builder = sources.into_iter().fold(builder, |builder, name| {
