@@ -101,6 +101,7 @@ fn of_model(view: &ModelView) -> Result<Value> {
         "crs": model.crs().map(crs_json),
         "unit": metadata.tag(Tag::Unit),
         "objects": model.parts(),
+        "levels": crate::model::levels(model),
         "tags": metadata.tags,
         "provenance": metadata.provenance,
         "bytes": model.file_size(),

@@ -1,10 +1,12 @@
-//! Exact models: measures, sections, triangles.
+//! Exact models: measures, sections, triangles, levels of detail.
+
+use std::collections::HashMap;
 
 use serde::Deserialize;
 use serde_json::{Value, json};
 use spinney_base::{Error, Result};
-use spinney_brep::query::{CuttingPlane, Location};
-use spinney_brep::{Faces, ModelView, Triangulated};
+use spinney_brep::query::{CuttingPlane, Detail, Location};
+use spinney_brep::{DetailLevel, ExactModel, Faces, ModelView, Triangulated};
 use spinney_container::Tag;
 
 use crate::result::{Found, bytes_of, count};
@@ -15,6 +17,15 @@ pub(crate) struct Plane {
     axis: Option<crate::solid::Axis>,
     normal: Option<[f64; 3]>,
     at: f64,
+}
+
+/// A surface: its detail, at most one of the first three, and the box near which it is needed.
+#[derive(Deserialize)]
+pub(crate) struct SurfaceRequest {
+    error: Option<f64>,
+    faces: Option<u64>,
+    level: Option<u8>,
+    bounds: Option<[f64; 6]>,
 }
 
 /// Returns volume, surface area, centre and moments.
@@ -87,4 +98,70 @@ pub(crate) fn triangles(view: &ModelView) -> Result<Found> {
         json,
         buffers: vec![bytes_of(&positions, f32::to_le_bytes), bytes_of(&objects, u32::to_le_bytes)],
     })
+}
+
+/// Returns the levels of detail of a model, coarsest first.
+pub(crate) fn levels(model: &ExactModel) -> Value {
+    let width = model.grid().width();
+    let level = |level: &DetailLevel| {
+        json!({
+            "faces": count(level.faces),
+            "error": level.error * width,
+            "bytes": count(level.bytes),
+            "vanishedBodies": count(level.vanished),
+            "vanishedDiameter": level.vanished_diameter * width,
+        })
+    };
+    model.levels().iter().map(level).collect()
+}
+
+/// Returns a surface at a level of detail as triangles: vertices relative to an origin, three
+/// vertex numbers each, and their objects and colours.
+pub(crate) fn mesh(view: &ModelView, request: &SurfaceRequest) -> Result<Found> {
+    let model = view.as_model("triangles")?;
+    let SurfaceRequest { error, faces, level, bounds } = *request;
+    let detail = match (error, faces, level) {
+        // (The exact surface is the last level.)
+        (None, None, None) => bounds.map(|_| Detail::Level(model.levels().len().saturating_sub(1) as u8)),
+        (Some(error), None, None) => Some(Detail::Error(error)),
+        (None, Some(faces), None) => Some(Detail::Faces(faces)),
+        (None, None, Some(level)) => Some(Detail::Level(level)),
+        _ => return Err(Error::invalid("mesh", "several of `error`, `faces` and `level`", "one of them")),
+    };
+    let within = bounds.map(|[a, b, c, d, e, f]| [[a, b, c], [d, e, f]]);
+    let surface = detail.map(|detail| model.at_detail(detail, within)).transpose()?;
+    let faces: &dyn Faces = surface.as_ref().map_or(model, |surface| surface);
+    let ([low, _], grid) = (view.bounds()?, model.grid());
+    let mut known: HashMap<[i32; 3], u32> = HashMap::new();
+    let (mut positions, mut indices): (Vec<f32>, Vec<u32>) = (Vec::new(), Vec::new());
+    let (mut objects, mut colours): (Vec<u32>, Vec<u8>) = (Vec::new(), Vec::new());
+    Triangulated::of(faces)?.each(&mut |face| {
+        for corner in face.points {
+            let next = known.len() as u32;
+            indices.push(*known.entry(*corner).or_insert_with(|| {
+                let at = grid.to_world(*corner);
+                positions.extend((0..3).map(|axis| (at[axis] - low[axis]) as f32));
+                next
+            }));
+        }
+        objects.push(face.part);
+        colours.extend_from_slice(face.colours.as_flattened());
+        Ok(())
+    })?;
+    let has_colours = !objects.is_empty() && colours.len() == 9 * objects.len();
+    let json = json!({
+        "origin": low,
+        "triangles": objects.len(),
+        "names": model.parts(),
+        "error": surface.as_ref().map_or(0.0, |surface| surface.error()),
+        "hasColours": has_colours,
+    });
+    let colours = if has_colours { colours } else { Vec::new() };
+    let buffers = vec![
+        bytes_of(&positions, f32::to_le_bytes),
+        bytes_of(&indices, u32::to_le_bytes),
+        bytes_of(&objects, u32::to_le_bytes),
+        colours,
+    ];
+    Ok(Found { json, buffers })
 }

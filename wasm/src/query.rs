@@ -117,7 +117,10 @@ fn dispatch(request: &Value, coordinates: &[f64]) -> Result<Outcome> {
         },
         "slice" => solid::slice(opened, (&region()?, &detail()?), &members(request)?)?,
         "geographic" => points::geographic(opened.cells()?, coordinates)?,
-        "mesh" => solid::mesh(opened.cells()?, &region()?, &members(request)?)?,
+        "mesh" => match &opened.content {
+            Content::Cells(tree) => solid::mesh(tree, &region()?, &members(request)?)?,
+            Content::Model(model) => model::mesh(model, &members(request)?)?,
+        },
         "measures" => model::measures(opened.model()?)?,
         "section" => model::section(opened.model()?, &members(request)?)?,
         "triangles" => model::triangles(opened.model()?)?,

@@ -28,6 +28,7 @@ async function queryAll(bytes) {
     const { bounds } = dataset.header;
     await tried(() => dataset.measures());
     await tried(() => dataset.triangles());
+    await tried(() => dataset.mesh());
     if (bounds) {
       const middle = [0, 1, 2].map((axis) => (bounds[axis] + bounds[axis + 3]) / 2);
       await tried(() => dataset.section({ axis: "z", at: middle[2] }));

@@ -1,7 +1,7 @@
 // Octrees and exact models, against the program.
 
 import assert from "node:assert/strict";
-import { readFileSync } from "node:fs";
+import { readFileSync, writeFileSync } from "node:fs";
 import { basename, join } from "node:path";
 import test from "node:test";
 
@@ -127,3 +127,51 @@ for (const path of models) {
     await assert.rejects(model.section({ at: 3 }), { code: "invalid" });
   });
 }
+
+/** An OFF file of a torus of 5120 triangles. */
+function torus() {
+  const [n, m] = [64, 40];
+  const [points, faces] = [[], []];
+  for (let i = 0; i < n; i += 1) {
+    for (let j = 0; j < m; j += 1) {
+      const [u, v] = [(2 * Math.PI * i) / n, (2 * Math.PI * j) / m];
+      points.push([(3 + Math.cos(v)) * Math.cos(u), (3 + Math.cos(v)) * Math.sin(u), Math.sin(v)]);
+      const [a, b, c, d] = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]].map(([x, y]) => (x % n) * m + (y % m));
+      faces.push([3, a, b, c], [3, a, c, d]);
+    }
+  }
+  return `OFF\n${points.length} ${faces.length} 0\n${[...points, ...faces].map((row) => row.join(" ")).join("\n")}\n`;
+}
+
+test("levels of detail of exact models", async () => {
+  const [off, path, obj] = ["torus.off", "torus.goblin", "coarse.obj"].map((name) => join(work, name));
+  writeFileSync(off, torus());
+  spinney("build", "-q", off, "-o", path, "--brep", "--snap", "0.001", "--levels");
+  const model = await open(path);
+  const { levels } = model.header;
+  const expected = spinneyJson("info", "--json", path).levels;
+  const named = levels.map(({ vanishedBodies, vanishedDiameter, ...rest }) => ({ ...rest, vanished_bodies: vanishedBodies, vanished_diameter: vanishedDiameter }));
+  same(named, expected);
+  assert.ok(levels.length > 2);
+  const details = [...levels.keys()].map((level) => ({ level }));
+  for (const detail of [...details, { error: 0.01 }, { faces: levels[0].faces }]) {
+    const [[option, value]] = Object.entries(detail);
+    spinney("export", "-q", path, obj, "--triangles", `--${option}`, value);
+    const { vertices, faces } = readObj(obj);
+    const mesh = await model.mesh(detail);
+    assert.equal(mesh.triangles, faces.length);
+    assert.deepEqual([mesh.indices.length, mesh.positions.length], [3 * faces.length, 3 * vertices.length]);
+    assert.equal(mesh.colours, null);
+    assert.ok(mesh.error <= (detail.error ?? levels[0].error));
+    const at = (corner) => [0, 1, 2].map((axis) => mesh.positions[3 * corner + axis] + mesh.origin[axis]);
+    const volumes = [volumeOf(at, trianglesOf(mesh)), volumeOf((corner) => vertices[corner], faces)];
+    assert.ok(Math.abs(volumes[0] - volumes[1]) <= 1e-5 * volumes[1], `${volumes}`);
+    const edges = new Set(trianglesOf(mesh).flatMap(([a, b, c]) => [`${a} ${b}`, `${b} ${c}`, `${c} ${a}`]));
+    for (const edge of edges) assert.ok(edges.has(edge.split(" ").reverse().join(" ")), "the surface is closed");
+  }
+  assert.equal((await model.mesh()).triangles, model.header.faces);
+  const near = await model.mesh({ bounds: [3, -1, -1, 5, 1, 1] });
+  assert.ok(near.triangles > 0 && near.triangles < model.header.faces);
+  await assert.rejects(model.mesh({ level: levels.length }), { code: "invalid" });
+  await assert.rejects(model.mesh({ level: 0, faces: 100 }), { code: "invalid" });
+});

@@ -306,4 +306,11 @@ export class Model extends Opened {
     const { json, buffers } = await this.query("triangles", options, { ...options, buffers: 2 });
     return { ...json, positions: new Float32Array(buffers[0].buffer), objects: new Uint32Array(buffers[1].buffer) };
   }
+
+  async mesh(request = {}) {
+    const { json, buffers } = await this.query("mesh", request, { ...request, buffers: 4 });
+    const { hasColours, ...rest } = json;
+    const [indices, objects] = [buffers[1], buffers[2]].map(({ buffer }) => new Uint32Array(buffer));
+    return { ...rest, positions: new Float32Array(buffers[0].buffer), indices, objects, colours: hasColours ? buffers[3] : null };
+  }
 }

@@ -134,6 +134,19 @@ export interface Header {
   remark: string | null;
 }
 
+/** A level of detail of an exact model: a closed surface. */
+export interface DetailLevel {
+  faces: Count;
+  /** Bound of the distance between the level and the exact surface, both ways. */
+  error: number;
+  /** Bytes of the faces that are stored for this level. */
+  bytes: Count;
+  /** Connected surfaces of an object that have no faces in this level. */
+  vanishedBodies: Count;
+  /** Bound of the largest diameter of these. */
+  vanishedDiameter: number;
+}
+
 /** The content of a file of an exact model. */
 export interface ModelHeader {
   kind: "model";
@@ -147,6 +160,8 @@ export interface ModelHeader {
   unit: string | null;
   /** Names of the objects. */
   objects: string[];
+  /** Levels of detail, coarsest first; the last is the exact surface. Empty if there are none. */
+  levels: DetailLevel[];
   tags: Record<string, string>;
   provenance: string[];
   bytes: number;
@@ -350,6 +365,35 @@ export interface Mesh {
   level: number;
 }
 
+/** The detail of a model's surface: at most one of `error`, `faces` and `level`. */
+export interface SurfaceRequest extends QueryOptions {
+  /** As few faces as possible, whose distance from the exact surface is at most this. */
+  error?: number;
+  /** The smallest error for which there are at most this many faces. */
+  faces?: number;
+  /** Index into `levels` of the header. */
+  level?: number;
+  /** Minimum and maximum coordinates: only clusters of faces that touch this box. */
+  bounds?: number[];
+}
+
+/** A surface of triangles of an exact model. */
+export interface Surface {
+  /** The origin, which must be added to all positions. */
+  origin: [number, number, number];
+  triangles: number;
+  /** Names of the objects. */
+  names: string[];
+  /** Bound of the distance from the exact surface, both ways; 0 if it is exact. */
+  error: number;
+  positions: Float32Array;
+  indices: Uint32Array;
+  /** Object number of each triangle (index into `names`). */
+  objects: Uint32Array;
+  /** Red, green and blue of the three corners of each triangle, if all faces have colours. */
+  colours: Uint8Array | null;
+}
+
 /**
  * A style: its name ("viridis", "terrain", "hillshade", ...), or its document (docs/styles.md of
  * the project).
@@ -461,6 +505,12 @@ export interface Model extends Opened<ModelHeader> {
    * (index into `names`).
    */
   triangles(options?: QueryOptions): Promise<{ origin: [number, number, number]; triangles: number; names: string[]; positions: Float32Array; objects: Uint32Array }>;
+  /**
+   * The surface as triangles, at a level of detail; by default, the exact one. A detail or bounds
+   * need a file with levels. Coarse surfaces are for display: they are closed where the exact one
+   * is, but may intersect themselves, within their error.
+   */
+  mesh(request?: SurfaceRequest): Promise<Surface>;
 }
 
 /**
