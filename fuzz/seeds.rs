@@ -63,6 +63,7 @@ fn main() -> Result<()> {
     layers(&put, directory.path())?;
     images(&put, &project, directory.path())?;
     meshes(&put);
+    gltf(&put);
     features(&put, directory.path())?;
     models(&put, directory.path())?;
     line_trees(&put, directory.path())?;
@@ -443,6 +444,34 @@ fn meshes(put: Put<'_>) {
                     \"Building\",\"geometry\":[{\"type\":\"MultiSurface\",\"lod\":\"1\",\"boundaries\":[[[0,1,2]],[[0,2,1]]]}]}},\
                     \"vertices\":[[0,0,0],[4,0,0],[0,4,1]]}\n";
     put("cityjson", "sequence", sequence.as_bytes());
+}
+
+/// A cube under two nodes: one in a hierarchy, one mirrored with two instances.
+fn gltf(put: Put<'_>) {
+    let head = "{\"asset\":{\"version\":\"2.0\"},\"scenes\":[{\"nodes\":[0,1]}],\
+         \"nodes\":[{\"children\":[2]},{\"mesh\":0,\"scale\":[-1,1,1],\
+         \"extensions\":{\"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":2}}}},\
+         {\"mesh\":0,\"name\":\"cube\",\"translation\":[0,4,0]}],\
+         \"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}],\
+         \"accessors\":[{\"bufferView\":0,\"componentType\":5121,\"count\":8,\"type\":\"VEC3\",\
+         \"sparse\":{\"count\":1,\"indices\":{\"bufferView\":1,\"componentType\":5121,\
+         \"byteOffset\":2},\"values\":{\"bufferView\":0,\"byteOffset\":24}}},{\"bufferView\":1,\
+         \"componentType\":5121,\"count\":36,\"type\":\"SCALAR\"},{\"bufferView\":2,\
+         \"componentType\":5126,\"count\":2,\"type\":\"VEC3\"}],\"bufferViews\":[{\"buffer\":0,\
+         \"byteLength\":32,\"byteStride\":4},{\"buffer\":0,\"byteOffset\":32,\"byteLength\":36},\
+         {\"buffer\":0,\"byteOffset\":68,\"byteLength\":24}],\"buffers\":[{\"byteLength\":92";
+    let mut bytes: Vec<u8> = CORNERS.iter().flat_map(|[x, y, z]| [*x, *y, *z, 0]).collect();
+    bytes.extend(SIDES.iter().flat_map(|[a, b, c, d]| [a, b, c, a, c, d]).map(|corner| *corner as u8));
+    bytes.extend([0f32, 0.0, 0.0, 4.0, 0.0, 0.0].iter().flat_map(|number| number.to_le_bytes()));
+    let mut json = format!("{head}}}]}}").into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let length = |bytes: &[u8]| (bytes.len() as u32).to_le_bytes();
+    let whole = (28 + json.len() as u32 + bytes.len() as u32).to_le_bytes();
+    let start = [&b"glTF\x02\0\0\0"[..], &whole, &length(&json), b"JSON", &json].concat();
+    put("gltf", "binary", &[&start[..], &length(&bytes), b"BIN\0", &bytes].concat());
+    let base64 = "AAAAAAIAAAAAAgAAAgIAAAAAAgACAAIAAAICAAICAgAABAYABgIBAwcBBwUAAQUABQQCBg\
+                  cCBwMAAgMAAwEEBQcEBwYAAAAAAAAAAAAAAAAAAIBAAAAAAAAAAAA=";
+    put("gltf", "embedded", format!("{head},\"uri\":\"data:;base64,{base64}\"}}]}}").as_bytes());
 }
 
 /// Exact models of a few grid units, so that there are cells of all kinds and few of them.

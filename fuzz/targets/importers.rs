@@ -118,7 +118,7 @@ macro_rules! meshes {
     };
 }
 
-meshes!(obj "a.obj", ply "a.ply", stl "a.stl", off "a.off", cityjson "a.json");
+meshes!(obj "a.obj", ply "a.ply", stl "a.stl", off "a.off", gltf "a.glb", cityjson "a.json");
 
 /// Reads a model twice, and builds cells and an exact model from it if it has few faces: the
 /// results must be valid.

@@ -21,8 +21,8 @@ pub use batches::batches;
 pub use edits::{autumnal_edit, autumnal_file};
 pub use features::{feature_table, flatgeobuf, geojson, geopackage, shapefile, shapefile_table};
 pub use importers::{
-    bmp, cells, chain_code, cityjson, exr, gif, hdr, hgt, jpeg, npy, nrrd, obj, off, ply, png, pnm, qoi,
-    sidecar, stl, tga, tiff, vrt, webp, world_file,
+    bmp, cells, chain_code, cityjson, exr, gif, gltf, hdr, hgt, jpeg, npy, nrrd, obj, off, ply, png, pnm,
+    qoi, sidecar, stl, tga, tiff, vrt, webp, world_file,
 };
 pub use indexes::index_sections;
 pub use layers::{autumnal_layers, goblin_layers};
@@ -35,7 +35,7 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their directories in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 45] = [
+pub const TARGETS: [(&str, Target); 46] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_layers", autumnal_layers),
@@ -55,6 +55,7 @@ pub const TARGETS: [(&str, Target); 45] = [
     ("geojson", geojson),
     ("geopackage", geopackage),
     ("gif", gif),
+    ("gltf", gltf),
     ("goblin_layers", goblin_layers),
     ("goblin_read", goblin_read),
     ("hdr", hdr),

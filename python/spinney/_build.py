@@ -126,9 +126,9 @@ def build(
       to those of a `grid`; `value` (a number, or the name of an attribute), `overlaps`, `dtype`,
       `width` (of lines), `edge`, `fractions`, `where` (`"code=3,area>100"`) and `layer` are as for
       `spinney build`.
-    - paths of models of solids (PLY, OBJ, STL, OFF, CityJSON): `cells` along the longest side, the
-      width of a `cell`, or the cells of another octree (`grid`); `edge`, `attribute`, `shell`, `up`
-      and `unit` are as for `spinney build`.
+    - paths of models of solids (PLY, OBJ, STL, OFF, glTF, CityJSON): `cells` along the longest
+      side, the width of a `cell`, or the cells of another octree (`grid`); `edge`, `attribute`,
+      `shell`, `up` and `unit` are as for `spinney build`.
 
     `transform` has six numbers as in rasterio, or is a matrix of 3 x 4 or 4 x 4. `crs` is anything
     whose string is a definition: `"EPSG:4326"`, WKT, a CRS of rasterio or pyproj. `memory` is the

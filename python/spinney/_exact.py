@@ -72,10 +72,10 @@ def build_brep(
     progress: Progress = None,
 ) -> BuiltModel:
     """Builds an exact model, a .goblin file, from one or several mesh files (PLY, OBJ, STL, OFF,
-    CityJSON, exact models), or from a mesh. A mesh is a trimesh mesh, anything with `vertices` and
-    `faces`, or a pair of these: rows of x, y and z, and rows, or lists of any lengths, of three or
-    more vertex numbers, counterclockwise seen from outside; or `Faces` of an exact model, polygons
-    with holes. Several meshes, in a list, in a mapping by name, or in a trimesh scene, are objects,
+    glTF, CityJSON, exact models), or from a mesh. A mesh is a trimesh mesh, anything with
+    `vertices` and `faces`, or a pair of these: rows of x, y and z, and rows, or lists of any
+    lengths, of three or more vertex numbers, counterclockwise seen from outside; or `Faces` of an
+    exact model, polygons with holes. Several meshes, in a list, in a mapping by name, or in a trimesh scene, are objects,
     each of them a part of the model::
 
         spinney.build_brep(

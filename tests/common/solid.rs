@@ -47,6 +47,7 @@ impl Polygons {
             step: None,
             parts: (0..parts).map(|part| format!("part {part}")).collect(),
             is_grouped: false,
+            is_z_up: false,
             attributes: Default::default(),
             is_coloured: true,
             bytes: 0,

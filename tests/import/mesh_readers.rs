@@ -5,6 +5,10 @@ mod mesh_files;
 
 #[path = "mesh_files/cityjson.rs"]
 mod cityjson;
+#[path = "mesh_files/gltf.rs"]
+mod gltf;
+#[path = "mesh_files/gltf_round_trips.rs"]
+mod gltf_round_trips;
 #[path = "mesh_files/malicious.rs"]
 mod malicious;
 #[path = "mesh_files/obj.rs"]

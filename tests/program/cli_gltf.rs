@@ -44,3 +44,30 @@ fn tilesets_and_models_are_written_or_refused() {
     }
     assert_eq!(fs::read(&tileset).unwrap(), bytes);
 }
+
+#[test]
+fn models_are_read_as_cells_and_exact_models() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
+    let [model, cells, exact, again] = ["a.glb", "a.goblin", "b.goblin", "c.glb"].map(path);
+    spinney(&["export", "-q", BALL, &model, "--meshopt"]).success();
+    spinney(&["build", "-q", &model, "-o", &cells, "--cells", "24"]).success().stderr("");
+    spinney(&["export", "-q", &cells, &again]).success();
+    assert!(!Glb::read(again.as_ref()).meshes.is_empty());
+    // The format says which axis points up.
+    let turned = path("turned.goblin");
+    spinney(&["build", "-q", &model, "-o", &turned, "--cells", "24", "--up", "y"]).success();
+    let info = |file: &str| {
+        let output = spinney(&["stats", file]).success().get_output().stdout.clone();
+        String::from_utf8(output).unwrap()
+    };
+    assert_eq!(info(&turned).replace("turned", "a"), info(&cells));
+    spinney(&["build", "-q", &model, "-o", &exact, "--brep"]).success().stderr("");
+    let text = spinney(&["info", &exact]).success().get_output().stdout.clone();
+    assert!(String::from_utf8_lossy(&text).contains("glTF 2.0, binary"));
+    let cut = path("cut.glb");
+    let bytes = fs::read(&model).unwrap();
+    fs::write(&cut, &bytes[..bytes.len() - 1]).unwrap();
+    let text = complaint(&["build", &cut, "-o", &path("d.goblin")], 1);
+    assert!(text.contains("cut.glb") && text.contains("as declared"), "{text}");
+}

@@ -172,7 +172,6 @@ fn unsupported_formats_get_matching_advice() {
         ("a.fbx", "Kaydara FBX", "Blender"),
         ("a.dwg", "AC1032", "CAD"),
         ("a.ifc", "ISO-10303-21;", "IfcConvert"),
-        ("a.glb", "glTF", "OBJ, PLY or STL"),
         ("a.txt", "text", "TIFF, PNG, JPEG"),
     ] {
         let bytes = if bytes.is_empty() { "?" } else { bytes };

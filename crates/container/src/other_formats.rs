@@ -203,7 +203,7 @@ static FORMATS: &[OtherFormat] = &[
     format("an IGES model", &["iges", "igs"], &[], Refused(SOLIDS)),
     format("a BREP model", &["brep", "x_t", "x_b"], &[At(0, b"DBRep_DrawableShape")], Refused(SOLIDS)),
     format("an FBX model", &["fbx"], &[At(0, b"Kaydara FBX")], Refused(SURFACES)),
-    format("a glTF model", &["gltf", "glb"], &[At(0, b"glTF")], Refused(SURFACES)),
+    format("a glTF model", &["gltf", "glb"], &[At(0, b"glTF")], Source),
     format("a COLLADA model", &["dae"], &[Within("<COLLADA")], Refused(SURFACES)),
     format("a 3MF model", &["3mf"], &[At(0, b"PK\x03\x04")], Refused(SURFACES)),
     format("a 3DS model", &["3ds"], &[], Refused(SURFACES)),
@@ -249,7 +249,7 @@ static FORMATS: &[OtherFormat] = &[
 
 /// List of readable formats, for files of other formats.
 const WHAT_IS_READ: &str = "these are read: rasters and volumes (TIFF, PNG, JPEG, WebP, OpenEXR, BMP, GIF, PNM, TGA, QOI, Radiance HDR, .hgt, VRT, NPY, NRRD, raw samples with \
-    --raw-size, .chain and .bintree), solids (PLY, OBJ, STL, OFF, CityJSON, CityJSONSeq and .csg), features (GeoJSON, GeoPackage, FlatGeobuf, shapefile and CSV), points (LAS and \
+    --raw-size, .chain and .bintree), solids (PLY, OBJ, STL, OFF, glTF, CityJSON, CityJSONSeq and .csg), features (GeoJSON, GeoPackage, FlatGeobuf, shapefile and CSV), points (LAS and \
     LAZ), and Spinney's own files; GDAL converts most other rasters (`gdal_translate IN OUT.tif`)";
 
 impl OtherFormat {

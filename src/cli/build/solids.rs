@@ -39,7 +39,8 @@ pub(in crate::cli) struct SolidArgs {
     /// intensity,classification [default: all]
     #[arg(long, value_name = "NAME,...")]
     pub(super) attribute: Option<String>,
-    /// Axis that points up in the model, y or z; y is rotated to z [default: z]
+    /// Axis that points up in the model, y or z; y is rotated to z [default: z];
+    /// without effect on glTF, which always has y up
     #[arg(long, value_name = "AXIS")]
     pub(super) up: Option<Up>,
     /// Unit of the model's coordinates, if the file has none: mm, cm, m, km, in or ft
@@ -150,7 +151,7 @@ impl SolidArgs {
             _ => "",
         };
         bail!(
-            "{}: is not a model (PLY, OBJ, STL, OFF, CityJSON, CSG){}, which {option} needs{advice}",
+            "{}: is not a model (PLY, OBJ, STL, OFF, glTF, CityJSON, CSG){}, which {option} needs{advice}",
             input.display(),
             if ["--cells", "--cell", "--edge"].contains(&option) { " or feature file" } else { "" }
         )

@@ -89,7 +89,7 @@ from files or a directory. `get` writes NPY or NRRD again, `contours` makes isos
 
 pub(super) const SOLIDS: Topic = Topic {
     name: "solids",
-    summary: "PLY, OBJ, STL, OFF, CityJSON, CityJSONSeq; .csg; .views; polygons at heights (--heights)",
+    summary: "PLY, OBJ, STL, OFF, glTF, CityJSON, CityJSONSeq; .csg; .views; polygons at heights (--heights)",
     about: "\
 Build an octree of the cells that a solid fills.
 
@@ -133,7 +133,7 @@ Polygons at heights (--heights), such as sections of a body: the solid between t
 
 const EXACT: Topic = Topic {
     name: "exact",
-    summary: "solids with --brep: PLY, OBJ, STL, OFF, CityJSON, CityJSONSeq, .csg",
+    summary: "solids with --brep: PLY, OBJ, STL, OFF, glTF, CityJSON, CityJSONSeq, .csg",
     about: "\
 Build an exact model: the faces of a solid, on a fine grid, in an octree.
 

@@ -13,7 +13,7 @@ pub(super) const TOPICS: Topics = Topics {
         },
         Topic { examples: &["spinney shard plan scan.nrrd -o job/ --codec packed"], ..VOLUMES },
         Topic {
-            summary: "closed models: PLY, OBJ, STL, OFF, CityJSON, CityJSONSeq",
+            summary: "closed models: PLY, OBJ, STL, OFF, glTF, CityJSON, CityJSONSeq",
             about: "Plan an octree of the cells that a closed model fills.",
             options: &[
                 ("cells", "Cells along the longest side [default: 256]"),

@@ -64,14 +64,14 @@ fn byte_order_marks_are_no_text() {
 #[test]
 fn no_mesh_at_all() {
     let files = Files::new();
-    for name in ["a.ply", "a.obj", "a.stl", "a.off", "a.json", "a"] {
+    for name in ["a.ply", "a.obj", "a.stl", "a.off", "a.json", "a.glb", "a.gltf", "a"] {
         assert!(files.error(name, "").contains("no bytes"), "{name}");
         files.error(name, [0u8; 1000]);
         files.error(name, [0xffu8; 84]);
     }
     let error = files.error("a.txt", "hello");
     assert!(
-        ["PLY", "OBJ", "STL", "OFF", "CityJSONSeq"].iter().all(|format| error.contains(format)),
+        ["PLY", "OBJ", "STL", "OFF", "glTF", "CityJSONSeq"].iter().all(|format| error.contains(format)),
         "{error}"
     );
     let directory = tempfile::tempdir().unwrap();

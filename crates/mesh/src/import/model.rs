@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use spinney_base::Result;
+use spinney_base::space::Up;
 use spinney_brep::Attributes;
 use spinney_crs::Crs;
 
@@ -49,12 +50,22 @@ pub struct ModelInfo {
     pub parts: Vec<String>,
     /// Whether the parts are groups of faces of one object, rather than separate objects.
     pub is_grouped: bool,
+    /// Whether coordinates have z up because the format defines which axis points up. Options for
+    /// the axis then have no effect.
+    pub is_z_up: bool,
     /// Attributes of the parts, by part number.
     pub attributes: Attributes,
     /// Whether faces have colours.
     pub is_coloured: bool,
     /// File size in bytes.
     pub bytes: u64,
+}
+
+impl ModelInfo {
+    /// Axis of the coordinates that points up, if options say `up`.
+    pub(in crate::import) fn up(&self, up: Up) -> Up {
+        if self.is_z_up { Up::Z } else { up }
+    }
 }
 
 /// Boundary representation in a file.

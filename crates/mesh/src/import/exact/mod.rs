@@ -457,10 +457,12 @@ fn read(
     /// Faces between two checks for cancellation.
     const OFTEN: u64 = 1 << 12;
     let (mut first_part, total) = (0, faces_of(models));
+    let up = snapper.up;
     snapper.planar.is_coloured = models.iter().any(|model| model.info().is_coloured);
     for model in models.iter_mut() {
         let path = model.info().path.clone();
         let parts = model.info().parts.len() as u32;
+        snapper.up = model.info().up(up);
         model.faces(&mut |face| {
             if snapper.read.is_multiple_of(OFTEN) {
                 progress.check()?;
@@ -476,6 +478,7 @@ fn read(
         })?;
         first_part += parts;
     }
+    snapper.up = up;
     if snapper.planar.counts.faces == 0 {
         let path = models.first().map(|model| model.info().path.clone()).unwrap_or_default();
         return Err(flat_faces(&path, bounds(models, snapper.up)?, snapper.grid.width()));

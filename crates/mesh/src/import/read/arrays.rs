@@ -110,6 +110,7 @@ impl MeshArrays {
             step: None,
             parts: self.parts.clone(),
             is_grouped: self.parts.len() > 1,
+            is_z_up: false,
             attributes,
             is_coloured: self.colours.colours().is_some(),
             bytes: (self.vertices.len() * 24 + self.corners.len() * 4) as u64,

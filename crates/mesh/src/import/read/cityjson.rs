@@ -525,6 +525,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         step: step.flatten(),
         parts: parts.names(),
         is_grouped: false,
+        is_z_up: false,
         attributes,
         is_coloured: false,
         bytes: source.bytes().len() as u64,

@@ -40,6 +40,7 @@ pub(super) fn open(path: &Path, memory: u64, access: &FileAccess) -> Result<Opti
         step: Some(model.grid().width()),
         parts: model.parts().to_vec(),
         is_grouped: true,
+        is_z_up: false,
         attributes,
         is_coloured: model.is_coloured()?,
         bytes: model.file_size(),

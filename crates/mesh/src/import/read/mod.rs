@@ -8,6 +8,7 @@ mod cityjson;
 mod colour_range;
 mod corners;
 mod exact;
+mod gltf;
 mod model_file;
 mod obj;
 mod off;
@@ -64,9 +65,12 @@ pub fn open_with(path: &Path, memory: u64, access: &FileAccess) -> Result<Box<dy
         Some(Format::Off) => off::open(source, memory),
         Some(Format::CityJson) => cityjson::open(source, memory),
         Some(Format::Obj) => obj::open(source, memory),
-        None => {
-            Err(OtherFormat::refuse_source(path, source.bytes(), "a PLY, OBJ, STL, OFF or CityJSON file"))
-        }
+        Some(Format::Gltf) => gltf::open(source, memory, access),
+        None => Err(OtherFormat::refuse_source(
+            path,
+            source.bytes(),
+            "a PLY, OBJ, STL, OFF, glTF or CityJSON file",
+        )),
     }
 }
 
@@ -78,6 +82,7 @@ enum Format {
     Off,
     CityJson,
     Obj,
+    Gltf,
 }
 
 fn format(source: &ModelFile) -> Option<Format> {
@@ -88,6 +93,9 @@ fn format(source: &ModelFile) -> Option<Format> {
     }
     if off::has_keyword(bytes) {
         return Some(Format::Off);
+    }
+    if gltf::is_binary(bytes) || gltf::is_text(bytes, &extension) {
+        return Some(Format::Gltf);
     }
     if bytes.trim_ascii_start().starts_with(b"{") && extension != "stl" {
         return Some(Format::CityJson);
@@ -108,7 +116,7 @@ fn format(source: &ModelFile) -> Option<Format> {
 }
 
 /// Paths of all files that reading a model accesses, whether they exist or not: the file itself and
-/// its material libraries.
+/// its material libraries or buffers.
 ///
 /// # Errors
 /// If the file cannot be read.
@@ -116,8 +124,10 @@ pub fn files_of(path: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
     let mut files = vec![path.to_path_buf()];
     if !spinney_brep::is_model_file(path, access)? {
         let source = ModelFile::open(path, access)?;
-        if format(&source) == Some(Format::Obj) {
-            files.extend(obj::libraries(&source));
+        match format(&source) {
+            Some(Format::Obj) => files.extend(obj::libraries(&source)),
+            Some(Format::Gltf) => files.extend(gltf::siblings(&source)),
+            _ => {}
         }
     }
     Ok(files)
@@ -146,7 +156,7 @@ pub fn open_all_with(paths: &[PathBuf], memory: u64, access: &FileAccess) -> Res
 /// If the file system or the remote host fails.
 pub fn is_model(path: &Path, access: &FileAccess) -> Result<bool> {
     let extension = without_query(path).extension().and_then(|extension| extension.to_str()).unwrap_or("");
-    let names = ["ply", "obj", "stl", "off", "json", "jsonl", "cityjson"];
+    let names = ["ply", "obj", "stl", "off", "json", "jsonl", "cityjson", "gltf", "glb"];
     // (A manifest of trees is JSON, too.)
     let is_named = names.iter().any(|name| extension.eq_ignore_ascii_case(name));
     Ok(is_named && !is_manifest_file(path, access)? || spinney_brep::is_model_file(path, access)?)

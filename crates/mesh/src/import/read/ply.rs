@@ -90,6 +90,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         step: None,
         parts: vec!["mesh".into()],
         is_grouped: false,
+        is_z_up: false,
         attributes: Attributes::default(),
         is_coloured: vertices.table(&source).is_coloured() || faces.colour().is_some(),
         bytes: source.bytes().len() as u64,

@@ -187,6 +187,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         step: None,
         parts: parts.names(),
         is_grouped: false,
+        is_z_up: false,
         attributes: Attributes::default(),
         is_coloured: false,
         bytes: source.bytes().len() as u64,

@@ -427,7 +427,7 @@ impl<'k> Reading<'k> {
         self.faces += 1;
         self.snapped.clear();
         for point in face.points {
-            let point = import.turn(*point);
+            let point = info.up(import.options.up).to_z_up(*point);
             let snapped = import.grid.snap(&info.path, point)?;
             self.displacement = self.displacement.max(import.grid.displacement(point, snapped));
             self.snapped.push(snapped);

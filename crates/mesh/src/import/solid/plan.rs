@@ -133,11 +133,6 @@ impl SolidImport {
     pub fn depth(&self) -> u8 {
         self.grid.depth
     }
-
-    /// Rotates a point of a model to world coordinates.
-    pub(super) fn turn(&self, point: [f64; 3]) -> [f64; 3] {
-        self.options.up.to_z_up(point)
-    }
 }
 
 /// Plans how the tree of the given models is built. Several models become one solid.
@@ -235,6 +230,7 @@ pub(in crate::import) fn common_crs(models: &[Box<dyn Model>], like: Option<Crs>
 pub(in crate::import) fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result<[[f64; 3]; 2]> {
     let mut all = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     for model in models.iter_mut() {
+        let up = model.info().up(up);
         model.faces(&mut |face| {
             for corner in face.points.iter().map(|corner| up.to_z_up(*corner)) {
                 for axis in 0..3 {

@@ -146,6 +146,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         step: None,
         parts: parts.names(),
         is_grouped: !has_objects,
+        is_z_up: false,
         attributes: Attributes::default(),
         is_coloured: is_coloured || !colours.is_empty(),
         bytes: source.bytes().len() as u64,

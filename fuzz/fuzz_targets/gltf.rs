@@ -1,0 +1,3 @@
+#![no_main]
+
+spinney_fuzz::fuzz!(gltf);
