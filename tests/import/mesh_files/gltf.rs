@@ -1,6 +1,7 @@
 //! glTF: transforms, accessors and buffers, of files that are made here.
 
 use serde_json::{Value as Json, json};
+use spinney::Error;
 use spinney::raw::import::mesh::{Model, open};
 
 use super::mesh_files::*;
@@ -94,7 +95,7 @@ impl File {
     }
 
     /// JSON with the buffer as base64.
-    fn embedded(&self) -> String {
+    pub(crate) fn embedded(&self) -> String {
         self.document(Some(&format!("data:application/octet-stream;base64,{}", base64(&self.bytes))))
     }
 }
@@ -525,9 +526,13 @@ fn numbers_that_do_not_fit() {
     let mut many = File::cube();
     many.json["nodes"] = vec![json!({}); 1 << 20].into();
     many.json["nodes"][0] = json!({ "mesh": 0 });
-    let path = Files::new();
-    let path = path.write("a.glb", many.glb());
-    assert!(open(&path, 1 << 10).is_ok(), "3 MB of JSON");
+    let files = Files::new();
+    assert!(open(&files.write("a.glb", many.glb()), 1 << 10).is_ok(), "3 MB of JSON");
+    let nodes = many.json["nodes"].as_array_mut().unwrap();
+    nodes.resize(2 << 20, json!({}));
+    let path = files.write("a.glb", many.glb());
+    assert!(matches!(open(&path, 1 << 10).map(|_| ()), Err(Error::TooLarge { .. })));
+    assert!(open(&path, ENOUGH).is_ok());
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Malicious files, and what all formats share.
 
 use super::mesh_files::*;
-use super::{cityjson, obj, off, ply, stl};
+use super::{cityjson, gltf, obj, off, ply, stl};
 use spinney::Error;
 use spinney::raw::import::mesh::open;
 
@@ -135,6 +135,7 @@ fn errors_of_the_caller_end_reading() {
         ("a.off", off::text_cube()),
         ("a.stl", stl::text_cube()),
         ("a.json", cityjson::text_cube()),
+        ("a.gltf", gltf::File::cube().embedded()),
     ] {
         let mut count = 0;
         let outcome = files.open(name, text).unwrap().faces(&mut |_| {

@@ -21,9 +21,9 @@ pub(in super::super) fn is_text(bytes: &[u8], extension: &str) -> bool {
     const SEARCHED: usize = 4096;
     let ends = [&bytes[..bytes.len().min(SEARCHED)], &bytes[bytes.len().saturating_sub(SEARCHED)..]];
     let has = |word: &[u8]| ends.iter().any(|end| end.windows(word.len()).any(|at| at == word));
-    bytes.trim_ascii_start().starts_with(b"{")
-        && !has(b"\"CityJSON")
-        && (extension == "gltf" || has(b"\"asset\"") && has(b"\"version\""))
+    let is_city = || has(b"\"CityJSON") || has(b"\"CityObjects\"");
+    let is_gltf = || has(b"\"asset\"") && has(b"\"version\"") && !is_city();
+    bytes.trim_ascii_start().starts_with(b"{") && (extension == "gltf" || is_gltf())
 }
 
 /// Ranges of a file's JSON text and of its binary chunk.
