@@ -75,8 +75,8 @@ def build_brep(
     glTF, CityJSON, exact models), or from a mesh. A mesh is a trimesh mesh, anything with
     `vertices` and `faces`, or a pair of these: rows of x, y and z, and rows, or lists of any
     lengths, of three or more vertex numbers, counterclockwise seen from outside; or `Faces` of an
-    exact model, polygons with holes. Several meshes, in a list, in a mapping by name, or in a trimesh scene, are objects,
-    each of them a part of the model::
+    exact model, polygons with holes. Several meshes, in a list, in a mapping by name, or in a
+    trimesh scene, are objects, each of them a part of the model::
 
         spinney.build_brep(
             (vertices, triangles), "a.goblin", colours=reds, parts=numbers, names=["roof", "wall"]

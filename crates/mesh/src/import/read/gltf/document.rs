@@ -216,6 +216,8 @@ pub(super) struct ViewExtensions {
 
 /// Compressed bytes of a buffer view.
 #[derive(Deserialize)]
+// (Without the feature, compressed views are refused.)
+#[cfg_attr(not(feature = "meshopt"), expect(dead_code))]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Compression {
     pub(super) buffer: u32,
