@@ -49,9 +49,11 @@ pub(super) fn distance_bound(points: &[Point], a: &[[u32; 3]], b: &[[u32; 3]], t
         }
     }
     for (triangles, tree) in [a, b].into_iter().zip(&trees) {
-        let mut near = 0;
+        let mut near = (0, 0);
         for triangle in triangles {
-            near = search.bound_triangle(&corners(triangle), tree, near);
+            // A triangle at the same vertex probably is the nearest one, or next to it.
+            near = tree.at_any(triangle).map_or((near.0, 0), |at| (at, MAX_STEPS));
+            near.0 = search.bound_triangle(&corners(triangle), tree, near);
         }
     }
     // (Doubles have 53 bits, and coordinates at most 26: errors of rounding are below ON_PLANE.)
@@ -77,11 +79,17 @@ struct Fragment {
 }
 
 impl Search {
-    /// Adds the bound of a triangle. `near` is an index of a triangle that may be near; returns one
-    /// for the next triangle.
-    fn bound_triangle(&mut self, triangle: &[Point; 3], tree: &TriangleTree, near: usize) -> usize {
+    /// Adds the bound of a triangle, given the index of a triangle that may be near, and how often
+    /// adjacent ones are tried before the nearest one is searched for. Returns the index of one
+    /// that may be near the next triangle.
+    fn bound_triangle(
+        &mut self,
+        triangle: &[Point; 3],
+        tree: &TriangleTree,
+        (near, steps): (usize, u8),
+    ) -> usize {
         self.fragments.clear();
-        self.fragments.push(Fragment { polygon: Polygon::of(triangle), near, steps: 0 });
+        self.fragments.push(Fragment { polygon: Polygon::of(triangle), near, steps });
         let (mut count, mut last) = (0, near);
         while let Some(Fragment { polygon, mut near, steps }) = self.fragments.pop() {
             count += 1;

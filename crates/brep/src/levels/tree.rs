@@ -15,6 +15,8 @@ pub(super) struct TriangleTree {
     normals: Vec<Option<Point>>,
     /// The triangle across each edge, or [`NONE`].
     neighbours: Vec<[u32; 3]>,
+    /// A triangle at each point, or [`NONE`].
+    at_point: Vec<u32>,
 }
 
 /// Number of a triangle that does not exist.
@@ -38,7 +40,17 @@ impl TriangleTree {
         let normals = triangles.iter().map(unit_normal).collect();
         let mut nodes = Vec::with_capacity(triangles.len());
         build(&mut nodes, &triangles, 0);
-        TriangleTree { nodes, triangles, normals, neighbours: neighbours(&sorted) }
+        let mut at_point = vec![NONE; points.len()];
+        for (number, triangle) in (0..).zip(&sorted) {
+            triangle.iter().for_each(|point| at_point[*point as usize] = number);
+        }
+        TriangleTree { nodes, triangles, normals, neighbours: neighbours(&sorted), at_point }
+    }
+
+    /// Returns a triangle at one of the points, if there is any.
+    pub(super) fn at_any(&self, points: &[u32; 3]) -> Option<usize> {
+        let mut found = points.iter().map(|point| self.at_point[*point as usize]);
+        found.find(|triangle| *triangle != NONE).map(|triangle| triangle as usize)
     }
 
     /// Returns the triangle across an edge of a triangle.
