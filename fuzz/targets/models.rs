@@ -62,6 +62,7 @@ pub fn fast_queries(model: &ExactModel) -> Result<()> {
     note(model.is_coloured().map(drop));
     note(model.bounds().map(drop));
     note(MassProperties::of(model, &()).map(drop));
+    note(model.part_measures(64 << 20, &()).map(drop));
     note(tables(model));
     note(model.root().and_then(|root| nodes(model, &root)));
     // Vertices of faces, points between them, and points that are far off the grid or NaN.

@@ -20,6 +20,8 @@ pub struct BrepFile {
     /// and of faces.
     pub others: [Vec<Chunk>; 3],
     pub formula: Vec<u8>,
+    /// Sums over all faces; empty if the file has none.
+    pub sums: Vec<u8>,
     pub model: Vec<u8>,
     pub metadata: Vec<u8>,
 }
@@ -64,6 +66,7 @@ impl BrepFile {
             blocks: chunks(b"FACE"),
             segments: chunks(b"DIRE"),
             others: OTHERS.map(chunks),
+            sums: section(file, b"SUMS").unwrap_or_default().to_vec(),
             formula: section(file, b"FORM").unwrap_or_default().to_vec(),
             model: section(file, b"BREP").unwrap().to_vec(),
             metadata: section(file, b"META").unwrap().to_vec(),
@@ -87,7 +90,12 @@ impl BrepFile {
         let others = self.others.each_ref().map(|chunks| list(chunks));
         let mut sections = Vec::new();
         let always = [(b"FACE", &blocks), (b"DIRE", &directory)];
-        let more = [(b"BREP", &self.model), (b"FORM", &self.formula), (b"META", &self.metadata)];
+        let more = [
+            (b"BREP", &self.model),
+            (b"SUMS", &self.sums),
+            (b"FORM", &self.formula),
+            (b"META", &self.metadata),
+        ];
         let all = always.into_iter().chain(OTHERS.into_iter().zip(&others)).chain(more);
         let is_there = |(tag, bytes): &(&[u8; 4], &Vec<u8>)| !bytes.is_empty() || *tag == b"FACE";
         for (tag, bytes) in all.filter(is_there) {

@@ -90,6 +90,19 @@ pub fn turned(mut faces: Vec<Vec<Ring>>) -> Vec<Vec<Ring>> {
     faces
 }
 
+/// Builds a file of a model with the names of its parts, with a memory limit in bytes.
+pub fn built_with_parts(list: &FaceList, memory: u64) -> Vec<u8> {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("parts.goblin");
+    let output = Output::create(&path).unwrap();
+    let mut builder = ModelBuilder::new(output, list.grid().clone(), memory).unwrap();
+    list.each(&mut |face| builder.push(face)).unwrap();
+    list.parts().iter().for_each(|name| builder.part(name, None).unwrap());
+    let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    assert_eq!(report.defects, []);
+    std::fs::read(&path).unwrap()
+}
+
 /// Returns a model of the test data, snapped to a grid; `None` if it is missing. `is_wanted`
 /// selects faces by their part.
 pub fn snapped(name: &str, is_wanted: &dyn Fn(u32) -> bool) -> Option<FaceList> {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from dataclasses import dataclass
 from fractions import Fraction
@@ -236,6 +237,7 @@ class Model:
         check(sum(f.is_proxy for f in self.faces) == self.proxy_count, "the number of proxies")
         self.segments = {key: Segment(block, self.count, self.exact_count) for key, block in self.lists[b"DIRE"]}
         check(all(Code.of(key, 3).level <= self.depth for key in self.segments), "codes of segments")
+        self.sums = self._sums(sections[b"SUMS"]) if b"SUMS" in sections else None
         self.formula = formula(sections[b"FORM"]) if b"FORM" in sections else None
 
     def _list(self, data: bytes) -> list[tuple[int, bytes]]:
@@ -257,6 +259,16 @@ class Model:
             faces += block_of_faces(block, key, self.bits) if tag == b"FACE" else block_of_exact_faces(block, self.bits)
         check(len(faces) == count, "faces")
         return faces
+
+    def _sums(self, data: bytes) -> tuple[int, list[int]]:
+        """Returns the flags and numbers of sums (section 35)."""
+        b = Bytes(data)
+        flags = b.get("B")
+        numbers = [int.from_bytes(b.take(b.get("B")), "little", signed=True) for _ in range(19 if flags & 2 else 13)]
+        check(b.at == len(data) and flags < 4, "bytes of sums")
+        box = numbers[1:7] if flags & 2 else []
+        check(all(0 <= v < 1 << self.bits for v in box) and all(v <= w for v, w in zip(box[:3], box[3:])), "bounds of sums")
+        return flags, numbers
 
     def world(self, g: Vector) -> tuple[float, ...]:
         """Returns the world position of a grid point."""
@@ -377,17 +389,17 @@ class Model:
 
     def verify_exact_surface(self) -> None:
         """Checks that the exact surface's edges cancel along each line."""
-        ends: Counter[Any] = Counter()
-        for face in [f for f in self.faces if not f.is_proxy] + self.exact:
-            for a, b in face.edges:
-                if a != b:
-                    way = [Fraction(v) for v in sub(b, a)]
-                    first = next(v for v in way if v)
-                    way = [v / first for v in way]
-                    line = tuple(way), cross(a, way)
-                    ends[line, tuple(a)] += 1
-                    ends[line, tuple(b)] -= 1
-        check(not any(ends.values()), "the exact surface is not closed")
+        check(is_closed([f for f in self.faces if not f.is_proxy] + self.exact), "the exact surface is not closed")
+
+    def verify_sums(self) -> None:
+        """Checks the sums over all faces and those of each part."""
+        check(self.sums is None or self.sums == sums(self.faces, self.exact), "sums over all faces")
+        stored = self.tables[b"OBJE"].get(7, {})
+        used = sorted({face.part for face in self.faces + self.exact}) if self.sums and self.parts_count > 1 else []
+        check(list(stored) == used, "parts with sums")
+        for part in used:
+            of = ([face for face in faces if face.part == part] for faces in (self.faces, self.exact))
+            check(self._sums(stored[part]) == sums(*of), "sums of a part")
 
     def verify(self) -> None:
         """Raises `CorruptFile` unless faces are planar and closed, and octree nodes are right."""
@@ -399,6 +411,7 @@ class Model:
         check(not any(n for (a, b), n in edges.items() if a != b), "the surface is not closed")
         check(sum(8 ** (self.depth - leaf.at.level) for leaf in self.leaves) == 8**self.depth, "cells are missing")
         self.verify_exact_surface()
+        self.verify_sums()
         boxes = [[((2 * v + 1) // 2 - 1, (2 * w + 1) // 2 + 1) for v, w in f.box] for f in self.exact]
         for leaf in self.leaves:
             width = 2 << self.bits - leaf.at.level
@@ -525,6 +538,46 @@ def rank(rows: list[list[int]]) -> int:
         found += 1
         rows[found:] = [[pivot[column] * v - row[column] * w for v, w in zip(row, pivot)] for row in rows[found:]]
     return found
+
+
+def is_closed(faces: list[Face]) -> bool:
+    """Whether the faces' edges cancel along each line."""
+    ends: Counter[Any] = Counter()
+    for face in faces:
+        for a, b in face.edges:
+            if a != b:
+                way = [Fraction(v) for v in sub(b, a)]
+                first = next(v for v in way if v)
+                way = [v / first for v in way]
+                line = tuple(way), cross(a, way)
+                ends[line, tuple(a)] += 1
+                ends[line, tuple(b)] -= 1
+    return not any(ends.values())
+
+
+def sums(faces: list[Face], exact: list[Face]) -> tuple[int, list[int]]:
+    """Returns the flags and numbers of the sums over faces (section 35)."""
+    volume, area, fine, first, second = 0, 0, 0, [0] * 3, [0] * 6
+    for face in faces:
+        normal: Any = (0, 0, 0)
+        for ring in face.rings:
+            for a, b, c in ((ring[0], b, c) for b, c in zip(ring[1:], ring[2:])):
+                n = cross(sub(b, a), sub(c, a))
+                v, s = dot(a, n), [sum(of) for of in zip(a, b, c)]
+                volume += v
+                normal = tuple(x + y for x, y in zip(normal, n))
+                first = [m + v * x for m, x in zip(first, s)]
+                pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
+                second = [m + v * sum(p[i] * p[j] for p in (a, b, c, s)) for m, (i, j) in zip(second, pairs)]
+        area += int(math.sqrt(float(dot(normal, normal))) * 2.0**40)
+    for sign, face in [(-1, f) for f in faces if f.is_proxy] + [(1, f) for f in exact]:
+        for ring in face.rings:
+            p = [[math.floor(v * 2**32) for v in vertex] for vertex in ring]
+            fine += sign * sum(dot(p[0], cross(b, c)) for b, c in zip(p[1:], p[2:]))
+    boxes = [[(min(v), max(v)) for v in zip(*(p for ring in f.rings for p in ring))] for f in faces if any(f.normal)]
+    bounds = [min(box[a][0] for box in boxes) for a in range(3)] + [max(box[a][1] for box in boxes) for a in range(3)] if boxes else []
+    closed = is_closed([f for f in faces if not f.is_proxy] + exact)
+    return closed + 2 * bool(boxes), [len(faces), *bounds, volume, *first, *second, area, fine]
 
 
 def formula(data: bytes) -> Any:

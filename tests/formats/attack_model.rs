@@ -82,6 +82,7 @@ fn all_fields(file: &[u8], every: usize) -> Vec<Field> {
             b"BREP" => all.extend(fields("the model", start, &[&[1, 1, 1, 5][..], &[8; 16]].concat())),
             b"META" => details.extend(fields("the metadata", start, &vec![1; length])),
             b"FORM" => details.extend(fields("the formula", start, &vec![1; length])),
+            b"SUMS" => details.extend(fields("the sums", start, &vec![1; length])),
             _ => {
                 for entry in (start..start + length).step_by(24) {
                     details.extend(fields("an entry", entry, &[8, 8, 4, 4]));
@@ -211,6 +212,7 @@ pub(crate) fn one_leaf(bits: u8, faces: &[Vec<Vec<[i32; 3]>>], head: u8) -> Brep
     words.push(4);
     let segment = [words.into_iter().flat_map(u32::to_le_bytes).collect(), leaf].concat();
     file.segments = vec![(0, segment)];
+    file.sums.clear();
     let mut model = file.model[..56].to_vec();
     model[48..56].copy_from_slice(&u64::from(count).to_le_bytes());
     let nodes = [0, 0, 0, 0, 0, 0, 1u64].map(|nodes| nodes * u64::from(head & 3 == 3));

@@ -46,6 +46,7 @@ mod layers_crash;
 mod layers_races;
 mod malicious;
 mod missing;
+mod model_sums;
 mod model_verify;
 mod packed;
 mod packed_history;

@@ -204,7 +204,7 @@ fn self_intersections_are_repaired_on_request() {
     assert!(message.contains("intersects itself") && message.contains("--repair"), "{message}");
     let message = complaint(&["build", &mesh, "--brep", "--repair", "-o", &file], 0);
     assert!(message.contains("faces divided") && message.contains("no vertex was moved"), "{message}");
-    let stats: Json = serde_json::from_str(&stdout(&["stats", &file, "--json"])).unwrap();
+    let stats: Json = serde_json::from_str(&stdout(&["stats", &file, "--topology", "--json"])).unwrap();
     assert_eq!(stats["volume"], 2.0 * 64f64.powi(3) - 32f64.powi(3));
     // Six faces with a corner cut out, and the others of both.
     assert_eq!(stats["topology"]["faces"], 12);

@@ -173,7 +173,7 @@ fn queries_of_results() {
     for (file, locations, faces, is_unbounded) in &cases {
         assert_eq!(stdout(&["point", file, "1,1,1", "90,90,90", "90,1,1", "1e6,0,0"]), *locations, "{file}");
         command(&["verify", file]).assert().success();
-        let stats = json(&["stats", file, "--json"]);
+        let stats = json(&["stats", file, "--topology", "--json"]);
         assert_eq!(stats["volume"].as_f64().unwrap() < 0.0, *is_unbounded && *faces > 0, "{stats}");
         assert_eq!(stats["topology"]["faces"], *faces, "{stats}");
         let messages = [

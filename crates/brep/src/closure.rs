@@ -10,7 +10,7 @@
 use std::hash::{BuildHasher, Hasher, RandomState};
 
 use crate::Face;
-use crate::arrangement::{ExactFace, VertexKey, Vertices, cross};
+use crate::arrangement::{ExactFace, FRACTION_BITS, MODULUS, VertexKey, Vertices, cross};
 use crate::store::exact::ExactBlock;
 use spinney_base::{Progress, Result};
 
@@ -155,6 +155,73 @@ impl ExactClosure {
     }
 }
 
+/// Edge hashes for the same test as [`ExactClosure`], without memory for vertices. Off-grid
+/// vertices are hashed by their coordinates, rounded to fractions of a grid unit, and by residues
+/// of the exact ones. A surface is closed if the sum of its faces' hashes is zero.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct EdgeHashes(Seed);
+
+impl EdgeHashes {
+    pub(crate) fn new() -> EdgeHashes {
+        EdgeHashes(Seed::new())
+    }
+
+    /// Returns the hash of the edges of a face with all vertices on the grid.
+    pub(crate) fn of_face(self, face: &Face<'_>) -> u64 {
+        let mut sum = 0u64;
+        for ends in edges(face) {
+            let [from, to] = ends.map(|end| end.map(i64::from));
+            let along = [0, 1, 2].map(|axis| to[axis] - from[axis]);
+            let divisor =
+                along.into_iter().fold(0, |divisor, part| short_divisor(divisor, part.unsigned_abs()));
+            let Some(first) = along.into_iter().find(|part| *part != 0) else { continue };
+            let along = along.map(|part| part / divisor as i64 * first.signum());
+            let line = Seed(self.0.number(&along.map(|part| part as u64)));
+            let [from, to] = [from, to].map(|end| line.number(&end.map(|at| at as u64)));
+            sum = sum.wrapping_add(to).wrapping_sub(from);
+        }
+        sum
+    }
+
+    /// Returns the hash of the edges of a face with off-grid vertices.
+    pub(crate) fn of_exact(self, face: &ExactFace) -> u64 {
+        let mut sum = 0u64;
+        for (corner, next) in face.edges() {
+            let along = cross(face.plane.normal, corner.line.normal);
+            let divisor = along.into_iter().fold(0, |divisor, part| divide_out(divisor, part.unsigned_abs()));
+            let Some(first) = along.into_iter().find(|part| *part != 0) else { continue };
+            let along = along.map(|part| part / divisor as i128 * first.signum());
+            // Invariant: a direction or a point has one hash, whether it is that of a face on the
+            // grid or not. Otherwise edges of both would not cancel.
+            let line = match along.map(i64::try_from) {
+                [Ok(x), Ok(y), Ok(z)] => self.0.number(&[x, y, z].map(|part| part as u64)),
+                _ => self.0.number(along.map(|part| [part as u64, (part >> 64) as u64]).as_flattened()),
+            };
+            let line = Seed(line);
+            let [from, to] = [&corner.point, next].map(|point| {
+                let (fixed, residues) = (point.fixed(), point.residues());
+                let at = fixed.map(|at| at >> FRACTION_BITS);
+                let is_on_grid = at.map(|at| at << FRACTION_BITS) == fixed
+                    && at.iter().zip(&residues).all(|(at, residue)| at.rem_euclid(MODULUS) == *residue);
+                match is_on_grid {
+                    true => line.number(&at.map(|at| at as u64)),
+                    false => line.number([fixed, residues].map(|at| at.map(|at| at as u64)).as_flattened()),
+                }
+            });
+            sum = sum.wrapping_add(to).wrapping_sub(from);
+        }
+        sum
+    }
+}
+
+/// Returns the GCD of two numbers of one word.
+fn short_divisor(mut a: u64, mut b: u64) -> u64 {
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    a
+}
+
 /// Returns the GCD of two numbers.
 fn divide_out(mut a: u128, mut b: u128) -> u128 {
     while b != 0 {
@@ -242,10 +309,13 @@ mod tests {
     fn are_closed(triangles: &[[[i32; 3]; 3]]) -> [bool; 2] {
         let seed = Seed::new();
         let (mut edges, mut lines) = (Closure::new(seed), ExactClosure::new(seed));
+        let (hashes, mut sum) = (EdgeHashes::new(), 0u64);
         for points in triangles {
             edges.add(&face(points));
             lines.add(&face(points));
+            sum = sum.wrapping_add(hashes.of_face(&face(points)));
         }
+        assert_eq!(sum == 0, lines.is_closed());
         [edges.is_closed(), lines.is_closed()]
     }
 

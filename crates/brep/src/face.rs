@@ -3,7 +3,8 @@
 use super::Grid;
 use crate::exact::normal::{newell, ring_normal};
 use crate::exact::vector::{cross, dot};
-use spinney_base::Result;
+use crate::query::MassSums;
+use spinney_base::{Progress, Result};
 use spinney_crs::Crs;
 
 /// A planar face with its holes, in grid coordinates.
@@ -127,6 +128,15 @@ pub trait Faces {
     /// If the exact faces cannot be read.
     fn volume_correction(&self) -> Result<f64> {
         Ok(0.0)
+    }
+
+    /// Returns the sums over all faces, from which measures are computed, if they include off-grid
+    /// vertices or can be computed without visiting all faces; `None` otherwise.
+    ///
+    /// # Errors
+    /// If the faces or sums cannot be read, or on cancellation.
+    fn mass_sums(&self, _progress: &dyn Progress) -> Result<Option<MassSums>> {
+        Ok(None)
     }
 
     /// Returns the number of faces.

@@ -19,6 +19,7 @@ mod hash;
 mod levels;
 mod motion;
 mod object_contacts;
+mod part_sums;
 pub mod planar;
 pub mod query;
 mod repair;

@@ -18,23 +18,19 @@ use spinney::raw::store::Tag;
 
 use super::super::Global;
 use super::super::args::{check_output, vector_format_of};
-use super::super::report::{Work, print_json, print_text, printed_output, report_output, warn};
+use super::super::report::{Work, print_json, print_text, printed_output, report_output};
 use super::{chosen, list, unit};
 
-/// Prints the measures of an exact model: volume, centre, moments, surface, and its topology if it
-/// fits into the memory limit.
-pub(crate) fn stats(view: &ModelView, memory: u64, is_json: bool, global: &Global) -> Result<()> {
+/// Prints the measures of an exact model: volume, centre, moments and surface; and its topology, if
+/// there is `memory` for it.
+pub(crate) fn stats(view: &ModelView, memory: Option<u64>, is_json: bool, global: &Global) -> Result<()> {
     let work = Work::start(global, "faces")?;
     let (mass, model) = (view.mass(&work)?, view.file());
-    let options = TopologyOptions { memory, path: model.path().to_path_buf() };
-    let euler = match Topology::of(model, &options, &work) {
-        Ok(topology) => Some(topology.euler()),
-        Err(error @ spinney::Error::TooLarge { .. }) => {
-            warn(&format!("{error}"));
-            None
-        }
-        Err(error) => return Err(error.into()),
+    let euler_of = |memory| -> spinney::Result<Euler> {
+        let options = TopologyOptions { memory, path: model.path().to_path_buf() };
+        Ok(Topology::of(model, &options, &work)?.euler())
     };
+    let euler = memory.map(euler_of).transpose()?;
     work.finish();
     if is_json {
         print_json(&as_json(model, &mass, euler.as_ref()))

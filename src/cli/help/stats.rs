@@ -74,13 +74,16 @@ const OBJECTS: Topic = Topic {
     about: "\
 Print a row for each object of an exact model.
 
-Without --each, volume, centre of gravity, inertia and surface of the whole model are printed, and its topology. \
-All are exact, and rounded once.",
+Without --each, volume, centre of gravity, inertia and surface of the whole model are printed. All are exact, and \
+rounded once; they come from sums in the file, so that no faces are read. --topology adds the numbers of vertices, \
+edges, shells and handles, for which all faces are read.",
     options: &[
         ("each", ""),
+        ("topology", ""),
         ("where", "Only objects for which all conditions hold, as in 'type=Building'"),
     ],
     examples: &[
+        "spinney stats city.goblin --topology",
         "spinney stats city.goblin --each --csv > buildings.csv",
         "spinney stats city.goblin --each --where 'type=Building' -o buildings.gpkg",
     ],

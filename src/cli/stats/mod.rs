@@ -59,6 +59,9 @@ pub(crate) struct Args {
     /// heights, centre and attributes; as a table, or as features with their bounding rectangles
     #[arg(long, group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels"])]
     each: bool,
+    /// Count vertices, edges, shells and handles of an exact model, too; this reads all faces
+    #[arg(long, conflicts_with = "table")]
+    topology: bool,
     /// Find the nearest line to each point of a feature file (trees of lines); -o writes the points
     /// with the number of its feature (`line`, from 0), the `distance`, and its attributes
     #[arg(long, value_name = "POINTS", group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels", "each"])]
@@ -87,7 +90,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if let Some(view) = args.tree.open_model(global)? {
         let fitting: &[&str] = match args.each {
             true => &["--each", "--where", "--output", "--csv", "--view"],
-            false => &["--json", "--view"],
+            false => &["--topology", "--json", "--view"],
         };
         global.check_options(&args.tree.file, exact::KIND, fitting)?;
         if args.each {
@@ -96,7 +99,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             exact::each(&view, filter, args.label_options.output.as_deref(), memory.bytes, global)?;
             return Ok(view.file().check_unchanged()?);
         }
-        exact::stats(&view, args.zone_options.memory.bytes, args.json, global)?;
+        let memory = args.topology.then_some(args.zone_options.memory.bytes);
+        exact::stats(&view, memory, args.json, global)?;
         return Ok(view.file().check_unchanged()?);
     }
     if let Some(tree) = lines::open(&args.tree.file, global)? {
@@ -125,6 +129,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         let selection = PointSelection::default().selection(&tree, &args.part, args.level, global)?;
         return points::stats(&tree, &selection, args.json, global);
     }
+    ensure!(!args.topology, "--topology: works only with exact models");
     ensure!(!args.each, "--each: works only with exact models; for trees, use --labels or --zones");
     check_modes(args, global)?;
     if args.label_options.labels {

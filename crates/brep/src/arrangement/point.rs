@@ -116,6 +116,12 @@ pub(crate) fn cross(a: [i64; 3], b: [i64; 3]) -> [i128; 3] {
     vector::cross(a.map(i128::from), b.map(i128::from))
 }
 
+/// Fraction bits of rounded coordinates.
+pub(crate) const FRACTION_BITS: u32 = 32;
+
+/// Modulus of residues of coordinates: a prime.
+pub(crate) const MODULUS: i64 = (1 << 61) - 1;
+
 /// A point in homogeneous coordinates.
 #[derive(Clone, Copy, Debug)]
 pub struct ExactPoint {
@@ -242,6 +248,36 @@ impl ExactPoint {
     /// Whether two points are equal.
     pub fn is(&self, other: &ExactPoint) -> bool {
         (0..3).all(|axis| self.compare(other, axis) == Ordering::Equal)
+    }
+
+    /// Returns the coordinates in units of 2^-[`FRACTION_BITS`], rounded down. They depend on the
+    /// point alone, not on its weight.
+    pub(crate) fn fixed(&self) -> [i64; 3] {
+        if self.is_on_grid {
+            return self.near.map(|at| (at as i64) << FRACTION_BITS);
+        }
+        if self.weight.is_zero() {
+            return [0; 3];
+        }
+        // (Coordinates have at most 198 bits.)
+        self.at.map(|at| (at << FRACTION_BITS).div_euclid(self.weight).as_())
+    }
+
+    /// Returns residues of the coordinates modulo [`MODULUS`]. They depend on the point alone, not
+    /// on its weight.
+    pub(crate) fn residues(&self) -> [i64; 3] {
+        let residue = |number: I256| -> i128 { number.rem_euclid(wide(MODULUS.into())).as_() };
+        let times = |a: i128, b: i128| a * b % i128::from(MODULUS);
+        // The inverse of the weight, by Fermat's theorem.
+        let (mut inverse, mut power, mut exponent) = (1, residue(self.weight), MODULUS - 2);
+        while exponent > 0 {
+            if exponent & 1 == 1 {
+                inverse = times(inverse, power);
+            }
+            power = times(power, power);
+            exponent >>= 1;
+        }
+        self.at.map(|at| times(residue(at), inverse) as i64)
     }
 
     /// Returns the nearest grid point. Ties are rounded up.

@@ -38,6 +38,7 @@ use crate::arrangement::{ExactFace, Rounded};
 use crate::exact::normal::ring_normal;
 use crate::face_check::{FaceCheck, FaceFlaw};
 use crate::geometry::Stages;
+use crate::part_sums::SumsOfParts;
 use spinney_base::io::{Output, directory_of};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Progress, Result};
@@ -93,6 +94,7 @@ pub struct ModelBuilder {
     values_by_source: BTreeMap<u64, ColumnValues>,
     formula: String,
     check: FaceCheck,
+    sums: SumsOfParts,
 }
 
 /// Values of a face: column names, and JSON strings.
@@ -109,10 +111,12 @@ impl ModelBuilder {
     pub fn new(output: Output, grid: Grid, memory: u64) -> Result<ModelBuilder> {
         let directory: PathBuf = directory_of(output.path()).to_path_buf();
         let writer = ModelWriter::new(output, &grid, memory / 16)?;
+        let sums_directory = directory.clone();
         let run =
             SubtreeFacesBuilder::new((memory / 4 / 4) as usize, SpoolTarget::Directory(directory.clone()));
         let removed = SubtreeFacesBuilder::new((memory / 8 / 4) as usize, SpoolTarget::Directory(directory));
         let check = FaceCheck::new(grid.bits);
+        let sums = SumsOfParts::new(&sums_directory, memory / 16);
         Ok(ModelBuilder {
             writer,
             grid,
@@ -134,6 +138,7 @@ impl ModelBuilder {
             values_by_source: BTreeMap::new(),
             formula: String::new(),
             check,
+            sums,
         })
     }
 
@@ -177,6 +182,7 @@ impl ModelBuilder {
     pub(super) fn push_exact(&mut self, face: ExactFace) -> Result<()> {
         self.check_exact_memory(1)?;
         self.last_part = self.last_part.max(face.part);
+        self.sums.add_exact(&face)?;
         self.near.push(&face);
         self.writer.exact_face(face)
     }
@@ -236,6 +242,13 @@ impl ModelBuilder {
         self.check_exact_memory(block.len() as u64)?;
         self.last_part = self.last_part.max(last_part);
         self.near.skip(block.len());
+        for place in 0..block.len() {
+            let face = block.face(place);
+            let path = self.writer.path();
+            let corrupt =
+                |found| Error::corrupt(path, "block of exact faces", found, "a block as in formats.md");
+            self.sums.add_exact(&face.map_err(corrupt)?)?;
+        }
         self.writer.exact_block(block)
     }
 
@@ -266,6 +279,7 @@ impl ModelBuilder {
         self.faces += 1;
         self.proxies += u64::from(is_proxy);
         self.last_part = self.last_part.max(face.part);
+        self.sums.add(face, is_proxy)?;
         self.writer.face(&Face { number: number.into(), ..*face }, is_proxy)?;
         // (Several faces may have the same source.)
         let values = self.values_by_source.get(&face.source).cloned().unwrap_or_default();
@@ -404,10 +418,11 @@ impl ModelBuilder {
             leaf_size,
             is_unbounded,
             near: mut all_near,
-            objects,
+            mut objects,
             mut face_values,
             face_columns,
             formula,
+            sums,
             ..
         } = self;
         let (run, target) = run.finish()?;
@@ -463,6 +478,9 @@ impl ModelBuilder {
             return Ok(report);
         }
         complete(metadata, &report);
+        let sums = sums.finish(&mut |part, sums| {
+            objects.sums(part, &sums.to_bytes(), &mut |key, bytes| writer.chunk(List::Objects, key, bytes))
+        })?;
         let parts = objects.finish(&mut |key, bytes| writer.chunk(List::Objects, key, bytes))?;
         if u64::from(last_part) >= parts {
             let expected = format!("a number below {parts}, the number of added parts");
@@ -478,7 +496,7 @@ impl ModelBuilder {
         );
         let codec = writer.codec();
         let summary = Summary { grid, codec, faces, is_unbounded, nodes, exact_faces, proxies, reach, parts };
-        writer.finish(&summary, &[], &formula, metadata)?;
+        writer.finish(&summary, &sums.to_bytes(), &[], &formula, metadata)?;
         Ok(report)
     }
 }

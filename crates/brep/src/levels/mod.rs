@@ -95,7 +95,8 @@ pub fn add_levels(
         metadata.provenance.push(line);
     }
     let formula = model.formula()?.unwrap_or_default();
-    writer.finish(&Summary { codec, ..model.summary().clone() }, &summaries, &formula, &metadata)?;
+    let (summary, sums) = (Summary { codec, ..model.summary().clone() }, model.sums_section()?);
+    writer.finish(&summary, &sums, &summaries, &formula, &metadata)?;
     Ok(summaries)
 }
 

@@ -1,12 +1,13 @@
-//! Bounding box of a model's surface, found by the octree.
+//! Bounding box of a model's surface: stored, or found by the octree.
 
 use super::visited::{Recent, half_of};
 use crate::{ExactModel, FaceBuffer, Faces, ModelNode, ModelNodeState};
 use spinney_base::Result;
 
 impl ExactModel {
-    /// Returns the exact minimum and maximum world coordinates of the surface. Reads only cells
-    /// that may extend beyond the box found so far.
+    /// Returns the exact minimum and maximum world coordinates of the surface: those of the stored
+    /// sums. In files without sums, reads cells of the octree that may extend beyond the box found
+    /// so far.
     ///
     /// # Errors
     /// If the file is corrupt or cannot be read.
@@ -17,6 +18,13 @@ impl ExactModel {
 
     /// Returns the minimum and maximum grid coordinates of the surface; `None` without faces.
     pub(crate) fn grid_bounds(&self) -> Result<Option<[[i32; 3]; 2]>> {
+        match self.stored_sums()? {
+            Some(sums) => Ok(sums.mass.bounds),
+            None => self.bounds_of_octree(),
+        }
+    }
+
+    fn bounds_of_octree(&self) -> Result<Option<[[i32; 3]; 2]>> {
         let nothing = [[i32::MAX; 3], [i32::MIN; 3]];
         let mut traversal = BoundsTraversal {
             model: self,

@@ -9,6 +9,7 @@
 //! IEEE CG&A 4(10), 1984), and their sums do not depend on the order.
 
 use super::ratio::{Whole, WideSum, odd_part, rounded, whole};
+use crate::arrangement::{ExactFace, FRACTION_BITS};
 use crate::exact::vector::{cross, dot, subtract};
 use crate::{ExactModel, Face, Faces, Grid};
 use spinney_base::{Progress, Result};
@@ -22,8 +23,8 @@ pub struct MassProperties {
     /// Number of faces.
     pub faces: u64,
     /// Volume; negative if the surface is inside out. With off-grid vertices, it is the volume of
-    /// the exact surface, to about 15 digits; the other measures are those of the faces on the
-    /// grid.
+    /// the exact surface, whose vertices are rounded to 2^-32 grid units; the other measures are
+    /// those of the faces on the grid.
     pub volume: f64,
     /// Centre of gravity; `None` if there is no volume.
     pub centre: Option<[f64; 3]>,
@@ -35,12 +36,13 @@ pub struct MassProperties {
     /// Area of all faces, with a relative error of about 2^-50 (and an absolute error of at most a
     /// millionth of a squared grid unit per million faces).
     pub area: f64,
-    /// Minimum and maximum coordinates; `None` without faces.
+    /// Minimum and maximum coordinates of the faces that have an area; `None` without any.
     pub bounds: Option<[[f64; 3]; 2]>,
 }
 
 impl MassProperties {
-    /// Measures the body that faces enclose. The memory does not depend on their number.
+    /// Measures the body that faces enclose. The memory does not depend on their number. Files with
+    /// stored sums are measured without reading their faces.
     ///
     /// The surface has to be closed, and its winding number has to be 0 or 1; otherwise, volume and
     /// moments are weighted by the winding number.
@@ -48,15 +50,11 @@ impl MassProperties {
     /// # Errors
     /// If the faces cannot be read, or on cancellation.
     pub fn of(faces: &dyn Faces, progress: &dyn Progress) -> Result<MassProperties> {
+        if let Some(sums) = faces.mass_sums(progress)? {
+            return Ok(sums.measures(faces.grid()));
+        }
         let mut sums = MassSums::new();
-        faces.each(&mut |face| {
-            sums.add_face(face);
-            if sums.faces.is_multiple_of(1024) {
-                progress.check()?;
-                progress.advance(1024, faces.len());
-            }
-            Ok(())
-        })?;
+        faces.each(&mut |face| sums.add_face_of(face, faces.len(), progress))?;
         progress.advance(sums.faces % 1024, faces.len());
         let mut measures = sums.measures(faces.grid());
         let width = faces.grid().width();
@@ -66,38 +64,62 @@ impl MassProperties {
 }
 
 impl ExactModel {
-    /// See [`Faces::volume_correction`]. Computed in doubles.
-    pub(crate) fn exact_volume_correction(&self) -> Result<f64> {
-        let mut sum = 0.0;
+    /// Computes the sums over all faces from the faces.
+    pub(crate) fn sums_of_faces(&self, progress: &dyn Progress) -> Result<MassSums> {
+        let mut sums = MassSums::new();
+        self.each_face(&mut |face, is_proxy| {
+            sums.add_face_of(face, self.len(), progress)?;
+            if is_proxy {
+                sums.remove_proxy(face);
+            }
+            Ok(())
+        })?;
+        progress.advance(sums.faces % 1024, self.len());
         self.each_exact(&mut |face| {
-            sum += face.six_volumes();
+            sums.add_exact(&face);
+            Ok(())
+        })?;
+        Ok(sums)
+    }
+
+    /// Computes the sums over faces with off-grid vertices and their proxies alone.
+    pub(crate) fn off_grid_sums(&self) -> Result<MassSums> {
+        let mut sums = MassSums::new();
+        self.each_exact(&mut |face| {
+            sums.add_exact(&face);
             Ok(())
         })?;
         self.each_proxy(&mut |face| {
-            sum -= face.six_volumes() as f64;
+            sums.remove_proxy(face);
             Ok(())
         })?;
-        Ok(sum / 6.0)
+        Ok(sums)
     }
 }
 
 /// Fraction bits of a sum of areas.
 const AREA_BITS: i32 = 40;
+/// Fraction bits of a volume between off-grid vertices: three times those of a coordinate.
+const OFF_GRID_BITS: i32 = 3 * FRACTION_BITS as i32;
 
 /// Sums over faces, from which measures are computed. They can be computed for subsets of the faces
 /// and added, with the same result for any partition.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MassSums {
-    faces: u64,
+    pub(crate) faces: u64,
     /// 6 times the volume.
-    volume: i128,
+    pub(crate) volume: i128,
     /// 24 times the integral of each coordinate.
-    first: [WideSum; 3],
+    pub(crate) first: [WideSum; 3],
     /// 120 times the integrals of xx, yy, zz, xy, yz, zx.
-    second: [WideSum; 6],
+    pub(crate) second: [WideSum; 6],
     /// Twice the area, in units of 2^-AREA_BITS.
-    area: u128,
-    bounds: Option<[[i32; 3]; 2]>,
+    pub(crate) area: u128,
+    /// 6 times the volume of the faces with off-grid vertices minus that of their proxies, in
+    /// units of 2^-OFF_GRID_BITS.
+    pub(crate) off_grid: WideSum,
+    /// Minimum and maximum coordinates of the faces that have an area.
+    pub(crate) bounds: Option<[[i32; 3]; 2]>,
 }
 
 impl MassSums {
@@ -106,10 +128,21 @@ impl MassSums {
         MassSums::default()
     }
 
+    /// Adds one of `total` faces, and advances the progress.
+    fn add_face_of(&mut self, face: &Face<'_>, total: u64, progress: &dyn Progress) -> Result<()> {
+        self.add_face(face);
+        if self.faces.is_multiple_of(1024) {
+            progress.check()?;
+            progress.advance(1024, total);
+        }
+        Ok(())
+    }
+
     /// Adds a face.
     pub fn add_face(&mut self, face: &Face<'_>) {
         self.faces += 1;
         let mut normal = [0i64; 3];
+        let mut outer = None;
         for ring in face.rings() {
             let Some((first, others)) = ring.split_first() else { continue };
             for edge in others.windows(2) {
@@ -118,11 +151,15 @@ impl MassSums {
                     normal[axis] = normal[axis].wrapping_add(across[axis]);
                 }
             }
+            outer = outer.or(Some(normal));
         }
         let square = normal.map(|n| i128::from(n) * i128::from(n)).iter().sum::<i128>();
         let area = (square as f64).sqrt() * (1u64 << AREA_BITS) as f64;
         self.area = self.area.wrapping_add(area as u128);
-        let Some(first) = face.points.first() else { return };
+        // (The octree has the same bounds: faces without area are in no cell.)
+        let Some(first) = face.points.first().filter(|_| outer.is_some_and(|normal| normal != [0; 3])) else {
+            return;
+        };
         let [min, max] = self.bounds.get_or_insert([*first; 2]);
         for point in face.points {
             for axis in 0..3 {
@@ -150,6 +187,42 @@ impl MassSums {
         across
     }
 
+    /// Adds a face with off-grid vertices. Only the volume includes it: the other sums are those of
+    /// its proxies.
+    pub(crate) fn add_exact(&mut self, face: &ExactFace) {
+        for ring in face.rings() {
+            let points: Vec<[i64; 3]> = ring.iter().map(|corner| corner.point.fixed()).collect();
+            self.add_cones(&points, 1);
+        }
+    }
+
+    /// Subtracts a face that is a proxy from the volume.
+    pub(crate) fn remove_proxy(&mut self, face: &Face<'_>) {
+        for ring in face.rings() {
+            let points: Vec<[i64; 3]> =
+                ring.iter().map(|point| point.map(|at| i64::from(at) << FRACTION_BITS)).collect();
+            self.add_cones(&points, -1);
+        }
+    }
+
+    /// Adds the volume between a ring and the grid's first point.
+    fn add_cones(&mut self, ring: &[[i64; 3]], sign: i128) {
+        let Some((first, others)) = ring.split_first() else { return };
+        for edge in others.windows(2) {
+            // Coordinates have 59 bits with their signs.
+            let across = cross(edge[0].map(i128::from), edge[1].map(i128::from));
+            for (across, at) in across.into_iter().zip(first) {
+                self.off_grid.add_product(sign * across, *at);
+            }
+        }
+    }
+
+    /// Returns the volume of the faces with off-grid vertices minus that of their proxies, in cubed
+    /// grid units.
+    pub(crate) fn volume_correction(&self) -> f64 {
+        rounded(self.off_grid.value(), whole(6), -OFF_GRID_BITS)
+    }
+
     /// Adds the sums over other faces.
     pub fn add(&mut self, other: &MassSums) {
         self.faces += other.faces;
@@ -157,6 +230,7 @@ impl MassSums {
         self.first.iter_mut().zip(&other.first).for_each(|(sum, other)| sum.add(other));
         self.second.iter_mut().zip(&other.second).for_each(|(sum, other)| sum.add(other));
         self.area = self.area.wrapping_add(other.area);
+        self.off_grid.add(&other.off_grid);
         if let Some([min, max]) = other.bounds {
             let all = self.bounds.get_or_insert([min, max]);
             for axis in 0..3 {
@@ -173,7 +247,10 @@ impl MassSums {
         let area = self.area as f64 / (1u128 << (AREA_BITS + 1)) as f64;
         let mut measures = MassProperties {
             faces: self.faces,
-            volume: unit.scaled(volume, whole(6), 3),
+            volume: {
+                let fine = (volume << OFF_GRID_BITS as u32) + self.off_grid.value();
+                unit.scaled(fine, whole(6) << OFF_GRID_BITS as u32, 3)
+            },
             centre: None,
             second_moments: [[0.0; 3]; 3],
             inertia: [[0.0; 3]; 3],

@@ -55,6 +55,7 @@ pub use line::{Crossing, Line};
 pub use mass::{MassProperties, MassSums};
 pub use nearest::{Nearest, nearest_on_face};
 pub use parts::PartMeasures;
+pub(crate) use ratio::WideSum;
 pub use ray::{Hit, ModelRays};
 pub use region::BoxLocation;
 pub use section::{CuttingPlane, SectionPolygon, SectionVisitor};

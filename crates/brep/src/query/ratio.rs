@@ -9,7 +9,7 @@ pub(super) type Whole = I1024;
 /// A sum of products, modulo 2^192: partial sums may overflow, and the sum is right if its final
 /// value fits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct WideSum {
+pub(crate) struct WideSum {
     high: i128,
     low: u64,
 }
@@ -28,6 +28,20 @@ impl WideSum {
         let low = u128::from(self.low) + u128::from(other.low);
         self.low = low as u64;
         self.high = self.high.wrapping_add(other.high).wrapping_add((low >> 64) as i128);
+    }
+
+    /// Returns the bytes in two's complement, little-endian.
+    pub(crate) fn to_bytes(self) -> [u8; 24] {
+        let mut bytes = [0; 24];
+        bytes[..8].copy_from_slice(&self.low.to_le_bytes());
+        bytes[8..].copy_from_slice(&self.high.to_le_bytes());
+        bytes
+    }
+
+    pub(crate) fn from_bytes(bytes: [u8; 24]) -> WideSum {
+        let [a, b, c] =
+            [0, 8, 16].map(|at| u64::from_le_bytes(bytes[at..at + 8].try_into().expect("eight bytes")));
+        WideSum { low: a, high: (u128::from(b) | u128::from(c) << 64) as i128 }
     }
 
     pub(super) fn value(&self) -> Whole {

@@ -13,6 +13,7 @@ mod packed;
 mod reader;
 pub(crate) mod segment;
 pub(crate) mod summary;
+pub(crate) mod sums;
 mod surface;
 pub(crate) mod table;
 mod verify;

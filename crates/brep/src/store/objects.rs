@@ -9,6 +9,7 @@ use serde_json::value::RawValue;
 use super::chunks::ChunkList;
 use super::reader::ExactModel;
 use super::segment::{push_number, take_number};
+use super::sums::PART_SUMS;
 use super::table::{COLUMN_NAMES, ChunkVisitor, FIRST_NAMED, MAX_NAMED, TableWriter};
 use crate::attributes::each_member;
 use spinney_base::sort;
@@ -119,6 +120,12 @@ impl ObjectWriter {
     pub(crate) fn file(&mut self, text: &str, take: &mut ChunkVisitor<'_>) -> Result<()> {
         self.files += 1;
         self.table.push(FILES, self.files - 1, text.as_bytes(), take)
+    }
+
+    /// Adds the stored sums of a part, by ascending part numbers. If there is only one part, they
+    /// are not stored: the sums over all faces are those of the part.
+    pub(crate) fn sums(&mut self, part: u32, sums: &[u8], take: &mut ChunkVisitor<'_>) -> Result<()> {
+        if self.names.len() > 1 { self.table.push(PART_SUMS, part, sums, take) } else { Ok(()) }
     }
 
     /// Writes the remaining columns; returns the number of parts.

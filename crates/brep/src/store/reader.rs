@@ -11,11 +11,13 @@ use super::node::ModelNode;
 use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
 use super::segment::{CUT, INNER, ModelSegment};
 use super::summary::{NodeCounts, Summary};
+use super::sums::SUMS;
 use crate::arrangement::ExactFace;
+use crate::query::MassSums;
 use crate::{AttributedFaceVisitor, Face, Faces, Grid};
 use spinney_base::io::{FileStat, ReadBackend};
 use spinney_base::space::{Code, Dimension};
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Progress, Result};
 use spinney_container::{Codec, Metadata};
 use spinney_container::{HEADER_SIZE, Section, Tag, Trailer};
 use spinney_crs::Crs;
@@ -98,6 +100,7 @@ impl ExactModel {
             ("list of faces", self.trailer.section(super::summary::FACES)),
             ("directory", self.trailer.section(super::summary::DIRECTORY)),
             ("model", self.trailer.section(super::summary::SUMMARY)),
+            ("sums", self.trailer.section(SUMS)),
             ("formula", self.trailer.section(FORMULA)),
             ("metadata", self.trailer.section(super::summary::METADATA)),
             ("list of exact faces", self.trailer.section(EXACT)),
@@ -484,7 +487,18 @@ impl Faces for ExactModel {
     }
 
     fn volume_correction(&self) -> Result<f64> {
-        if self.has_exact_faces() { self.exact_volume_correction() } else { Ok(0.0) }
+        if !self.has_exact_faces() {
+            return Ok(0.0);
+        }
+        let sums = self.stored_sums()?.map_or_else(|| self.off_grid_sums(), |stored| Ok(stored.mass))?;
+        Ok(sums.volume_correction())
+    }
+
+    fn mass_sums(&self, progress: &dyn Progress) -> Result<Option<MassSums>> {
+        match self.stored_sums()? {
+            Some(stored) => Ok(Some(stored.mass)),
+            None => self.sums_of_faces(progress).map(Some),
+        }
     }
 
     fn len(&self) -> u64 {

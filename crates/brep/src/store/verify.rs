@@ -8,6 +8,7 @@ use super::reader::ExactModel;
 use crate::build::{Checked, OctreeCheck};
 use crate::closure::{Closure, Seed, edges};
 use crate::face_check::{FaceCheck, FaceFlaw};
+use crate::part_sums::SumsOfParts;
 use crate::query::Detail;
 use crate::{Face, Faces};
 use spinney_base::io::Sorter;
@@ -50,6 +51,7 @@ impl ExactModel {
             ("list of exact faces", self.trailer.section(super::exact::EXACT)),
             ("list of parts", self.trailer.section(super::objects::OBJECTS)),
             ("list of values of faces", self.trailer.section(super::objects::FACE_VALUES)),
+            ("sums", self.trailer.section(super::sums::SUMS)),
             ("formula", self.trailer.section(super::formula::FORMULA)),
             ("levels", self.trailer.section(super::levels::LEVELS)),
             ("list of clusters", self.trailer.section(super::levels::CLUSTERS)),
@@ -111,6 +113,7 @@ impl ExactModel {
         let mut buffer = FaceBuffer::default();
         let total = 2 * self.len();
         let mut proxies = 0;
+        let mut sums = SumsOfParts::new(&std::env::temp_dir(), memory / 16);
         for index in 0..self.blocks.len() {
             progress.check()?;
             let block = self.block(index)?;
@@ -119,6 +122,7 @@ impl ExactModel {
                 let face = buffer.face();
                 proxies += u64::from(buffer.is_proxy);
                 closure.add(&face);
+                sums.add(&face, buffer.is_proxy)?;
                 match check.has_area(&face) {
                     Ok(true) => octree.push(&face)?,
                     Ok(false) => {}
@@ -137,11 +141,17 @@ impl ExactModel {
             findings = self.open_edges(memory, progress)?;
         }
         if findings.is_empty() {
-            findings = self.verify_exact_faces(seed, &mut octree, progress)?;
+            findings = self.verify_exact_faces(seed, &mut octree, &mut sums, progress)?;
         }
         if findings.is_empty() && proxies != self.summary.proxies {
             let problem = format!("{} proxies, expected {proxies}", self.summary.proxies);
             findings.push(Finding { place: "model".into(), problem });
+        }
+        if findings.is_empty() {
+            findings = match self.verify_sums(sums) {
+                Err(error @ Error::Corrupt { .. }) => vec![finding("sums", &error)],
+                found => found?,
+            };
         }
         if !findings.is_empty() {
             return Ok(findings);
@@ -153,6 +163,43 @@ impl ExactModel {
         findings.extend(self.compare(checked));
         if findings.is_empty() {
             findings = self.verify_levels(seed, progress)?;
+        }
+        Ok(findings)
+    }
+
+    /// Returns stored sums that differ from the sums over the faces.
+    fn verify_sums(&self, computed: SumsOfParts) -> Result<Vec<Finding>> {
+        let mut findings = Vec::new();
+        let mut stored = 0;
+        let has_sums = self.each_part_sums(&mut |_, _| {
+            stored += 1;
+            Ok(())
+        })?;
+        if !has_sums {
+            return Ok(findings);
+        }
+        let mut differs = |place: String, problem: String| {
+            if findings.len() < MAX_LISTED {
+                findings.push(Finding { place, problem });
+            }
+        };
+        let mut parts = 0;
+        let total = computed.finish(&mut |part, expected| {
+            parts += 1;
+            let problem = match self.part_sums(part)? {
+                Some(found) => found.difference(expected).map(|what| format!("{what} of other faces")),
+                None => Some("no sums".into()),
+            };
+            problem.into_iter().for_each(|problem| {
+                differs(format!("sums of part {part}"), format!("{problem}, expected sums over its faces"));
+            });
+            Ok(())
+        })?;
+        if stored != parts {
+            differs("sums".into(), format!("sums of {stored} parts, expected {parts}, those with faces"));
+        }
+        if let Some(what) = self.stored_sums()?.and_then(|found| found.difference(&total)) {
+            differs("sums".into(), format!("{what} of other faces, expected sums over all faces"));
         }
         Ok(findings)
     }
@@ -216,6 +263,7 @@ impl ExactModel {
         &self,
         seed: Seed,
         octree: &mut OctreeCheck,
+        sums: &mut SumsOfParts,
         progress: &dyn Progress,
     ) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
@@ -230,6 +278,7 @@ impl ExactModel {
                 findings.push(Finding { place: format!("exact face {number}"), problem: problem.into() });
             }
             octree.push_exact(&face);
+            sums.add_exact(&face)?;
             number += 1;
             Ok(())
         });

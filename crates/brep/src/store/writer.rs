@@ -14,6 +14,7 @@ use super::levels::{CLUSTERS, DetailLevel, LEVEL_FACES, LEVELS};
 use super::objects::{FACE_VALUES, OBJECTS};
 use super::packed::pack;
 use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
+use super::sums::SUMS;
 use crate::arrangement::ExactFace;
 use crate::{Face, Grid};
 use spinney_base::io::{Output, Sorter, directory_of};
@@ -151,6 +152,7 @@ impl ModelWriter {
     pub(crate) fn finish(
         self,
         summary: &Summary,
+        sums: &[u8],
         levels: &[DetailLevel],
         formula: &str,
         metadata: &Metadata,
@@ -179,6 +181,7 @@ impl ModelWriter {
             (EXACT, of(List::Exact)),
             (OBJECTS, of(List::Objects)),
             (FACE_VALUES, of(List::FaceValues)),
+            (SUMS, bytes(sums, "write the sums")?),
             (FORMULA, bytes(formula.as_bytes(), "write the formula")?),
             (LEVELS, bytes(&DetailLevel::to_bytes(levels), "write the levels")?),
             (CLUSTERS, of(List::Clusters)),
