@@ -393,13 +393,13 @@ class Model:
 
     def verify_sums(self) -> None:
         """Checks the sums over all faces and those of each part."""
-        check(self.sums is None or self.sums == sums(self.faces, self.exact), "sums over all faces")
+        check(self.sums is None or self.sums == sums(self.faces, self.exact, self.bits), "sums over all faces")
         stored = self.tables[b"OBJE"].get(7, {})
         used = sorted({face.part for face in self.faces + self.exact}) if self.sums and self.parts_count > 1 else []
         check(list(stored) == used, "parts with sums")
         for part in used:
             of = ([face for face in faces if face.part == part] for faces in (self.faces, self.exact))
-            check(self._sums(stored[part]) == sums(*of), "sums of a part")
+            check(self._sums(stored[part]) == sums(*of, self.bits), "sums of a part")
 
     def verify(self) -> None:
         """Raises `CorruptFile` unless faces are planar and closed, and octree nodes are right."""
@@ -555,7 +555,7 @@ def is_closed(faces: list[Face]) -> bool:
     return not any(ends.values())
 
 
-def sums(faces: list[Face], exact: list[Face]) -> tuple[int, list[int]]:
+def sums(faces: list[Face], exact: list[Face], bits: int) -> tuple[int, list[int]]:
     """Returns the flags and numbers of the sums over faces (section 35)."""
     volume, area, fine, first, second = 0, 0, 0, [0] * 3, [0] * 6
     for face in faces:
@@ -572,7 +572,7 @@ def sums(faces: list[Face], exact: list[Face]) -> tuple[int, list[int]]:
         area += int(math.sqrt(float(dot(normal, normal))) * 2.0**40)
     for sign, face in [(-1, f) for f in faces if f.is_proxy] + [(1, f) for f in exact]:
         for ring in face.rings:
-            p = [[math.floor(v * 2**32) for v in vertex] for vertex in ring]
+            p = [[math.floor(v * 2 ** (58 - bits)) for v in vertex] for vertex in ring]
             fine += sign * sum(dot(p[0], cross(b, c)) for b, c in zip(p[1:], p[2:]))
     boxes = [[(min(v), max(v)) for v in zip(*(p for ring in f.rings for p in ring))] for f in faces if any(f.normal)]
     bounds = [min(box[a][0] for box in boxes) for a in range(3)] + [max(box[a][1] for box in boxes) for a in range(3)] if boxes else []

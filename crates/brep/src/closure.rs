@@ -10,7 +10,7 @@
 use std::hash::{BuildHasher, Hasher, RandomState};
 
 use crate::Face;
-use crate::arrangement::{ExactFace, FRACTION_BITS, MODULUS, VertexKey, Vertices, cross};
+use crate::arrangement::{ExactFace, MODULUS, VertexKey, Vertices, cross};
 use crate::store::exact::ExactBlock;
 use spinney_base::{Progress, Result};
 
@@ -155,6 +155,9 @@ impl ExactClosure {
     }
 }
 
+/// Fraction bits of hashed coordinates.
+const FRACTION_BITS: u32 = 32;
+
 /// Edge hashes for the same test as [`ExactClosure`], without memory for vertices. Off-grid
 /// vertices are hashed by their coordinates, rounded to fractions of a grid unit, and by residues
 /// of the exact ones. A surface is closed if the sum of its faces' hashes is zero.
@@ -199,7 +202,7 @@ impl EdgeHashes {
             };
             let line = Seed(line);
             let [from, to] = [&corner.point, next].map(|point| {
-                let (fixed, residues) = (point.fixed(), point.residues());
+                let (fixed, residues) = (point.fixed(FRACTION_BITS), point.residues());
                 let at = fixed.map(|at| at >> FRACTION_BITS);
                 let is_on_grid = at.map(|at| at << FRACTION_BITS) == fixed
                     && at.iter().zip(&residues).all(|(at, residue)| at.rem_euclid(MODULUS) == *residue);

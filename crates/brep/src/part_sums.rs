@@ -53,6 +53,8 @@ impl OpenSums {
 /// Sums over the faces of each part, which are added in any order.
 pub(crate) struct SumsOfParts {
     hashes: EdgeHashes,
+    /// Bits of the grid.
+    bits: u8,
     open: HashMap<u32, OpenSums>,
     /// Partial sums, if those in memory had become too many.
     spilled: Option<Sorter>,
@@ -62,14 +64,14 @@ pub(crate) struct SumsOfParts {
 
 impl SumsOfParts {
     /// Creates empty sums that are held in memory, however many parts there are.
-    pub(crate) fn in_memory() -> SumsOfParts {
-        SumsOfParts { hashes: EdgeHashes::new(), open: HashMap::new(), spilled: None, most: usize::MAX }
+    pub(crate) fn in_memory(bits: u8) -> SumsOfParts {
+        SumsOfParts { hashes: EdgeHashes::new(), bits, open: HashMap::new(), spilled: None, most: usize::MAX }
     }
 
     /// Creates empty sums that take about `memory` bytes, and temporary files for more.
-    pub(crate) fn new(directory: &Path, memory: u64) -> SumsOfParts {
+    pub(crate) fn new(directory: &Path, bits: u8, memory: u64) -> SumsOfParts {
         let most = (memory / 2 / BYTES).max(64) as usize;
-        SumsOfParts { spilled: Some(Sorter::new(directory, ITEM, memory / 2)), most, ..Self::in_memory() }
+        SumsOfParts { spilled: Some(Sorter::new(directory, ITEM, memory / 2)), most, ..Self::in_memory(bits) }
     }
 
     /// Returns the number of parts in memory.
@@ -83,11 +85,12 @@ impl SumsOfParts {
     /// If a temporary file cannot be written.
     pub(crate) fn add(&mut self, face: &Face<'_>, is_proxy: bool) -> Result<()> {
         let edges = if is_proxy { 0 } else { self.hashes.of_face(face) };
+        let bits = self.bits;
         let sums = self.of(face.part)?;
         sums.edges = sums.edges.wrapping_add(edges);
         sums.mass.add_face(face);
         if is_proxy {
-            sums.mass.remove_proxy(face);
+            sums.mass.remove_proxy(face, bits);
         }
         Ok(())
     }
@@ -98,9 +101,10 @@ impl SumsOfParts {
     /// If a temporary file cannot be written.
     pub(crate) fn add_exact(&mut self, face: &ExactFace) -> Result<()> {
         let edges = self.hashes.of_exact(face);
+        let bits = self.bits;
         let sums = self.of(face.part)?;
         sums.edges = sums.edges.wrapping_add(edges);
-        sums.mass.add_exact(face);
+        sums.mass.add_exact(face, bits);
         Ok(())
     }
 
@@ -174,7 +178,7 @@ mod tests {
     #[test]
     fn spilled_sums_are_those_in_memory() {
         let directory = std::env::temp_dir();
-        let mut sums = [SumsOfParts::in_memory(), SumsOfParts::new(&directory, 0)];
+        let mut sums = [SumsOfParts::in_memory(10), SumsOfParts::new(&directory, 10, 0)];
         for number in 0..3000 {
             let at = (number * 7919 % 1000) as i32;
             let points = [[at, 0, 5], [9, at, 0], [0, 3, at]];

@@ -35,7 +35,7 @@ pub(crate) use grid_rounding::{Rounded, Surroundings, divide, round};
 pub(crate) use overlay::{Corner, VertexKey, Vertices};
 pub(crate) use overlay::{PlaneRegion, PlaneSegment, regions};
 pub use point::{ExactPlane, ExactPoint};
-pub(crate) use point::{FRACTION_BITS, MODULUS, cross, wide};
+pub(crate) use point::{MODULUS, cross, fraction_bits, wide};
 pub(crate) use sample::SamplePoint;
 pub(crate) use seams::Seams;
 pub(crate) use surface::Resolved;

@@ -116,8 +116,11 @@ pub(crate) fn cross(a: [i64; 3], b: [i64; 3]) -> [i128; 3] {
     vector::cross(a.map(i128::from), b.map(i128::from))
 }
 
-/// Fraction bits of rounded coordinates.
-pub(crate) const FRACTION_BITS: u32 = 32;
+/// Returns the number of fraction bits of rounded coordinates on a grid of `bits` bits: rounded
+/// coordinates have 58 bits, so that products with three of them fit into 192 bits.
+pub(crate) fn fraction_bits(bits: u8) -> u32 {
+    58u32.saturating_sub(bits.into())
+}
 
 /// Modulus of residues of coordinates: a prime.
 pub(crate) const MODULUS: i64 = (1 << 61) - 1;
@@ -250,17 +253,17 @@ impl ExactPoint {
         (0..3).all(|axis| self.compare(other, axis) == Ordering::Equal)
     }
 
-    /// Returns the coordinates in units of 2^-[`FRACTION_BITS`], rounded down. They depend on the
-    /// point alone, not on its weight.
-    pub(crate) fn fixed(&self) -> [i64; 3] {
+    /// Returns the coordinates in units of 2^-`fraction_bits`, rounded down. They depend on the point
+    /// alone, not on its weight.
+    pub(crate) fn fixed(&self, fraction_bits: u32) -> [i64; 3] {
         if self.is_on_grid {
-            return self.near.map(|at| (at as i64) << FRACTION_BITS);
+            return self.near.map(|at| (at as i64) << fraction_bits);
         }
         if self.weight.is_zero() {
             return [0; 3];
         }
-        // (Coordinates have at most 198 bits.)
-        self.at.map(|at| (at << FRACTION_BITS).div_euclid(self.weight).as_())
+        // (Weights have at most 171 bits, and rounded coordinates 58.)
+        self.at.map(|at| (at << fraction_bits).div_euclid(self.weight).as_())
     }
 
     /// Returns residues of the coordinates modulo [`MODULUS`]. They depend on the point alone, not

@@ -116,7 +116,7 @@ impl ModelBuilder {
             SubtreeFacesBuilder::new((memory / 4 / 4) as usize, SpoolTarget::Directory(directory.clone()));
         let removed = SubtreeFacesBuilder::new((memory / 8 / 4) as usize, SpoolTarget::Directory(directory));
         let check = FaceCheck::new(grid.bits);
-        let sums = SumsOfParts::new(&sums_directory, memory / 16);
+        let sums = SumsOfParts::new(&sums_directory, grid.bits, memory / 16);
         Ok(ModelBuilder {
             writer,
             grid,

@@ -9,7 +9,7 @@
 //! IEEE CG&A 4(10), 1984), and their sums do not depend on the order.
 
 use super::ratio::{Whole, WideSum, odd_part, rounded, whole};
-use crate::arrangement::{ExactFace, FRACTION_BITS};
+use crate::arrangement::{ExactFace, fraction_bits};
 use crate::exact::vector::{cross, dot, subtract};
 use crate::{ExactModel, Face, Faces, Grid};
 use spinney_base::{Progress, Result};
@@ -23,8 +23,8 @@ pub struct MassProperties {
     /// Number of faces.
     pub faces: u64,
     /// Volume; negative if the surface is inside out. With off-grid vertices, it is the volume of
-    /// the exact surface, whose vertices are rounded to 2^-32 grid units; the other measures are
-    /// those of the faces on the grid.
+    /// the exact surface, whose vertices are rounded to 2^-58 of the grid's width; the other
+    /// measures are those of the faces on the grid.
     pub volume: f64,
     /// Centre of gravity; `None` if there is no volume.
     pub centre: Option<[f64; 3]>,
@@ -70,13 +70,13 @@ impl ExactModel {
         self.each_face(&mut |face, is_proxy| {
             sums.add_face_of(face, self.len(), progress)?;
             if is_proxy {
-                sums.remove_proxy(face);
+                sums.remove_proxy(face, self.grid().bits);
             }
             Ok(())
         })?;
         progress.advance(sums.faces % 1024, self.len());
         self.each_exact(&mut |face| {
-            sums.add_exact(&face);
+            sums.add_exact(&face, self.grid().bits);
             Ok(())
         })?;
         Ok(sums)
@@ -86,11 +86,11 @@ impl ExactModel {
     pub(crate) fn off_grid_sums(&self) -> Result<MassSums> {
         let mut sums = MassSums::new();
         self.each_exact(&mut |face| {
-            sums.add_exact(&face);
+            sums.add_exact(&face, self.grid().bits);
             Ok(())
         })?;
         self.each_proxy(&mut |face| {
-            sums.remove_proxy(face);
+            sums.remove_proxy(face, self.grid().bits);
             Ok(())
         })?;
         Ok(sums)
@@ -99,8 +99,6 @@ impl ExactModel {
 
 /// Fraction bits of a sum of areas.
 const AREA_BITS: i32 = 40;
-/// Fraction bits of a volume between off-grid vertices: three times those of a coordinate.
-const OFF_GRID_BITS: i32 = 3 * FRACTION_BITS as i32;
 
 /// Sums over faces, from which measures are computed. They can be computed for subsets of the faces
 /// and added, with the same result for any partition.
@@ -116,7 +114,7 @@ pub struct MassSums {
     /// Twice the area, in units of 2^-AREA_BITS.
     pub(crate) area: u128,
     /// 6 times the volume of the faces with off-grid vertices minus that of their proxies, in
-    /// units of 2^-OFF_GRID_BITS.
+    /// units of the cube of rounded coordinates.
     pub(crate) off_grid: WideSum,
     /// Minimum and maximum coordinates of the faces that have an area.
     pub(crate) bounds: Option<[[i32; 3]; 2]>,
@@ -189,18 +187,19 @@ impl MassSums {
 
     /// Adds a face with off-grid vertices. Only the volume includes it: the other sums are those of
     /// its proxies.
-    pub(crate) fn add_exact(&mut self, face: &ExactFace) {
+    pub(crate) fn add_exact(&mut self, face: &ExactFace, bits: u8) {
         for ring in face.rings() {
-            let points: Vec<[i64; 3]> = ring.iter().map(|corner| corner.point.fixed()).collect();
+            let points: Vec<[i64; 3]> =
+                ring.iter().map(|corner| corner.point.fixed(fraction_bits(bits))).collect();
             self.add_cones(&points, 1);
         }
     }
 
     /// Subtracts a face that is a proxy from the volume.
-    pub(crate) fn remove_proxy(&mut self, face: &Face<'_>) {
+    pub(crate) fn remove_proxy(&mut self, face: &Face<'_>, bits: u8) {
         for ring in face.rings() {
             let points: Vec<[i64; 3]> =
-                ring.iter().map(|point| point.map(|at| i64::from(at) << FRACTION_BITS)).collect();
+                ring.iter().map(|point| point.map(|at| i64::from(at) << fraction_bits(bits))).collect();
             self.add_cones(&points, -1);
         }
     }
@@ -219,8 +218,8 @@ impl MassSums {
 
     /// Returns the volume of the faces with off-grid vertices minus that of their proxies, in cubed
     /// grid units.
-    pub(crate) fn volume_correction(&self) -> f64 {
-        rounded(self.off_grid.value(), whole(6), -OFF_GRID_BITS)
+    pub(crate) fn volume_correction(&self, bits: u8) -> f64 {
+        rounded(self.off_grid.value(), whole(6), -3 * fraction_bits(bits) as i32)
     }
 
     /// Adds the sums over other faces.
@@ -248,8 +247,8 @@ impl MassSums {
         let mut measures = MassProperties {
             faces: self.faces,
             volume: {
-                let fine = (volume << OFF_GRID_BITS as u32) + self.off_grid.value();
-                unit.scaled(fine, whole(6) << OFF_GRID_BITS as u32, 3)
+                let fine = 3 * fraction_bits(grid.bits);
+                unit.scaled((volume << fine) + self.off_grid.value(), whole(6) << fine, 3)
             },
             centre: None,
             second_moments: [[0.0; 3]; 3],

@@ -65,7 +65,7 @@ impl ExactModel {
         check_memory: &dyn Fn(usize) -> Result<()>,
         progress: &dyn Progress,
     ) -> Result<SumsOfParts> {
-        let mut sums = SumsOfParts::in_memory();
+        let mut sums = SumsOfParts::in_memory(self.grid().bits);
         let mut read = 0u64;
         let mut check = |sums: &SumsOfParts| {
             read += 1;

@@ -491,7 +491,7 @@ impl Faces for ExactModel {
             return Ok(0.0);
         }
         let sums = self.stored_sums()?.map_or_else(|| self.off_grid_sums(), |stored| Ok(stored.mass))?;
-        Ok(sums.volume_correction())
+        Ok(sums.volume_correction(self.summary.grid.bits))
     }
 
     fn mass_sums(&self, progress: &dyn Progress) -> Result<Option<MassSums>> {

@@ -113,7 +113,7 @@ impl ExactModel {
         let mut buffer = FaceBuffer::default();
         let total = 2 * self.len();
         let mut proxies = 0;
-        let mut sums = SumsOfParts::new(&std::env::temp_dir(), memory / 16);
+        let mut sums = SumsOfParts::new(&std::env::temp_dir(), self.summary.grid.bits, memory / 16);
         for index in 0..self.blocks.len() {
             progress.check()?;
             let block = self.block(index)?;
