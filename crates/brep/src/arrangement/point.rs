@@ -253,8 +253,8 @@ impl ExactPoint {
         (0..3).all(|axis| self.compare(other, axis) == Ordering::Equal)
     }
 
-    /// Returns the coordinates in units of 2^-`fraction_bits`, rounded down. They depend on the point
-    /// alone, not on its weight.
+    /// Returns the coordinates in units of 2^-`fraction_bits`, rounded down. They depend on the
+    /// point alone, not on its weight.
     pub(crate) fn fixed(&self, fraction_bits: u32) -> [i64; 3] {
         if self.is_on_grid {
             return self.near.map(|at| (at as i64) << fraction_bits);
