@@ -7,6 +7,9 @@ use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState
 use spinney_base::{Error, Result, sort};
 use spinney_crs::Crs;
 
+/// Number of blocks of coarse faces that are fetched at once from a remote file.
+const FETCHED_BLOCKS: usize = 64;
+
 /// How much detail a surface has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Detail {
@@ -61,7 +64,12 @@ impl ExactModel {
             })
         };
         let mut surface = DetailSurface { model: self, clusters: Vec::new(), len: 0, error: 0.0 };
-        self.each_cluster(&mut |cluster| {
+        // The surface for an error is nowhere finer than a level whose error is not larger.
+        let finest = match detail {
+            Detail::Level(level) => level.into(),
+            _ => self.levels().iter().position(|level| level.error <= error).unwrap_or(levels - 1),
+        };
+        self.each_cluster(finest, &mut |cluster| {
             let is_in = match detail {
                 Detail::Level(level) => cluster.is_in_level(level),
                 _ => cluster.is_in_cut(error),
@@ -80,7 +88,7 @@ impl ExactModel {
     fn error_for(&self, most: u64) -> Result<f64> {
         // Errors at which faces are added and removed, as sortable numbers: they are not negative.
         let mut changes: Vec<(u32, i64)> = Vec::new();
-        self.each_cluster(&mut |cluster| {
+        self.each_cluster(self.levels().len() - 1, &mut |cluster| {
             let faces = self.faces_of(cluster) as i64;
             changes.extend([(cluster.error.to_bits(), faces), (cluster.limit.to_bits(), -faces)]);
             Ok(())
@@ -198,12 +206,15 @@ impl Faces for DetailSurface<'_> {
             number += 1;
             each(&Face { number: number - 1, ..*face })
         };
-        for same in self.clusters.chunk_by(|a, b| a.block == b.block && a.block != NO_BLOCK) {
-            if same[0].block == NO_BLOCK {
-                continue;
+        let blocks = self.clusters.chunk_by(|a, b| a.block == b.block);
+        let blocks: Vec<&[Cluster]> = blocks.filter(|same| same[0].block != NO_BLOCK).collect();
+        for (index, same) in blocks.iter().enumerate() {
+            if index % FETCHED_BLOCKS == 0 {
+                let next = blocks[index..].iter().take(FETCHED_BLOCKS).map(|same| same[0].block as usize);
+                model.fetch(next, &|block| model.level_block(block).map(drop))?;
             }
             let block = model.level_block(same[0].block as usize)?;
-            for cluster in same {
+            for cluster in *same {
                 let faces = match model.is_exact(cluster) {
                     true => 0..cluster.first,
                     false => cluster.first..cluster.first.saturating_add(cluster.faces),

@@ -7,6 +7,7 @@ use super::block::Block;
 use super::chunks::Entry;
 use super::reader::ExactModel;
 use crate::Face;
+use spinney_base::io::batch::{defer_missing, finish_deferred, run_batched};
 use spinney_base::space::{Dimension, morton_encode};
 use spinney_base::{Error, Result};
 
@@ -48,7 +49,7 @@ pub struct DetailLevel {
     /// Bound of the largest diameter of these in grid units.
     pub vanished_diameter: f64,
     /// Number of clusters that the level consists of.
-    pub clusters: u64,
+    pub(crate) clusters: u64,
 }
 
 /// Faces that are chosen together. The clusters for which a number is at least `error` and less
@@ -56,24 +57,24 @@ pub struct DetailLevel {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Cluster {
     /// Bound of the distance from the exact surface in grid units.
-    pub error: f32,
+    pub(crate) error: f32,
     /// The error of the faces that replace the cluster: infinity if there are none.
-    pub limit: f32,
+    pub(crate) limit: f32,
     /// The finest coarse level that has the cluster. The exact surface is the last level.
-    pub level: u8,
+    pub(crate) level: u8,
     /// The coarser level that has faces instead of the cluster, or [`NEVER`].
-    pub replaced_at: u8,
+    pub(crate) replaced_at: u8,
     /// Number of the block with its faces. Clusters of exact faces have a block if some of these
     /// are not in the octree.
-    pub block: u32,
+    pub(crate) block: u32,
     /// Number of its first face in the block. For exact faces: the number of faces of the block.
-    pub first: u32,
+    pub(crate) first: u32,
     /// Number of its faces, without those of an exact cluster's block.
-    pub faces: u32,
+    pub(crate) faces: u32,
     /// Minimum and maximum coordinates of its faces.
-    pub bounds: [[i32; 3]; 2],
+    pub(crate) bounds: [[i32; 3]; 2],
     /// For exact faces: the positions on the curve of all faces of the cluster, and of no others.
-    pub keys: Range<u64>,
+    pub(crate) keys: Range<u64>,
 }
 
 impl DetailLevel {
@@ -160,12 +161,46 @@ impl ExactModel {
         &self.levels
     }
 
-    /// Visits all clusters, the coarsest first.
-    pub(crate) fn each_cluster(&self, each: &mut dyn FnMut(&Cluster) -> Result<()>) -> Result<()> {
+    /// Visits all clusters of a level and of all coarser levels, and perhaps others. The first tables
+    /// have the coarsest clusters; those of finer levels are not read.
+    pub(crate) fn each_cluster(
+        &self,
+        level: usize,
+        each: &mut dyn FnMut(&Cluster) -> Result<()>,
+    ) -> Result<()> {
+        // Most clusters of a level are made for it, after those of all coarser levels.
+        let before: u64 = self.levels.iter().take(level + 1).map(|level| level.clusters).sum();
+        let likely = before.div_ceil(TABLE_CLUSTERS as u64).min(self.clusters.len() as u64) as usize;
+        self.fetch(0..likely, &|table| self.cluster_table(table).map(drop))?;
+        let mut missing = self.levels.get(level).map_or(0, |level| level.clusters);
         for index in 0..self.clusters.len() {
-            self.cluster_table(index)?.iter().try_for_each(&mut *each)?;
+            for cluster in self.cluster_table(index)? {
+                missing = missing.saturating_sub(cluster.is_in_level(level as u8).into());
+                each(&cluster)?;
+            }
+            if missing == 0 {
+                break;
+            }
         }
         Ok(())
+    }
+
+    /// Fetches what a function reads for each number, if the file is remote, in one batch.
+    pub(crate) fn fetch(
+        &self,
+        numbers: impl IntoIterator<Item = usize> + Clone,
+        read: &dyn Fn(usize) -> Result<()>,
+    ) -> Result<()> {
+        if self.backend.bytes().is_some() {
+            return Ok(());
+        }
+        run_batched(|| {
+            let mut is_unread = false;
+            for number in numbers.clone() {
+                defer_missing(read(number), &mut is_unread)?;
+            }
+            finish_deferred(is_unread)
+        })
     }
 
     /// Loads and checks a table of clusters.
