@@ -184,7 +184,7 @@ fn cancelled_operations_on_models_leave_no_files() {
         )
         .map(|_| ())
     });
-    check("stats --each", 4, &|directory, progress| {
+    check("stats --each", 2, &|directory, progress| {
         export_objects(view, None, file(directory, "made.csv")?, VectorFormat::Csv, MEMORY, progress)
             .map(|_| ())
     });

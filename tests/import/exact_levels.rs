@@ -85,9 +85,12 @@ fn divided_box(list: &mut FaceList, low: [i32; 3], side: i32, n: i32, part: u32)
     }
 }
 
+/// How often each edge occurs in its direction more than in the other one.
+type Surpluses = HashMap<[[i32; 3]; 2], i32>;
+
 /// Returns the directed edges that do not cancel, and six times the volume, of each part.
-fn by_part(faces: &dyn Faces) -> HashMap<u32, (HashMap<[[i32; 3]; 2], i32>, i128)> {
-    let mut parts: HashMap<u32, (HashMap<[[i32; 3]; 2], i32>, i128)> = HashMap::new();
+fn by_part(faces: &dyn Faces) -> HashMap<u32, (Surpluses, i128)> {
+    let mut parts: HashMap<u32, (Surpluses, i128)> = HashMap::new();
     faces
         .each(&mut |face| {
             let (edges, volume) = parts.entry(face.part).or_default();
@@ -120,7 +123,7 @@ fn check_closed(model: &ExactModel, detail: Detail) {
         .unwrap();
     assert_eq!(count, surface.len(), "{detail:?}");
     // Parts that are not closed by themselves are closed together.
-    let mut open: HashMap<[[i32; 3]; 2], i32> = HashMap::new();
+    let mut open = Surpluses::new();
     for (part, (edges, volume)) in &found {
         let (exact_edges, exact_volume) = &exact[part];
         if exact_edges.is_empty() {

@@ -48,7 +48,7 @@ impl MeshOptions {
     /// Fails for options that need an exact model.
     pub(super) fn check_cells(&self) -> Result<()> {
         let given = [("--error", self.error.is_some()), ("--faces", self.faces.is_some())];
-        for (name, _) in given.iter().filter(|(_, is_given)| *is_given) {
+        if let Some((name, _)) = given.iter().find(|(_, is_given)| *is_given) {
             bail!("{name}: works only with exact models, which have levels of detail");
         }
         ensure!(self.filter.is_none(), "--where: works only with exact models, which have objects");
