@@ -1,9 +1,10 @@
-"""Reader of exact models, written from sections 27 to 36 and 42 of formats.md."""
+"""Reader of exact models, written from sections 27 to 36, 42 and 68 of formats.md."""
 
 from __future__ import annotations
 
 import json
 import math
+from bisect import bisect_left
 from collections import Counter
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,7 +16,10 @@ from packed_models import unpack
 
 Vector = tuple[int, int, int]
 Box = list[tuple[int, int]]
-LISTS = [b"FACE", b"EXAC", b"OBJE", b"FVAL", b"DIRE"]
+LISTS = [b"FACE", b"EXAC", b"OBJE", b"FVAL", b"DIRE", b"LEVC", b"LEVF"]
+# The block of a cluster without any, the replacement of one that nothing replaces, and the number
+# of clusters of a table.
+NO_BLOCK, NEVER, CLUSTERS = (1 << 32) - 1, 255, 1024
 VOID, FULL, INNER, CUT, LEAF, NEAR_VOID, NEAR_FULL = range(7)
 
 
@@ -199,6 +203,41 @@ class Segment:
             yield Node(node, LEAF, faces, self.numbers(self.exact) if head & 32 else [], head & 3, head >> 2 & 3, head >> 4 & 1)
 
 
+@dataclass
+class Level:
+    """A level of detail. Lengths are in grid units."""
+
+    faces: int
+    error: float
+    bytes: int
+    vanished: int
+    diameter: float
+    clusters: int
+
+
+@dataclass
+class Cluster:
+    """Faces that are shown together."""
+
+    error: float
+    limit: float
+    level: int
+    replaced_at: int
+    block: int
+    first: int
+    faces: int
+    low: Vector
+    high: Vector
+    start: int
+    end: int
+
+    def in_level(self, level: int) -> bool:
+        return self.level >= level and (self.replaced_at == NEVER or self.replaced_at < level)
+
+    def in_error(self, error: float) -> bool:
+        return self.error <= error < self.limit
+
+
 class Model:
     """An exact model."""
 
@@ -238,6 +277,9 @@ class Model:
         self.segments = {key: Segment(block, self.count, self.exact_count) for key, block in self.lists[b"DIRE"]}
         check(all(Code.of(key, 3).level <= self.depth for key in self.segments), "codes of segments")
         self.sums = self._sums(sections[b"SUMS"]) if b"SUMS" in sections else None
+        self.levels = levels(sections.get(b"LEVS", b""))
+        check(bool(self.levels) == bool(self.lists[b"LEVC"]) and (self.levels or not self.lists[b"LEVF"]), "sections of levels")
+        self.clusters = self._clusters()
         self.formula = formula(sections[b"FORM"]) if b"FORM" in sections else None
 
     def _list(self, data: bytes) -> list[tuple[int, bytes]]:
@@ -343,6 +385,109 @@ class Model:
             said.append((name.decode(), about))
         return said
 
+    # Levels of detail (section 68).
+
+    def _clusters(self) -> list[Cluster]:
+        found: list[Cluster] = []
+        last = len(self.levels) - 1
+        for i, (key, data) in enumerate(self.lists[b"LEVC"]):
+            b = Bytes(data)
+            check(key == CLUSTERS * i and len(data) % 64 == 0 and 64 <= len(data) <= 64 * CLUSTERS, "a table of clusters")
+            while b.at < len(data):
+                error, limit, level, replaced_at, block, first, faces = b.get("2f2B2x3I")
+                cluster = Cluster(error, limit, level, replaced_at, block, first, faces, b.get("3i"), b.get("3i"), *b.get("2Q"))
+                check(0 <= cluster.error <= cluster.limit and cluster.level <= last, "errors or the level of a cluster")
+                check(cluster.replaced_at == NEVER or cluster.replaced_at < cluster.level, "a cluster that is replaced")
+                check((cluster.replaced_at == NEVER) == (cluster.limit == float("inf")), "the limit of a cluster")
+                is_exact = cluster.level == last
+                check(cluster.block < len(self.lists[b"LEVF"]) or (is_exact and cluster.block == NO_BLOCK), "the block of a cluster")
+                check(all(0 <= v <= w < 1 << self.bits for v, w in zip(cluster.low, cluster.high)), "the box of a cluster")
+                found.append(cluster)
+        return found
+
+    def coarse_faces(self, number: int) -> list[Face]:
+        """Returns the faces of a block of coarse faces."""
+        if number not in self.coarse:
+            key, data = self.lists[b"LEVF"][number]
+            check(key == number, "the key of a block of coarse faces")
+            self.coarse[number] = block_of_faces(data, 0, self.bits)
+            check(all(face.part < self.parts_count for face in self.coarse[number]), "parts of coarse faces")
+        return self.coarse[number]
+
+    @cached_property
+    def coarse(self) -> dict[int, list[Face]]:
+        return {}
+
+    @cached_property
+    def curve(self) -> list[tuple[int, int]]:
+        """Returns position and number of all faces that are no slivers, along the curve."""
+        return sorted((self.position(face), i) for i, face in enumerate(self.faces) if any(face.normal))
+
+    def position(self, face: Face) -> int:
+        """Returns a face's position on the curve."""
+        least = min(p for ring in face.rings for p in ring)
+        return morton([v >> max(self.bits - 21, 0) for v in least])
+
+    def is_exact(self, cluster: Cluster) -> bool:
+        return cluster.level == len(self.levels) - 1
+
+    def cluster_faces(self, cluster: Cluster) -> list[Face]:
+        """Returns the faces of a cluster; slivers of an exact cluster are triangles."""
+        if not self.is_exact(cluster):
+            faces = self.coarse_faces(cluster.block)[cluster.first :][: cluster.faces]
+            check(len(faces) == cluster.faces, "faces of a cluster outside its block")
+            return faces
+        slivers = [] if cluster.block == NO_BLOCK else self.coarse_faces(cluster.block)[: cluster.first]
+        check(len(slivers) == (0 if cluster.block == NO_BLOCK else cluster.first), "slivers outside their block")
+        first, end = (bisect_left(self.curve, (at, 0)) for at in (cluster.start, cluster.end))
+        return [self.faces[i] for _, i in self.curve[first:end]] + slivers
+
+    def at_level(self, level: int) -> list[Face]:
+        """Returns the faces of a level's surface."""
+        return [face for cluster in self.clusters if cluster.in_level(level) for face in self.cluster_faces(cluster)]
+
+    def at_error(self, error: float) -> list[Face]:
+        """Returns the faces of the surface for an error in grid units."""
+        return [face for cluster in self.clusters if cluster.in_error(error) for face in self.cluster_faces(cluster)]
+
+    def verify_levels(self) -> None:
+        """Raises `CorruptFile` unless clusters, groups and levels are as section 68 specifies."""
+        exact = [cluster for cluster in self.clusters if self.is_exact(cluster)]
+        coarse = [cluster for cluster in self.clusters if not self.is_exact(cluster)]
+        check(self.clusters == coarse + exact and all(a.level <= b.level for a, b in zip(coarse, coarse[1:])), "order of clusters")
+        check([c.end for c in exact] == [*(c.start for c in exact[1:]), 1 << 63] and not exact[0].start, "positions of exact clusters")
+        check(all(c.error == 0 and (c.block < NO_BLOCK or c.first == 0) for c in exact), "exact clusters")
+        check(all(c.start == c.end == 0 for c in coarse), "positions of coarse clusters")
+        blocks = [c.block for c in self.clusters if c.block != NO_BLOCK]
+        check(list(dict.fromkeys(blocks)) == list(range(len(self.lists[b"LEVF"]))) and blocks == sorted(blocks), "order of blocks")
+        ends = [0] * len(self.lists[b"LEVF"])
+        for c in coarse:
+            check(c.first == ends[c.block], "faces of a block that are in no cluster, or in two")
+            ends[c.block] += c.faces
+        for c in exact:
+            if c.block != NO_BLOCK:
+                check(ends[c.block] == 0, "a block of several exact clusters")
+                ends[c.block] = c.first
+        check(ends == [len(self.coarse_faces(i)) for i in range(len(ends))], "faces of blocks that are in no cluster")
+        made = {(c.error, c.level) for c in coarse}
+        check(all((c.limit, c.replaced_at) in made for c in self.clusters if c.replaced_at != NEVER), "groups without replacement")
+        for c in self.clusters:
+            faces = self.cluster_faces(c)
+            flat = sum(not any(face.normal) for face in faces) if self.is_exact(c) else 0
+            check(len(faces) == c.faces + (c.first if self.is_exact(c) else 0) and (not self.is_exact(c) or flat == c.first), "faces of a cluster")
+            check(self.is_exact(c) or all(len(face.rings) == 1 and len(face.rings[0]) == 3 for face in faces), "coarse faces that are no triangles")
+            box = list(zip(*(p for face in faces for ring in face.rings for p in ring)))
+            check([min(v) for v in box] == list(c.low) and [max(v) for v in box] == list(c.high), "the box of a cluster")
+        for number, level in enumerate(self.levels):
+            own = [c for c in self.clusters if c.in_level(number)]
+            check(level.clusters == len(own) and level.error == max(c.error for c in own), "clusters of a level")
+            check(level.faces == sum(c.faces + (c.first if self.is_exact(c) else 0) for c in own), "faces of a level")
+        for face in (self.faces[i] for _, i in self.curve):
+            node = self.find(tuple(2 * v for v in min(p for ring in face.rings for p in ring)))
+            check(node and node.state == LEAF and any(self.faces[i] is face for i in node.faces), "the leaf of a position")
+            depth = min(self.bits, 21) - node.at.level if node else 0
+            check(node and self.position(face) >> 3 * depth == morton(node.at.at), "positions of a leaf")
+
     # Geometry. Points are in half units, so that cell walls have integer coordinates.
 
     @cached_property
@@ -437,6 +582,21 @@ class Model:
         for p in ((box[0][0] + 1, (box[1][0] + box[1][1]) // 2, box[2][1] - 1), tuple(high - 1 for _, high in box)):
             inside = self.inside(p)  # type: ignore[arg-type]
             check(inside is None or inside == (self.winding(p) == 1), "a point in a leaf")  # type: ignore[arg-type]
+
+
+def morton(at: Iterable[int]) -> int:
+    """Returns the Z order of a position, with x lowest."""
+    return sum((v >> i & 1) << 3 * i + axis for axis, v in enumerate(at) for i in range(21))
+
+
+def levels(data: bytes) -> list[Level]:
+    """Returns the summary of levels, the coarsest first."""
+    check(len(data) % 48 == 0 and len(data) <= 64 * 48, "bytes of levels")
+    b, most = Bytes(data), 3.4028234663852886e38
+    found = [Level(*b.get("QdQQdQ")) for _ in range(len(data) // 48)]
+    check(all(level.faces < 1 << 40 and 0 <= level.error <= most and 0 <= level.diameter <= most for level in found), "a level")
+    check(all(a.error >= b.error for a, b in zip(found, found[1:])), "errors of levels ascend")
+    return found
 
 
 def least_of(box: Box) -> Vector:

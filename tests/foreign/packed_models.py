@@ -1,4 +1,4 @@
-"""Unpacks packed components of exact models (section 42 of formats.md)."""
+"""Unpacks packed components of exact models (sections 42 and 68 of formats.md)."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def unpack(tag: bytes, packed: bytes) -> bytes:
     crc, size = struct.unpack("<II", packed[1:9])
     check(size <= min(1 << 26, 65536 + 4096 * len(packed)), "an unpacked chunk is too long")
     columns = Columns(packed)
-    if tag == b"FACE":
+    if tag in (b"FACE", b"LEVF"):
         plain = Faces(columns, size).plain
     elif tag == b"DIRE":
         plain = Segment(columns, size).plain

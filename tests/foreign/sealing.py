@@ -1,5 +1,5 @@
-"""Recomputes the checksums of corrupt trees of points and of lines, so that later checks are
-tested."""
+"""Recomputes the checksums of corrupt trees of points and of lines, and of levels of detail, so
+that later checks are tested."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from basics import Header, crc32c, spans
 
 # Sections with an entry per block, and the entry size; offset, length and checksum of the block are
 # at the same offsets in all.
-BLOCKS = {b"PBLK": 52, b"LBLK": 44, b"LFEA": 44}
+BLOCKS = {b"PBLK": 52, b"LBLK": 44, b"LFEA": 44, b"LEVC": 24, b"LEVF": 24}
 
 
 def resealed(changed: bytearray, was: bytes) -> bytes:
