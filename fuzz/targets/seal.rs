@@ -161,7 +161,7 @@ pub fn entries(file: &[u8], page: &std::ops::Range<usize>, size: usize) -> Vec<u
 pub fn goblin(file: &mut [u8]) {
     seal(file, 0, HEADER - 4, HEADER - 4);
     let (entry, tags): (usize, &[&[u8; 4]]) = match file.get(CONTENT) {
-        Some(&MODEL) => (MODEL_ENTRY, &[b"DIRE", b"FACE", b"EXAC", b"OBJE", b"FVAL"]),
+        Some(&MODEL) => (MODEL_ENTRY, &[b"DIRE", b"FACE", b"EXAC", b"OBJE", b"FVAL", b"LEVC", b"LEVF"]),
         Some(&LINES) => (LINE_ENTRY, &[b"LBLK", b"LFEA"]),
         _ => (MODEL_ENTRY, &[]),
     };

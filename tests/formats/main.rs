@@ -16,6 +16,7 @@ mod attack_autumnal;
 mod attack_exact_faces;
 mod attack_goblin;
 mod attack_layers;
+mod attack_levels;
 mod attack_lines;
 mod attack_model;
 mod autumnal;
