@@ -425,3 +425,25 @@ fn models_with_defects_leave_nothing() {
 fn files_in(directory: &Path) -> usize {
     std::fs::read_dir(directory).unwrap().count()
 }
+
+/// Exact clusters that stay in coarser levels have polygons there.
+#[test]
+fn levels_of_polygons_have_the_faces_that_they_state() {
+    let parts = 600;
+    let mut list = FaceList::new(grid(16), (0..parts).map(|part| format!("box {part}")).collect());
+    let mut random = Random(9);
+    for part in 0..parts {
+        let [x, y] = [part % 30, part / 30].map(|at| at as i32 * 2000 + 5);
+        let side = 100 + (random.next() % 1800) as i32;
+        cuboid([x, y, 7], [x + side, y + side, 7 + side])
+            .iter()
+            .for_each(|face| push(&mut list, face, part, None));
+    }
+    let model = with_levels_of(&list);
+    assert_eq!(model.verify(MEMORY, &()).unwrap(), []);
+    for (number, level) in model.levels().iter().enumerate() {
+        let surface = model.at_detail(Detail::Level(number as u8), None).unwrap();
+        assert_eq!(FaceList::of(&surface).unwrap().len(), level.faces);
+        check_closed(&model, Detail::Level(number as u8));
+    }
+}

@@ -181,7 +181,7 @@ impl LevelBuilder {
         let clusters = builder.clusters.len() as u64;
         builder.current = (0..clusters as u32).collect();
         builder.summaries.push(DetailLevel {
-            faces: model.len(),
+            faces: builder.faces(),
             error: 0.0,
             bytes: 0,
             vanished: 0,
@@ -279,8 +279,8 @@ impl LevelBuilder {
         self.current.append(&mut next);
         let error = self.current.iter().map(|index| self.clusters[*index as usize].stored.error);
         let last = self.summaries.last().expect("the exact surface");
-        let faces = self.triangles();
-        self.weak = if faces * 10 > before * 9 { self.weak + 1 } else { 0 };
+        let faces = self.faces();
+        self.weak = if self.triangles() * 10 > before * 9 { self.weak + 1 } else { 0 };
         self.summaries.push(DetailLevel {
             faces,
             error: error.fold(0.0, f32::max).into(),
@@ -290,6 +290,15 @@ impl LevelBuilder {
             clusters: self.current.len() as u64,
         });
         Ok(true)
+    }
+
+    /// Returns the number of faces of the last level. (Those of exact clusters may be polygons.)
+    fn faces(&self) -> u64 {
+        let of = |stored: &Cluster| {
+            let slivers = if stored.level == 0 { stored.first } else { 0 };
+            u64::from(stored.faces) + u64::from(slivers)
+        };
+        self.current.iter().map(|index| of(&self.clusters[*index as usize].stored)).sum()
     }
 
     /// Returns the number of triangles of the last level.

@@ -14,7 +14,7 @@ const FETCHED_BLOCKS: usize = 64;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Detail {
     /// As few faces as possible, whose distance from the exact surface is at most this, in units of
-    /// the world.
+    /// the world. Bodies whose diameter is at most this may be missing.
     Error(f64),
     /// The smallest error for which there are at most this many faces.
     Faces(u64),
@@ -64,6 +64,7 @@ impl ExactModel {
             })
         };
         let mut surface = DetailSurface { model: self, clusters: Vec::new(), len: 0, error: 0.0 };
+        let (mut last_key, mut last_face) = (0, (0, 0));
         // The surface for an error is nowhere finer than a level whose error is not larger.
         let finest = match detail {
             Detail::Level(level) => level.into(),
@@ -74,6 +75,20 @@ impl ExactModel {
                 Detail::Level(level) => cluster.is_in_level(level),
                 _ => cluster.is_in_cut(error),
             };
+            // Invariant: no face is in two clusters, which bounds the faces of a surface by those of
+            // the file: positions on the curve ascend, and so do faces of blocks.
+            let face = (cluster.block, cluster.first);
+            let is_next = match self.is_exact(cluster) {
+                true => cluster.keys.start >= last_key && cluster.keys.end >= cluster.keys.start,
+                false => face >= last_face,
+            };
+            if !is_next {
+                return Err(self.wrong_cluster(cluster, "clusters that do not overlap"));
+            }
+            match self.is_exact(cluster) {
+                true => last_key = cluster.keys.end,
+                false => last_face = (face.0, face.1.saturating_add(cluster.faces)),
+            }
             if is_in && touches(&cluster.bounds) {
                 surface.len += self.faces_of(cluster);
                 surface.error = surface.error.max(cluster.error.into());
@@ -149,10 +164,20 @@ impl ExactModel {
 }
 
 impl DetailSurface<'_> {
-    /// Returns a bound of the distance between this surface and the exact one, both ways, in units
-    /// of the world.
+    /// Returns a bound of the distance between this surface and the exact one in units of the world,
+    /// both ways, except for bodies that are missing: their diameter is at most this.
     pub fn error(&self) -> f64 {
         self.error * self.model.grid().width()
+    }
+
+    /// Returns the bound in grid units.
+    pub(crate) fn grid_error(&self) -> f64 {
+        self.error
+    }
+
+    /// Returns the number of clusters.
+    pub(crate) fn clusters(&self) -> usize {
+        self.clusters.len()
     }
 
     /// Returns whether all faces are those of the exact surface.
@@ -220,7 +245,8 @@ impl Faces for DetailSurface<'_> {
                     false => cluster.first..cluster.first.saturating_add(cluster.faces),
                 };
                 if faces.end as usize > block.len() {
-                    return Err(model.wrong_cluster(cluster, block.len()));
+                    let expected = format!("faces of a block of {}", block.len());
+                    return Err(model.wrong_cluster(cluster, &expected));
                 }
                 for face in faces {
                     block.read(face as usize, &mut buffer);

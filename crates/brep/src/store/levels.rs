@@ -40,7 +40,8 @@ const CLUSTER: usize = 64;
 pub struct DetailLevel {
     /// Number of faces. Those of coarser levels are triangles.
     pub faces: u64,
-    /// Bound of the distance between the level and the exact surface, both ways, in grid units.
+    /// Bound of the distance between the level and the exact surface in grid units, both ways, except
+    /// for bodies that vanished: their diameter is at most this.
     pub error: f64,
     /// Bytes of the faces that are stored for this level.
     pub bytes: u64,
@@ -109,7 +110,10 @@ impl DetailLevel {
             && bytes.len().is_multiple_of(LEVEL)
             && levels.is_sorted_by(|coarse, fine| coarse.error >= fine.error)
             && levels.iter().all(|level| {
-                is_length(level.error) && is_length(level.vanished_diameter) && level.faces < 1 << 40
+                is_length(level.error)
+                    && is_length(level.vanished_diameter)
+                    && level.faces < 1 << 40
+                    && level.clusters < 1 << 32
             });
         if is_valid { Ok(levels) } else { Err(format!("{} bytes of levels", bytes.len())) }
     }
@@ -218,9 +222,16 @@ impl ExactModel {
         }
         let clusters: Vec<Cluster> = bytes.chunks_exact(CLUSTER).map(Cluster::read).collect();
         let last = self.levels.len().saturating_sub(1);
+        let is_reserved = |cluster: &[u8]| cluster[10..12] == [0; 2];
+        if !bytes.chunks_exact(CLUSTER).all(is_reserved)
+            || index + 1 < self.clusters.len() && clusters.len() < TABLE_CLUSTERS
+        {
+            return Err(wrong(format!("{} clusters from cluster {key} on", clusters.len())));
+        }
         for cluster in &clusters {
             let Cluster { error, limit, level, replaced_at, block, bounds: [min, max], .. } = cluster.clone();
             let is_valid = error >= 0.0
+                && error.is_sign_positive()
                 && error <= limit
                 && usize::from(level) <= last
                 && (replaced_at < level || replaced_at == NEVER)
@@ -237,9 +248,8 @@ impl ExactModel {
         Ok(clusters)
     }
 
-    pub(crate) fn wrong_cluster(&self, cluster: &Cluster, faces: usize) -> Error {
-        let found = format!("{cluster:?} in a block of {faces} faces");
-        self.corrupt("table of clusters".into(), found, "clusters within their blocks")
+    pub(crate) fn wrong_cluster(&self, cluster: &Cluster, expected: &str) -> Error {
+        self.corrupt("table of clusters".into(), format!("{cluster:?}"), expected)
     }
 
     /// Loads a block of coarse faces.

@@ -207,27 +207,43 @@ impl ExactModel {
     /// Returns levels of detail that are not closed, or do not have as many faces as recorded.
     fn verify_levels(&self, seed: Seed, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
-        for (number, level) in self.levels.iter().enumerate() {
-            let surface = self.at_detail(Detail::Level(number as u8), None)?;
-            let mut closure = Closure::new(seed);
+        // Parts that are closed by themselves in the exact level, which is the first one here.
+        let mut is_closed: Option<Vec<bool>> = None;
+        for (number, level) in self.levels.iter().enumerate().rev() {
+            let surface = match self.at_detail(Detail::Level(number as u8), None) {
+                Err(error @ Error::Corrupt { .. }) => {
+                    findings.push(finding(&format!("level {number}"), &error));
+                    break;
+                }
+                surface => surface?,
+            };
+            let mut closures = vec![Closure::new(seed); self.parts.len()];
             let mut faces = 0u64;
             let read = surface.each(&mut |face| {
                 if face.number.is_multiple_of(1 << 12) {
                     progress.check()?;
                 }
-                closure.add(face);
+                closures[face.part as usize].add(face);
                 faces += 1;
                 Ok(())
             });
+            let mut whole = Closure::new(seed);
+            closures.iter().for_each(|closure| whole.append(*closure));
+            let parts: Vec<bool> = closures.iter().map(Closure::is_closed).collect();
+            let expected = is_closed.get_or_insert_with(|| parts.clone());
+            let are_closed = whole.is_closed() && parts.iter().zip(expected).all(|(is, was)| *is || !*was);
             let place = format!("level {number}");
             match read {
                 Err(error @ Error::Corrupt { .. }) => findings.push(finding(&place, &error)),
                 read => read?,
             }
-            if findings.is_empty() && faces != level.faces {
-                let problem = format!("{faces} faces, expected {}", level.faces);
+            let summary = (surface.len(), surface.grid_error(), surface.clusters() as u64);
+            if findings.is_empty()
+                && (faces != level.faces || summary != (faces, level.error, level.clusters))
+            {
+                let problem = format!("{faces} faces, {summary:?} by its clusters, expected {level:?}");
                 findings.push(Finding { place, problem });
-            } else if findings.is_empty() && !closure.is_closed() {
+            } else if findings.is_empty() && !are_closed {
                 let problem = "edges that have a face on one side only, expected a closed surface".into();
                 findings.push(Finding { place, problem });
             }
