@@ -138,7 +138,7 @@ impl LevelBuilder {
         writer: &mut ModelWriter,
         progress: &dyn Progress,
     ) -> Result<LevelBuilder> {
-        let (sorter, objects) = exact_clusters::sorted(model, directory, memory / 4, progress)?;
+        let (sorter, objects) = exact_clusters::sorted(model, directory, memory / 5, progress)?;
         let base_error = if model.has_exact_faces() { f64::from(model.reach()) * 3f64.sqrt() } else { 0.0 };
         let mut builder = LevelBuilder {
             file: TriangleFile::create(directory)?,

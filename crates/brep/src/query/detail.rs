@@ -75,8 +75,8 @@ impl ExactModel {
                 Detail::Level(level) => cluster.is_in_level(level),
                 _ => cluster.is_in_cut(error),
             };
-            // Invariant: no face is in two clusters, which bounds the faces of a surface by those of
-            // the file: positions on the curve ascend, and so do faces of blocks.
+            // Invariant: no face is in two clusters, which bounds the faces of a surface by those
+            // of the file: positions on the curve ascend, and so do faces of blocks.
             let face = (cluster.block, cluster.first);
             let is_next = match self.is_exact(cluster) {
                 true => cluster.keys.start >= last_key && cluster.keys.end >= cluster.keys.start,
@@ -164,8 +164,8 @@ impl ExactModel {
 }
 
 impl DetailSurface<'_> {
-    /// Returns a bound of the distance between this surface and the exact one in units of the world,
-    /// both ways, except for bodies that are missing: their diameter is at most this.
+    /// Returns a bound of the distance between this surface and the exact one in units of the
+    /// world, both ways, except for bodies that are missing: their diameter is at most this.
     pub fn error(&self) -> f64 {
         self.error * self.model.grid().width()
     }

@@ -40,8 +40,8 @@ const CLUSTER: usize = 64;
 pub struct DetailLevel {
     /// Number of faces. Those of coarser levels are triangles.
     pub faces: u64,
-    /// Bound of the distance between the level and the exact surface in grid units, both ways, except
-    /// for bodies that vanished: their diameter is at most this.
+    /// Bound of the distance between the level and the exact surface in grid units, both ways,
+    /// except for bodies that vanished: their diameter is at most this.
     pub error: f64,
     /// Bytes of the faces that are stored for this level.
     pub bytes: u64,
@@ -165,8 +165,8 @@ impl ExactModel {
         &self.levels
     }
 
-    /// Visits all clusters of a level and of all coarser levels, and perhaps others. The first tables
-    /// have the coarsest clusters; those of finer levels are not read.
+    /// Visits all clusters of a level and of all coarser levels, and perhaps others. The first
+    /// tables have the coarsest clusters; those of finer levels are not read.
     pub(crate) fn each_cluster(
         &self,
         level: usize,
