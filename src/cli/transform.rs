@@ -99,15 +99,21 @@ impl ChainArgs {
         }
     }
 
+    /// Fails if levels of detail are requested of a file that is not an exact model.
+    fn check_no_levels(&self) -> Result<()> {
+        if self.has_levels()? {
+            bail!("{}: is not an exact model, which levels needs", self.file.display());
+        }
+        Ok(())
+    }
+
     /// Returns the view of a tree of cells.
     pub(crate) fn chain(&self, global: &Global) -> Result<FileView> {
         let (steps, rasters) = self.steps();
         if !rasters.is_empty() {
             bail!("{}: is not a tree of points, which raster= needs", self.file.display());
         }
-        if self.has_levels()? {
-            bail!("{}: is not an exact model, which levels needs", self.file.display());
-        }
+        self.check_no_levels()?;
         let mut warp = WarpOptions::default();
         (warp.resampling, warp.allow_ballpark) = (self.resampling, self.allow_ballpark);
         Ok(FileView {
@@ -249,6 +255,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             "{}: is a feature file; raster= works only with trees of points",
             file.display()
         );
+        chain.check_no_levels()?;
         let features = features::Reprojection { file, steps: &steps, allow_ballpark: chain.allow_ballpark };
         return features.write(&path, memory.bytes, &limit, global);
     }
@@ -264,6 +271,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             "{}: is a tree of points; operations on cells have no effect on it",
             file.display()
         );
+        chain.check_no_levels()?;
         global.check_options(file, points::KIND, &["--codec", "--max-error"])?;
         let work = Work::start(global, "cells")?;
         let memory = (memory.bytes, packing.choice());
@@ -275,6 +283,11 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         return Ok(());
     }
     if let Some(model) = exact::open(file, global)? {
+        ensure!(
+            rasters.is_empty(),
+            "{}: is an exact model; raster= works only with trees of points",
+            file.display()
+        );
         global.check_options(file, exact::KIND, &["--codec", "--snap", "--unit"])?;
         let mut options = TransformOptions::new(memory.bytes);
         (options.snap, options.unit, options.codec) = (snap, unit, packing.of_model(file)?);

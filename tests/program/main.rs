@@ -32,6 +32,8 @@ mod cli_labels;
 #[cfg(feature = "cli")]
 mod cli_layers;
 #[cfg(feature = "cli")]
+mod cli_levels;
+#[cfg(feature = "cli")]
 mod cli_lines;
 mod cli_meshes;
 mod cli_octree_combine;
