@@ -18,6 +18,8 @@ mod exact_attributes;
 mod exact_build;
 #[cfg(feature = "mesh")]
 mod exact_contacts;
+#[cfg(all(feature = "mesh", feature = "meshopt"))]
+mod exact_gltf;
 #[cfg(all(feature = "mesh", feature = "vector"))]
 mod exact_interrupts;
 #[cfg(all(feature = "mesh", feature = "meshopt"))]
