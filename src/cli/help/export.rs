@@ -95,13 +95,15 @@ the tree. By default it has the outer faces of the cells, merged to rectangles; 
 meet, the larger ones have the vertices of the smaller ones. Memory does not grow with the mesh.
 
 The faces of an exact model are written unchanged, including polygons with holes, and as CityJSON (.city.json), \
-too. A .csg file has the CSG text that a solid was built from.
+too. Of a model with levels of detail ('spinney transform FILE levels'), --level, --error or --faces choose a coarser \
+surface. A .csg file has the CSG text that a solid was built from.
 
 PLY is binary and has colours and classes of faces; OBJ is text; OFF is text and has colours of faces; STL is \
 binary, in single precision.",
-    options: &[("level", ""), ("smooth", ""), ("triangles", ""), ("where", "")],
+    options: &[("level", ""), ("error", ""), ("faces", ""), ("smooth", ""), ("triangles", ""), ("where", "")],
     examples: &[
         "spinney export bunny.goblin bunny.ply",
+        "spinney export statue_levels.goblin coarse.ply --error 0.005",
         "spinney export bunny.goblin small.obj --level 6",
         "spinney export bunny.goblin print.stl --smooth",
         "spinney export city.goblin quarter.ply --view window=0,256,0,512,512,64",
@@ -111,15 +113,19 @@ binary, in single precision.",
 
 const GLTF: Topic = Topic {
     name: "gltf",
-    summary: "octrees for viewers: .glb, 'x/tileset.json' (3D Tiles 1.1)",
+    summary: "octrees and exact models for viewers: .glb, 'x/tileset.json' (3D Tiles 1.1)",
     about: "\
 Write an octree for viewers: x.glb is one level as binary glTF, x/tileset.json is 3D Tiles 1.1 in a new directory: \
 the octree in tiles of 64 cells, level by level. Both have normals, colours, and classes as features; tiles lie on \
-the globe if the file's coordinate system is known.",
-    options: &[("level", ""), ("smooth", ""), ("meshopt", "")],
+the globe if the file's coordinate system is known.
+
+The same of an exact model: objects are features with names and attributes, and a tileset has the model's levels of \
+detail ('spinney transform FILE levels'), which --level, --error or --faces choose for .glb.",
+    options: &[("level", ""), ("error", ""), ("faces", ""), ("smooth", ""), ("meshopt", ""), ("where", "")],
     examples: &[
         "spinney export bunny.goblin bunny-tiles/tileset.json --smooth --meshopt",
         "spinney export bunny.goblin bunny.glb --level 7",
+        "spinney export statue_levels.goblin statue-tiles/tileset.json",
     ],
 };
 
