@@ -1,9 +1,9 @@
 //! 3D Tiles 1.1 of an exact model: each level of detail is a level of tiles.
 //!
 //! A tile is a cell of an octree over the model. It has the triangles of its level whose centroids
-//! are in the cell, and is replaced by the tiles of the next level in its eight children. Adjacent
-//! tiles of one level have no gaps; gaps between tiles of different levels are smaller than the
-//! larger error of the two.
+//! are in the cell, and is replaced by the tiles of the next level in its eight children; by an
+//! empty tile if there are none. Adjacent tiles of one level have no gaps; gaps between tiles of
+//! different levels are smaller than the larger error of the two.
 
 use std::collections::BTreeMap;
 
@@ -289,7 +289,13 @@ impl TilesWriter<'_> {
             tile["content"] = json!({ "uri": name((depth, key)) });
         }
         let children = self.tiles.range((depth + 1, key << 3)..(depth + 1, (key + 1) << 3));
-        let children: Vec<Json> = children.map(|(child, _)| self.tile(*child, own)).collect();
+        let mut children: Vec<Json> = children.map(|(child, _)| self.tile(*child, own)).collect();
+        if children.is_empty() && depth + 1 < self.errors.len() {
+            // The next level has no triangles here. Without a replacement, viewers would show these
+            // triangles together with the exact surface.
+            let nothing = json!({ "boundingVolume": tile["boundingVolume"], "geometricError": 0.0 });
+            children.push(nothing);
+        }
         if !children.is_empty() {
             tile["children"] = children.into();
         }
