@@ -19,7 +19,8 @@ use super::Args;
 pub(super) struct MeshOptions {
     /// Level of detail: the file's depth (the default) is the original cells. A coarser cell is
     /// solid if it is at least half full (rule occupancy), or if any cell below it is not VOID
-    /// (other rules)
+    /// (other rules). Of exact models, 0 is the coarsest, and the last one (the default) the exact
+    /// surface
     #[arg(long)]
     pub(super) level: Option<u8>,
     /// Maximum distance from the surface, of exact models with levels of detail: as few faces as
