@@ -15,6 +15,8 @@ pub(in crate::export) struct GlobePosition {
     projection: Projection,
     /// Length of the unit of heights.
     metres: f64,
+    /// Maximum length of the unit of a coordinate.
+    metres_per_unit: f64,
 }
 
 impl GlobePosition {
@@ -22,8 +24,15 @@ impl GlobePosition {
     /// ellipsoidal heights, in the unit of the projection, or in metres if that is degrees.
     pub(in crate::export) fn of(crs: &Crs) -> Option<GlobePosition> {
         let projection = Projection::new(crs, false).ok()?;
-        let metres = Unit::parse(crs.unit()?).and_then(Unit::metres).unwrap_or(1.0);
-        Some(GlobePosition { projection, metres })
+        let length = Unit::parse(crs.unit()?).and_then(Unit::metres);
+        let metres_per_unit = length.unwrap_or(SEMI_MAJOR.to_radians());
+        Some(GlobePosition { projection, metres: length.unwrap_or(1.0), metres_per_unit })
+    }
+
+    /// Returns the maximum length in metres of a unit of a coordinate, such as that of a degree at
+    /// the equator, apart from the projection's scale.
+    pub(in crate::export) fn metres_per_unit(&self) -> f64 {
+        self.metres_per_unit
     }
 
     /// Returns the geocentric position of a point, in metres; `None` outside of the projection's

@@ -155,9 +155,9 @@ struct TilesWriter<'a> {
 const ITEM: usize = 8 + 36 + 9 + 4;
 
 impl TilesWriter<'_> {
-    /// Writes all tiles of a level.
+    /// Writes all tiles of a level. `error` is in the unit of the model's coordinates.
     fn level(&mut self, faces: &dyn Faces, depth: usize, error: f64) -> Result<()> {
-        self.errors.push(error);
+        self.errors.push(error * self.position.metres());
         self.summary.levels += 1;
         let mut sorter = Sorter::new(directory_of(self.output.path()), ITEM, self.memory / 4);
         let bits = self.model.grid().bits;

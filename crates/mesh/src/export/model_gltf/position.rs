@@ -33,6 +33,11 @@ impl<'a> ModelPosition<'a> {
         self.globe.is_some()
     }
 
+    /// Returns an upper bound of the length in metres of a unit of the model's coordinates.
+    pub(super) fn metres(&self) -> f64 {
+        self.globe.as_ref().map_or(self.metres, GlobePosition::metres_per_unit)
+    }
+
     /// Returns the position of a grid point.
     ///
     /// # Errors
