@@ -32,8 +32,8 @@ pub(crate) struct Args {
     file: PathBuf,
     #[command(flatten)]
     layer: LayerOption,
-    /// Count the nodes of each level of any file: by default, not in .autumn files of more than 4
-    /// million records, where it takes long
+    /// Levels with their numbers of nodes, counted in any file: by default, not in .autumn files of
+    /// more than 4 million records, where it takes long
     #[arg(long)]
     levels: bool,
     /// Print JSON

@@ -31,7 +31,7 @@ fn tilesets_and_models_are_written_or_refused() {
         (&["export", BALL, "tileset.json"], 1, &["expected a directory", "x/tileset.json"]),
         (&["export", BALL, &path("missing/other/tileset.json")], 1, &["other"]),
         (&["export", "fixtures/v1/classic.goblin", &other], 1, &["a quadtree", "an octree"]),
-        (&["export", "fixtures/v1/chapel.goblin", &other], 1, &["3D Tiles", "not a tree of cells"]),
+        (&["export", "fixtures/v1/chapel.goblin", &other, "--smooth"], 1, &["--smooth", "an exact model"]),
         (&["export", BALL, &other, "--level", "6"], 1, &["level", "0 to 5"]),
         (&["export", BALL, &other, "--triangles"], 1, &["--triangles"]),
         (&["export", BALL, &other, "--zoom", "0..3"], 1, &["--zoom"]),

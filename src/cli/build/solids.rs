@@ -65,7 +65,7 @@ pub(in crate::cli) struct SolidArgs {
     /// a thousandth of the longest side]
     #[arg(long, value_name = "DISTANCE", requires = "brep")]
     pub(super) deviation: Option<f64>,
-    /// Add levels of detail: coarser surfaces with bounds of their error
+    /// Levels of detail: add coarser surfaces with bounds of their error
     #[arg(long, requires = "brep")]
     pub(super) levels: bool,
     /// Close an open surface with triangles over its boundaries

@@ -89,7 +89,7 @@ from files or a directory. `get` writes NPY or NRRD again, `contours` makes isos
 
 pub(super) const SOLIDS: Topic = Topic {
     name: "solids",
-    summary: "PLY, OBJ, STL, OFF, glTF, CityJSON, CityJSONSeq; .csg; .views; polygons at heights (--heights)",
+    summary: "PLY, OBJ, STL, OFF, glTF, CityJSON, CityJSONSeq; .csg; .views; polygons (--heights)",
     about: "\
 Build an octree of the cells that a solid fills.
 
@@ -152,6 +152,7 @@ Of CSG files, facets are within --deviation of curved surfaces.",
             "Faces that a leaf may have, whatever their planes have in common; 0 splits nodes until their faces \
              have a common point, as in the literature [default: 12]",
         ),
+        ("levels", ""),
         ("where", "Only objects, with their parts, for which all conditions hold; id and type count as attributes"),
         ("up", ""),
         ("unit", ""),

@@ -46,6 +46,7 @@ pub(super) const TOPICS: Topics = Topics {
         "max-zoom",
         "stats",
         "brep",
+        "levels",
         "snap",
         "deviation",
         "close",
