@@ -192,6 +192,40 @@ fn cancelled_operations_on_models_leave_no_files() {
     check("verify", 10, &|_, progress| a.verify(MEMORY, progress).map(|_| ()));
 }
 
+#[cfg(feature = "meshopt")]
+#[test]
+fn cancelled_levels_and_files_for_viewers_leave_nothing() {
+    use spinney::brep::{add_levels, with_levels};
+    use spinney::export::{GltfOptions, export_model_glb, export_model_tileset};
+    use spinney::raw::io::OutputDirectory;
+    let input = tempfile::tempdir().unwrap();
+    let [model, _] = models(input.path(), 50);
+    let output = |directory: &Path| Output::create(&directory.join("made"));
+    check("levels", 4, &|directory, progress| {
+        add_levels(&model, (output(directory)?, Codec::Packed), PLENTY, progress).map(|_| ())
+    });
+    let one = tori(input.path(), 30, &[0]);
+    check("build with levels", 10, &|directory, progress| {
+        let models = open_all(std::slice::from_ref(&one), PLENTY)?;
+        let options = options(PLENTY, |_| ());
+        with_levels(output(directory)?, PLENTY, progress, |output| {
+            import_exact(models, &options, output, progress)
+        })
+        .map(|_| ())
+    });
+    let path = input.path().join("levels.goblin");
+    add_levels(&model, (Output::create(&path).unwrap(), Codec::Plain), PLENTY, &()).unwrap();
+    let model = ExactModel::open(&path, &OpenOptions::new()).unwrap();
+    assert!(model.levels().len() > 2);
+    check("glTF", 2, &|directory, progress| {
+        export_model_glb(&model, &GltfOptions::new(), output(directory)?, progress).map(|_| ())
+    });
+    check("3D Tiles", 2, &|directory, progress| {
+        let output = OutputDirectory::create(&directory.join("tiles"))?;
+        export_model_tileset(&model, &GltfOptions::new(), output, MEMORY, progress).map(|_| ())
+    });
+}
+
 #[test]
 fn searches_for_contacts_are_cancelled() {
     let input = tempfile::tempdir().unwrap();

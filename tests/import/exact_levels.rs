@@ -201,6 +201,7 @@ fn levels_and_cuts_of_a_scan_are_closed_and_within_their_bounds() {
     assert!(levels[0].faces <= 256 && levels.last().unwrap().error == 0.0, "{levels:?}");
     check_all_levels(&model, 60);
     check_distances(&model);
+    assert!(model.at_detail(Detail::Faces(u64::MAX), None).unwrap().is_exact());
     // A quarter of the faces remain at each level.
     let half = model.at_detail(Detail::Faces(16_000), None).unwrap();
     assert!((2000..=16_000).contains(&half.len()), "{}", half.len());
@@ -445,5 +446,15 @@ fn levels_of_polygons_have_the_faces_that_they_state() {
         let surface = model.at_detail(Detail::Level(number as u8), None).unwrap();
         assert_eq!(FaceList::of(&surface).unwrap().len(), level.faces);
         check_closed(&model, Detail::Level(number as u8));
+    }
+}
+
+#[test]
+fn models_without_faces_have_the_exact_level() {
+    let model = built_model(&FaceList::new(grid(10), vec![]));
+    let model = ExactModel::from_bytes(levelled(&model, MEMORY)).unwrap();
+    assert_eq!((model.levels().len(), model.verify(MEMORY, &()).unwrap()), (1, vec![]));
+    for detail in [Detail::Level(0), Detail::Error(1.0), Detail::Faces(0)] {
+        assert_eq!(model.at_detail(detail, None).unwrap().len(), 0);
     }
 }

@@ -108,11 +108,16 @@ impl ExactModel {
             changes.extend([(cluster.error.to_bits(), faces), (cluster.limit.to_bits(), -faces)]);
             Ok(())
         })?;
+        if changes.is_empty() {
+            // A model without faces.
+            return Ok(0.0);
+        }
         sort::by_key(&mut changes, |change| change.0.into());
         let (mut faces, mut fewest) = (0, i64::MAX);
         for same in changes.chunk_by(|a, b| a.0 == b.0) {
             faces += same.iter().map(|change| change.1).sum::<i64>();
-            if faces <= most as i64 && f32::from_bits(same[0].0).is_finite() {
+            let is_enough = u64::try_from(faces).is_ok_and(|faces| faces <= most);
+            if is_enough && f32::from_bits(same[0].0).is_finite() {
                 return Ok(f32::from_bits(same[0].0).into());
             }
             fewest = if f32::from_bits(same[0].0).is_finite() { fewest.min(faces) } else { fewest };

@@ -124,9 +124,10 @@ impl ExactModel {
         };
         let levels = DetailLevel::from_bytes(&levels)
             .map_err(|found| Error::corrupt(path, "levels", found, "levels as in formats.md"))?;
-        // (Models with few faces have the exact level alone.)
-        let (has_levels, no_levels) = (Some(!levels.is_empty()), levels.is_empty().then_some(false));
-        let clusters = chunk_list(List::Clusters, trailer.section(CLUSTERS), has_levels)?;
+        // (Models with few faces have the exact level alone, and those without faces no clusters.)
+        let has_clusters = Some(!levels.is_empty() && summary.faces > 0);
+        let no_levels = levels.is_empty().then_some(false);
+        let clusters = chunk_list(List::Clusters, trailer.section(CLUSTERS), has_clusters)?;
         let level_faces = chunk_list(List::LevelFaces, trailer.section(LEVEL_FACES), no_levels)?;
         // Chunks must not overlap in total, so that the time to read all of them is limited by the
         // file's size.
