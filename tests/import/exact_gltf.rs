@@ -177,11 +177,18 @@ fn grid(origin: [i64; 3], step: f64, bits: u8) -> Grid {
 
 /// Builds a file with the parts of a list.
 fn file_of(list: &FaceList) -> ExactModel {
+    described(list, &vec![None; list.parts().len()])
+}
+
+/// Builds a file with the parts of a list, and their attributes.
+fn described(list: &FaceList, attributes: &[Option<&str>]) -> ExactModel {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("model.goblin");
     let mut builder = ModelBuilder::new(Output::create(&path).unwrap(), list.grid().clone(), MEMORY).unwrap();
     list.each(&mut |face| builder.push(face)).unwrap();
-    list.parts().iter().for_each(|part| builder.part(part, None).unwrap());
+    for (part, attributes) in list.parts().iter().zip(attributes) {
+        builder.part(part, *attributes).unwrap();
+    }
     let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
     assert_eq!(report.defects, []);
     ExactModel::from_bytes(std::fs::read(&path).unwrap()).unwrap()
@@ -276,24 +283,40 @@ fn models_are_read_back_with_objects_and_colours() {
 #[test]
 fn attributes_are_columns() {
     let directory = tempfile::tempdir().unwrap();
-    let chapel = ExactModel::open(Path::new("fixtures/v1/chapel.goblin"), &OpenOptions::new()).unwrap();
-    let path = directory.path().join("chapel.glb");
-    exported(&chapel, &path, false);
-    let table = Read::of(&path).table();
-    let parts: Vec<Json> = chapel.parts().iter().map(|name| name.as_str().into()).collect();
-    assert_eq!(table["name"], parts);
-    for (part, kind) in table["type"].iter().enumerate() {
-        let Some(text) = chapel.part_attributes(part as u32).unwrap() else { continue };
-        let object: Json = serde_json::from_str(&text).unwrap();
-        assert_eq!(kind, &object["type"]);
-        for (name, value) in object["attributes"].as_object().into_iter().flatten() {
-            let found = &table[name][part];
-            // (A column with other values has numbers as strings.)
-            let text = value.as_str().map_or(value.to_string(), str::to_owned);
-            let is_number = value.is_number() && value.as_f64() == found.as_f64();
-            assert!(is_number || found.as_str() == Some(&text), "{name}: {found}, expected {value}");
+    let attributes = [
+        Some(
+            r#"{"type": "Building", "attributes": {"height": 5.5, "übung": 1, "roof": "flat", "list": [1, 2]}}"#,
+        ),
+        Some(r#"{"type": "Bridge", "attributes": {"height": -3, "übung": "two", "roof": null}}"#),
+        Some(r#"{"type": "Building", "attributes": {"height": 1e9, "roof": true}}"#),
+    ];
+    let model = described(&boxes(grid([0; 3], 0.125, 12)), &attributes);
+    let path = directory.path().join("boxes.glb");
+    for meshopt in [false, true] {
+        exported(&model, &path, meshopt);
+        if !meshopt {
+            let table = Read::of(&path).table();
+            let expected = [
+                ("name", serde_json::json!(model.parts())),
+                ("type", serde_json::json!(["Building", "Bridge", "Building"])),
+                ("height", serde_json::json!([5.5, -3.0, 1e9])),
+                // Columns that are not all numbers are strings.
+                ("übung", serde_json::json!(["1", "two", ""])),
+                ("roof", serde_json::json!(["flat", "", "true"])),
+                ("list", serde_json::json!(["[1,2]", "", ""])),
+            ];
+            assert_eq!(table.len(), expected.len(), "{table:?}");
+            for (name, values) in expected {
+                assert_eq!(serde_json::json!(table[name]), values, "{name}");
+            }
         }
+        std::fs::remove_file(&path).unwrap();
     }
+    // Parts without attributes, and attributes that are not JSON objects.
+    let odd = described(&boxes(grid([0; 3], 0.125, 12)), &[None, Some("[1]"), Some(r#"{"height": 2}"#)]);
+    exported(&odd, &path, false);
+    let table = Read::of(&path).table();
+    assert_eq!(serde_json::json!(table["height"]), serde_json::json!(["", "", "2"]));
 }
 
 #[test]
@@ -301,12 +324,20 @@ fn units_become_metres() {
     let directory = tempfile::tempdir().unwrap();
     let model = file_of(&boxes(grid([0; 3], 0.125, 12)));
     let path = directory.path().join("mm.glb");
-    for (unit, metres) in [("mm", 0.001), ("m", 1.0), ("ft", 0.3048)] {
-        let placed = placed(&model, directory.path(), Some(unit), None);
+    let units = [
+        (Some("mm"), None, 0.001),
+        (Some("m"), None, 1.0),
+        (Some("ft"), None, 0.3048),
+        (None, None, 1.0),
+        // Survey feet.
+        (None, Some(2263), 1200.0 / 3937.0),
+    ];
+    for (unit, crs, metres) in units {
+        let placed = placed(&model, directory.path(), unit, crs.map(Crs::epsg));
         exported(&placed, &path, false);
         let found = six_volumes(&Read::of(&path).triangles) / 6.0;
         let expected = volume(&model) * f64::powi(metres, 3);
-        assert!((found - expected).abs() < 1e-6 * expected, "{unit}: {found}, expected {expected}");
+        assert!((found - expected).abs() < 1e-6 * expected, "{unit:?}: {found}, expected {expected}");
         std::fs::remove_file(directory.path().join("placed.goblin")).unwrap();
     }
 }
@@ -549,8 +580,9 @@ fn check_tiles(list: &FaceList) -> usize {
         let (_, tiles) = tiles_of(&moved, &tiles);
         let expected = moved.levels()[first].error * moved.grid().width() * metres;
         assert!((tiles[0].error - expected).abs() < 1e-9 * expected, "{unit:?} {crs:?}");
-        ["placed.goblin", "moved.goblin"]
-            .map(|name| std::fs::remove_file(directory.path().join(name)).unwrap());
+        for name in ["placed.goblin", "moved.goblin"] {
+            std::fs::remove_file(directory.path().join(name)).unwrap();
+        }
     }
     leaves().filter(|tile| tile.triangles.is_empty()).count()
 }

@@ -7,9 +7,11 @@ use spinney_base::{Error, Result};
 use spinney_brep::{Faces, Grid};
 use spinney_container::Unit;
 
-/// Returns the length in metres of the unit of a model's coordinates: 1 if it is unknown.
+/// Returns the length in metres of the unit of a model's coordinates, by default that of its
+/// coordinate system: 1 if it is unknown or an angle.
 pub(super) fn metres_of(faces: &dyn Faces) -> f64 {
-    faces.unit().and_then(Unit::parse).and_then(Unit::metres).unwrap_or(1.0)
+    let unit = faces.unit().or_else(|| faces.crs()?.unit());
+    unit.and_then(Unit::parse).and_then(Unit::metres).unwrap_or(1.0)
 }
 
 /// Maps grid points to metres.
