@@ -202,6 +202,9 @@ fn levels_and_cuts_of_a_scan_are_closed_and_within_their_bounds() {
     check_all_levels(&model, 60);
     check_distances(&model);
     assert!(model.at_detail(Detail::Faces(u64::MAX), None).unwrap().is_exact());
+    for error in [1e300, f64::MAX, f64::INFINITY] {
+        assert_eq!(model.at_detail(Detail::Error(error), None).unwrap().len(), levels[0].faces);
+    }
     // A quarter of the faces remain at each level.
     let half = model.at_detail(Detail::Faces(16_000), None).unwrap();
     assert!((2000..=16_000).contains(&half.len()), "{}", half.len());

@@ -53,7 +53,8 @@ impl ExactModel {
                 return Err(Error::invalid("level", level.to_string(), expected));
             }
             Detail::Level(_) => 0.0,
-            Detail::Error(error) if error >= 0.0 => error / width,
+            // (The coarsest clusters are replaced at infinity.)
+            Detail::Error(error) if error >= 0.0 => (error / width).min(f64::from(f32::MAX)),
             Detail::Error(error) => return Err(Error::invalid("error", error.to_string(), "0 or more")),
             Detail::Faces(most) => self.error_for(most)?,
         };
