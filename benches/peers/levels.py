@@ -7,7 +7,8 @@ sampled, against the stored bounds.
     levels.py time       the torus alone; also distances
 
 clusterlod is that of the crate meshoptimizer-rs, as a program in benches/peers/work. Distances need
-trimesh and rtree. The program is target/release/spinney, or SPINNEY. One thread.
+trimesh and rtree, in that of exact.py or of PYTHON. The program is target/release/spinney, or
+SPINNEY. One thread.
 """
 
 import json
@@ -18,7 +19,9 @@ import sys
 os.environ["RAYON_NUM_THREADS"] = "1"
 
 from common import ROOT, SPINNEY, WORK, once, record, row, start, table  # noqa: E402
-from exact import MESH, PYTHON, TORUS, python  # noqa: E402
+from exact import MESH, PYTHON as EXACT_PYTHON, TORUS, python  # noqa: E402
+
+PYTHON = os.environ.get("PYTHON", EXACT_PYTHON)
 
 MANIFEST = """[package]
 name = "clusterlod"
