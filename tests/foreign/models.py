@@ -543,8 +543,8 @@ class Model:
         used = sorted({face.part for face in self.faces + self.exact}) if self.sums and self.parts_count > 1 else []
         check(list(stored) == used, "parts with sums")
         for part in used:
-            of = ([face for face in faces if face.part == part] for faces in (self.faces, self.exact))
-            check(self._sums(stored[part]) == sums(*of, self.bits), "sums of a part")
+            faces, exact = ([face for face in all_faces if face.part == part] for all_faces in (self.faces, self.exact))
+            check(self._sums(stored[part]) == sums(faces, exact, self.bits), "sums of a part")
 
     def verify(self) -> None:
         """Raises `CorruptFile` unless faces are planar and closed, and octree nodes are right."""
