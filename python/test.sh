@@ -63,7 +63,7 @@ wait "$foreign" || foreign_failed=1
 cat "$said"
 [ "$foreign_failed" = 0 ]
 # (The run in parallel skips what needs the program.)
-python -m pytest -p no:cacheprovider -q tests/foreign/test_manifest.py
+python -m pytest -p no:cacheprovider -q tests/foreign/test_manifest.py tests/foreign/test_levels.py
 
 cd python
 mypy
