@@ -8,9 +8,6 @@ use super::super::gltf::buffer::GlbBuffer;
 use spinney_base::Result;
 use spinney_brep::Faces;
 
-/// Maximum number of columns: attributes beyond are left out.
-const MAX_COLUMNS: usize = 256;
-
 /// Rows of parts, and their columns.
 pub(super) struct Features {
     /// Row of each part.
@@ -32,10 +29,8 @@ impl Features {
             let Some(text) = faces.part_attributes(*part)? else { continue };
             let Ok(Json::Object(object)) = serde_json::from_str::<Json>(&text) else { continue };
             for (name, value) in values(object) {
-                if features.columns.len() < MAX_COLUMNS || features.columns.contains_key(&name) {
-                    let column = features.columns.entry(name).or_insert_with(|| vec![None; parts.len()]);
-                    column[row] = Some(value);
-                }
+                let column = features.columns.entry(name).or_insert_with(|| vec![None; parts.len()]);
+                column[row] = Some(value);
             }
         }
         Ok(features)
@@ -44,14 +39,12 @@ impl Features {
     /// Returns the extension of the root, whose columns are added to a buffer.
     pub(super) fn table(&self, buffer: &mut GlbBuffer) -> Json {
         let (mut properties, mut columns) = (Map::new(), Map::new());
-        let mut add = |id: String, name: &str, (about, column): (Json, Json)| {
-            let mut about = about;
+        let mut add = |id: String, name: &str, (mut about, column): (Json, Json)| {
             about["name"] = name.into();
             properties.insert(id.clone(), about);
             columns.insert(id, column);
         };
-        let names: Vec<String> = self.names.clone();
-        add("name".into(), "name", strings(&names, buffer));
+        add("name".into(), "name", strings(&self.names, buffer));
         for (number, (name, values)) in self.columns.iter().enumerate() {
             // (Ids are restricted to letters, digits and underscores, and must differ.)
             let letter = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
