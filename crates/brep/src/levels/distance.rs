@@ -21,7 +21,8 @@ const MAX_VERTICES: usize = 16;
 /// Points that are this close to a plane, in grid units, are on it. Otherwise, rounding would cause
 /// endless divisions.
 const ON_PLANE: f64 = 1e-5;
-
+/// Relative error of distances: far above the rounding of doubles, which have 53 bits.
+const ROUNDING: f64 = 1e-9;
 /// Maximum number of triangles that a polygon is passed on to before the nearest one is searched
 /// for.
 const MAX_STEPS: u8 = 4;
@@ -56,8 +57,8 @@ pub(super) fn distance_bound(points: &[Point], a: &[[u32; 3]], b: &[[u32; 3]], t
             near.0 = search.bound_triangle(&corners(triangle), tree, near);
         }
     }
-    // (Doubles have 53 bits, and coordinates at most 26: errors of rounding are below ON_PLANE.)
-    search.bound * (1.0 + 1e-9) + 4.0 * ON_PLANE
+    // (Coordinates have at most 26 bits, so their errors of rounding are below ON_PLANE.)
+    search.bound * (1.0 + ROUNDING) + 4.0 * ON_PLANE
 }
 
 struct Search {

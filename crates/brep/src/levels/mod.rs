@@ -69,7 +69,7 @@ pub trait Simplifier: Sync {
 /// faces.
 ///
 /// # Errors
-/// If the model has no faces, if a file cannot be read or written, or on cancellation.
+/// If the memory is not enough, if a file cannot be read or written, or on cancellation.
 pub fn add_levels(
     model: &ExactModel,
     simplifier: &dyn Simplifier,
