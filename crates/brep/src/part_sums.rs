@@ -71,7 +71,7 @@ impl SumsOfParts {
     /// Creates empty sums that take about `memory` bytes, and temporary files for more.
     pub(crate) fn new(directory: &Path, bits: u8, memory: u64) -> SumsOfParts {
         let most = (memory / 2 / BYTES).max(64) as usize;
-        SumsOfParts { spilled: Some(Sorter::new(directory, ITEM, memory / 2)), most, ..Self::in_memory(bits) }
+        SumsOfParts { spilled: Some(Sorter::new(directory, memory / 2)), most, ..Self::in_memory(bits) }
     }
 
     /// Returns the number of parts in memory.
@@ -115,7 +115,7 @@ impl SumsOfParts {
         {
             // (Sums are integers: the result does not depend on the order.)
             for (part, sums) in self.open.drain() {
-                spilled.push(part.into(), sums.to_item(part))?;
+                spilled.push(part.into(), &sums.to_item(part))?;
             }
         }
         Ok(match self.open.entry(part) {
@@ -146,7 +146,7 @@ impl SumsOfParts {
             }
             Some(mut spilled) => {
                 for (part, sums) in open.drain() {
-                    spilled.push(part.into(), sums.to_item(part))?;
+                    spilled.push(part.into(), &sums.to_item(part))?;
                 }
                 let mut last: Option<(u32, OpenSums)> = None;
                 spilled.finish(&mut |item| {

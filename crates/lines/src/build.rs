@@ -144,7 +144,7 @@ pub fn build(
     let grid = LineGrid::around(schema.scale, schema.offset, schema.bounds);
     let temporary: PathBuf = directory_of(output.path()).to_path_buf();
     let mut writer = LineWriter::new(output, &grid, options.memory / 16)?;
-    let mut rows = Sorter::new(&temporary, ROW, options.memory / 2);
+    let mut rows = Sorter::new(&temporary, options.memory / 2);
     let features = read(source, &grid, (&mut writer, &mut rows), progress)?;
     let segments = rows.len();
     let mut assembler =
@@ -219,7 +219,7 @@ fn read(
             return Err(Error::corrupt(source.path(), format!("feature {}", number + 1), found, expected));
         };
         for (code, segment) in segments {
-            rows.push(code.bits(), to_row(&segment))?;
+            rows.push(code.bits(), &to_row(&segment))?;
         }
         let heavy = weight(&feature);
         let last = &blocks[blocks.len() - 1].1;

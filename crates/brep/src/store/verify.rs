@@ -314,7 +314,7 @@ impl ExactModel {
     fn open_edges(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         /// Six coordinates, a direction and a face.
         const ITEM: usize = 6 * 4 + 1 + 4;
-        let mut sorter = Sorter::new(&std::env::temp_dir(), ITEM, memory / 2);
+        let mut sorter = Sorter::new(&std::env::temp_dir(), memory / 2);
         self.each(&mut |face: &Face<'_>| {
             if face.number.is_multiple_of(1 << 12) {
                 progress.check()?;
@@ -330,7 +330,7 @@ impl ExactModel {
                 let key = u64::from(edge[0][0] as u32) << 38
                     ^ u64::from(edge[0][1] as u32) << 12
                     ^ u64::from(edge[0][2] as u32 & 0xfff);
-                sorter.push(key, item)?;
+                sorter.push(key, &item)?;
             }
             Ok(())
         })?;

@@ -6,8 +6,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::block::BlockBuilder;
+use super::chunks::Entry;
 pub(crate) use super::chunks::List;
-use super::chunks::{ENTRY, Entry};
 use super::exact::{EXACT, ExactBlock, ExactBlockBuilder};
 use super::formula::FORMULA;
 use super::levels::{CLUSTERS, DetailLevel, LEVEL_FACES, LEVELS};
@@ -43,7 +43,7 @@ impl ModelWriter {
     pub(crate) fn new(out: Output, grid: &Grid, memory: u64) -> Result<ModelWriter> {
         let path = out.path().to_path_buf();
         check_tree_name(&path)?;
-        let lists = List::ALL.map(|_| Sorter::new(directory_of(&path), ENTRY, memory));
+        let lists = List::ALL.map(|_| Sorter::new(directory_of(&path), memory));
         let (codec, block) = (Codec::Plain, BlockBuilder::default());
         let exact = ExactBlockBuilder::default();
         let mut writer = ModelWriter { out, path, position: 0, codec, block, exact, lists };
@@ -99,7 +99,7 @@ impl ModelWriter {
 
     /// Adds the entry of a chunk to a list.
     pub(crate) fn entry(&mut self, list: List, entry: Entry) -> Result<()> {
-        self.lists[list as usize].push(entry.key, entry.to_bytes().to_vec())
+        self.lists[list as usize].push(entry.key, &entry.to_bytes())
     }
 
     /// Adds a face, which may be a proxy for faces with off-grid vertices.

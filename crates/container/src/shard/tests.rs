@@ -96,8 +96,8 @@ fn forge(shard: &Shard, change: &dyn Fn(&mut Entry), section: &[u8]) {
     let mut writer = BlockWriter::new(output, header, "shards").unwrap();
     let mut entry = Entry { block: writer.block(0, &[9; 10], 10).unwrap(), bounds: [[]; 2] };
     change(&mut entry);
-    let mut list = Sorter::new(&shard.directory, Entry::BYTES, 0);
-    list.push(0, entry.to_bytes()).unwrap();
+    let mut list = Sorter::new(&shard.directory, 0);
+    list.push(0, &entry.to_bytes()).unwrap();
     writer.finish(vec![(BLOCKS, list)], (SHARD, section.to_vec()), &Metadata::default()).unwrap();
 }
 

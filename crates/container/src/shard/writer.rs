@@ -38,7 +38,7 @@ impl<T: Serialize> SummaryWriter<T> {
             layers: 0,
         };
         let out = BlockWriter::new(shard.access.append_only(&shard.summary_path())?, header, "shards")?;
-        let blocks = Sorter::new(shard.temporary(), Entry::BYTES, MEMORY);
+        let blocks = Sorter::new(shard.temporary(), MEMORY);
         let identity = Identity { job: shard.job, number: shard.number, ranges: Vec::new() };
         let access = shard.access.clone();
         Ok(SummaryWriter { out, access, blocks, identity, range: None, pending: Vec::new() })
@@ -73,7 +73,7 @@ impl<T: Serialize> SummaryWriter<T> {
         let key = u64::from(self.range.expect("a layer was started").layer);
         let block = self.out.block(key, &self.pending, self.pending.len() as u32)?;
         self.pending.clear();
-        self.blocks.push(key, Entry { block, bounds: [[]; 2] }.to_bytes())
+        self.blocks.push(key, &Entry { block, bounds: [[]; 2] }.to_bytes())
     }
 
     /// Ends the layer that was started last.

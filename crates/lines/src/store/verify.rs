@@ -9,9 +9,7 @@ use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Progress, Result, parallel};
 use spinney_container::{Finding, MAX_FINDINGS};
 
-/// Bytes of a segment in the sorter: feature, vertex, ends, level.
-const ROW: usize = 29;
-
+/// Returns the bytes of a segment in the sorter: feature, vertex, ends, level.
 fn row_of(segment: &LineSegment) -> Vec<u8> {
     let mut row = segment.feature.to_be_bytes().to_vec();
     row.extend_from_slice(&segment.vertex.to_be_bytes());
@@ -56,7 +54,7 @@ impl LineTree {
         let (nodes, blocks, feature_blocks) = self.counts();
         let total = (blocks + feature_blocks) as u64;
         let mut own = vec![Statistics::NONE; nodes];
-        let mut rows = Sorter::new(&std::env::temp_dir(), ROW, memory);
+        let mut rows = Sorter::new(&std::env::temp_dir(), memory);
         let (mut node, mut next) = (0, 0);
         while next < blocks {
             progress.check()?;
@@ -85,7 +83,7 @@ impl LineTree {
                 }
                 own[node].add(&statistics);
                 for segment in &segments {
-                    rows.push(segment.feature, row_of(segment))?;
+                    rows.push(segment.feature, &row_of(segment))?;
                 }
             }
             progress.advance(batch.len() as u64, total);

@@ -40,21 +40,21 @@ impl LineWriter {
         let (format, content, dimension) = (TreeFormat::Goblin, Content::Lines, Dimension::Quad);
         let header = FileHeader { format, content, dimension, depth: grid.deepest(), layers: 0 };
         let file = BlockWriter::new(out, header, "lines")?;
-        let list = |entry| Sorter::new(directory_of(file.path()), entry, memory);
-        let (blocks, nodes, features) = (list(Entry::BYTES), list(NODE_ENTRY), list(Entry::BYTES));
+        let list = || Sorter::new(directory_of(file.path()), memory);
+        let (blocks, nodes, features) = (list(), list(), list());
         Ok(LineWriter { file, blocks, nodes, features })
     }
 
     /// Writes a block of a node's segments. Blocks of one node must come in order.
     pub(crate) fn block(&mut self, code: Code, bytes: &[u8], statistics: &Statistics) -> Result<()> {
         let block = self.file.block(code.bits(), bytes, statistics.segments as u32)?;
-        self.blocks.push(block.key, Entry { block, bounds: statistics.bounds }.to_bytes())
+        self.blocks.push(block.key, &Entry { block, bounds: statistics.bounds }.to_bytes())
     }
 
     /// Writes a block of features; `first` is the first one's number.
     pub(crate) fn features(&mut self, first: u64, bytes: &[u8], count: usize) -> Result<()> {
         let block = self.file.block(first, bytes, count as u32)?;
-        self.features.push(first, Entry { block, bounds: [[0; 2]; 2] }.to_bytes())
+        self.features.push(first, &Entry { block, bounds: [[0; 2]; 2] }.to_bytes())
     }
 
     /// Adds a node with the statistics of its subtree.
@@ -65,7 +65,7 @@ impl LineWriter {
         }
         bytes.extend_from_slice(&statistics.length.to_le_bytes());
         statistics.bounds.iter().flatten().for_each(|number| bytes.extend_from_slice(&number.to_le_bytes()));
-        self.nodes.push(code.bits(), bytes)
+        self.nodes.push(code.bits(), &bytes)
     }
 
     /// Writes the lists and sections, and commits the file.

@@ -88,7 +88,7 @@ pub fn build(
         None => return Err(beyond(source)),
     };
     let encoder = encoder_of(source.schema());
-    let mut writer = PointWriter::new(output, &encoder.grid, encoder.block.columns, options.memory / 16)?;
+    let mut writer = PointWriter::new(output, &encoder.grid, options.memory / 16)?;
     let top = Code::root(encoder.grid.dimension);
     let plan = Plan { encoder: &encoder, options, progress };
     let mut work = Work { plan, temporary: &temporary, sink: &mut writer, total: 2 * points, duplicates: 0 };

@@ -200,7 +200,7 @@ impl Work<'_> {
         let stride = self.plan.encoder.stride();
         // Where a code does not determine the position, the remaining offset has fewer than 64
         // bits.
-        let mut positions = Sorter::new(self.temporary, 8, self.plan.options.memory / 16);
+        let mut positions = Sorter::new(self.temporary, self.plan.options.memory / 16);
         let corner = self.plan.encoder.grid.node_box(bucket.code)[0];
         rows.read(bucket, BATCH, &mut |rows| {
             self.plan.progress.check()?;
@@ -208,7 +208,7 @@ impl Work<'_> {
                 let position = position_of(row);
                 let low = |axis: usize| u64::from(position[axis].wrapping_sub(corner[axis]) as u32);
                 let key = low(0) << 48 | low(1) << 32 | low(2);
-                positions.push(key, key.to_le_bytes().to_vec())?;
+                positions.push(key, &key.to_le_bytes())?;
                 assembler.add(bucket.code, node_level(self.plan.encoder, same), row);
                 same = Some(bucket.code.level());
             }

@@ -24,7 +24,7 @@ use spinney_container::Metadata;
 /// If the output cannot be written.
 pub fn write_head(import: &PointImport, output: Output) -> Result<()> {
     let encoder = encoder_of(import.source.schema());
-    let writer = PointWriter::new(output, &encoder.grid, encoder.block.columns, 0)?;
+    let writer = PointWriter::new(output, &encoder.grid, 0)?;
     writer.finish(&summary_of(import, &encoder), &import.metadata)
 }
 

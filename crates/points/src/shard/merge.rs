@@ -37,7 +37,7 @@ pub fn merge_shards(
     for shard in shards {
         total = total.saturating_add(find(shard)?.run_bytes());
     }
-    let mut writer = PointWriter::new(output, &encoder.grid, encoder.block.columns, memory)?;
+    let mut writer = PointWriter::new(output, &encoder.grid, memory)?;
     let top = Code::root(encoder.grid.dimension);
     let mut assembler = Assembler::new(&encoder, leaf_size, top);
     let (mut summary, mut bytes) = (BuildSummary::default(), Vec::new());

@@ -6,7 +6,7 @@ use std::path::Path;
 use super::summary::Summary;
 use crate::build::NodeSink;
 use crate::grid::PointGrid;
-use crate::statistics::{Statistics, statistics_bytes};
+use crate::statistics::Statistics;
 use spinney_base::io::{Output, Sorter, directory_of};
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
@@ -30,15 +30,15 @@ pub(crate) struct PointWriter {
 }
 
 impl PointWriter {
-    /// Starts a file of points with so many columns. About `memory` bytes hold the entries of each
+    /// Starts a file of points. About `memory` bytes hold the entries of each
     /// list before they go to a temporary file.
-    pub(crate) fn new(out: Output, grid: &PointGrid, columns: usize, memory: u64) -> Result<PointWriter> {
+    pub(crate) fn new(out: Output, grid: &PointGrid, memory: u64) -> Result<PointWriter> {
         let (format, content) = (TreeFormat::Goblin, Content::Points);
         let header =
             FileHeader { format, content, dimension: grid.dimension, depth: grid.deepest(), layers: 0 };
         let file = BlockWriter::new(out, header, "points")?;
-        let list = |entry| Sorter::new(directory_of(file.path()), entry, memory);
-        let (blocks, nodes) = (list(Entry::BYTES), list(8 + statistics_bytes(columns)));
+        let list = || Sorter::new(directory_of(file.path()), memory);
+        let (blocks, nodes) = (list(), list());
         Ok(PointWriter { file, blocks, nodes })
     }
 
@@ -58,7 +58,7 @@ impl PointWriter {
                 format!("{expected:08x}"),
             ));
         }
-        self.blocks.push(block.key, Entry { block, bounds: entry.bounds }.to_bytes())
+        self.blocks.push(block.key, &Entry { block, bounds: entry.bounds }.to_bytes())
     }
 
     /// Writes everything after the blocks, and publishes the file.
@@ -71,11 +71,11 @@ impl PointWriter {
 impl NodeSink for PointWriter {
     fn block(&mut self, code: Code, bytes: &[u8], statistics: &Statistics) -> Result<()> {
         let block = self.file.block(code.bits(), bytes, statistics.points as u32)?;
-        self.blocks.push(block.key, Entry { block, bounds: statistics.bounds() }.to_bytes())
+        self.blocks.push(block.key, &Entry { block, bounds: statistics.bounds() }.to_bytes())
     }
 
     fn node(&mut self, code: Code, statistics: &Statistics) -> Result<()> {
-        self.nodes.push(code.bits(), node_entry(code, statistics))
+        self.nodes.push(code.bits(), &node_entry(code, statistics))
     }
 }
 

@@ -100,7 +100,7 @@ impl FlatGeobuf {
             file,
             buffer: Vec::new(),
             length: 0,
-            items: Sorter::new(&directory, ITEM, MEMORY),
+            items: Sorter::new(&directory, MEMORY),
             all_have_geometry: true,
             extent: NodeBox::NOTHING,
             around: NodeBox::NOTHING,
@@ -334,7 +334,7 @@ impl FormatWriter for FlatGeobuf {
         }
         item.extend_from_slice(&around.bytes());
         let key = u64::from_be_bytes(item[..8].try_into().expect("eight bytes"));
-        self.items.push(key, item)?;
+        self.items.push(key, &item)?;
         self.length += size;
         if self.buffer.len() >= BUFFER { self.flush() } else { Ok(()) }
     }

@@ -199,10 +199,9 @@ impl Channel {
         self.merge_entries();
         if self.entries.len() > self.most / 2 {
             let memory = self.most as u64 / 4 * ENTRY_BYTES;
-            let sorter =
-                self.sorter.get_or_insert_with(|| Sorter::new(&std::env::temp_dir(), ITEM_BYTES, memory));
+            let sorter = self.sorter.get_or_insert_with(|| Sorter::new(&std::env::temp_dir(), memory));
             for (key, cells) in self.entries.drain(..) {
-                sorter.push(key, item_of(key, cells))?;
+                sorter.push(key, &item_of(key, cells))?;
             }
         }
         // (Leave space for as many new entries as there are, so that the time for sorting stays
@@ -262,7 +261,7 @@ impl Channel {
             return Ok(measures.finish());
         };
         for (key, cells) in std::mem::take(&mut self.entries) {
-            sorter.push(key, item_of(key, cells))?;
+            sorter.push(key, &item_of(key, cells))?;
         }
         sorter.finish(&mut |item| {
             let (key, cells) = entry_of(item);
@@ -272,9 +271,6 @@ impl Channel {
         Ok(measures.finish())
     }
 }
-
-/// Size of an entry in a temporary file in bytes.
-const ITEM_BYTES: usize = 24;
 
 fn item_of(key: u64, cells: u128) -> Vec<u8> {
     [&key.to_le_bytes()[..], &cells.to_le_bytes()].concat()

@@ -22,9 +22,6 @@ use spinney_packing::PLAIN_PER_BYTE;
 /// Memory in bytes for the pending nodes of all levels; any excess goes to temporary files.
 const MEMORY: u64 = 64 << 20;
 
-/// Size of a pending node in bytes: address of its record, multiplicity, and box of its cells.
-const ITEM: usize = 8 * 8;
-
 /// Visitor of a tree's contents in a box.
 pub(crate) trait OccurrenceVisitor {
     /// Receives an INNER node that is entirely in the box and occurs `times` times. Returns whether
@@ -87,8 +84,8 @@ impl PendingNodes {
     fn add(&mut self, height: u8, nodes: EqualNodes) -> Result<()> {
         let memory = MEMORY / self.by_height.len() as u64;
         let level =
-            self.by_height[usize::from(height)].get_or_insert_with(|| Sorter::new(&temp_dir(), ITEM, memory));
-        level.push(nodes.address, nodes.to_item())
+            self.by_height[usize::from(height)].get_or_insert_with(|| Sorter::new(&temp_dir(), memory));
+        level.push(nodes.address, &nodes.to_item())
     }
 
     /// Visits all nodes of a height, merged by record and clipping.

@@ -36,7 +36,7 @@ impl DeferredSegments {
     pub(super) fn new(output: &Path, entry_size: usize, memory: u64) -> DeferredSegments {
         let (path, directory) = (output.to_path_buf(), directory_of(output));
         let bytes = tempfile::spooled_tempfile_in((memory / 2) as usize, directory);
-        let order = Sorter::new(directory, entry_size + 8, memory / 2);
+        let order = Sorter::new(directory, memory / 2);
         DeferredSegments { path, bytes, written: 0, order, entry_size }
     }
 
@@ -51,7 +51,7 @@ impl DeferredSegments {
             self.bytes.write_all(part).map_err(Error::io(&self.path, "use a temporary file for"))?;
             self.written += part.len() as u64;
         }
-        self.order.push(order, [&order.to_le_bytes(), entry].concat())
+        self.order.push(order, &[&order.to_le_bytes(), entry].concat())
     }
 
     /// Passes all segments to `each`, in file order.

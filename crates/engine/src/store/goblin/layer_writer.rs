@@ -45,7 +45,7 @@ impl<'f> LayerWriter<'f> {
         memory: u64,
     ) -> LayerWriter<'f> {
         let size = entry_size(header.form.value);
-        let entries = Sorter::new(directory_of(file.path()), size, memory / 2);
+        let entries = Sorter::new(directory_of(file.path()), memory / 2);
         let deferred = DeferredSegments::new(file.path(), size, memory / 2);
         let (start, shard_level) = (file.position(), header.shape.shard_level());
         LayerWriter {
@@ -75,7 +75,7 @@ impl<'f> LayerWriter<'f> {
         for part in parts {
             self.file.write(part, "write a segment")?;
         }
-        self.entries.push(entry.code.bits(), entry.to_bytes())
+        self.entries.push(entry.code.bits(), &entry.to_bytes())
     }
 
     /// Writes the delayed segments and the segment index.
@@ -95,7 +95,7 @@ impl<'f> LayerWriter<'f> {
             let mut entry = entry.to_vec();
             set_offset(&mut entry, offset);
             let code = u64::from_le_bytes(entry[..8].try_into().expect("8 bytes"));
-            entries.push(code, entry)
+            entries.push(code, &entry)
         })?;
         let directory = file.position() - start;
         let segments = entries.len();

@@ -42,18 +42,18 @@ impl CornerNumbers {
         each: &mut dyn FnMut(Vertex) -> Result<()>,
     ) -> Result<CornerNumbers> {
         let shift = job.faces.grid().bits.saturating_sub(KEY_BITS);
-        let mut corners = Sorter::new(directory, CORNER, MEMORY);
+        let mut corners = Sorter::new(directory, MEMORY);
         let mut place = 0u64;
         job.each(&mut |face| {
             for (index, point) in face.points.iter().enumerate() {
                 let colour = if with_colours { face.colours.get(index) } else { None };
                 let corner = Corner { vertex: (*point, colour.copied().unwrap_or_default()), place };
-                corners.push(corner.key(shift), corner.to_bytes())?;
+                corners.push(corner.key(shift), &corner.to_bytes())?;
                 place += 1;
             }
             Ok(())
         })?;
-        let mut numbers = Sorter::new(directory, 8, MEMORY);
+        let mut numbers = Sorter::new(directory, MEMORY);
         let mut vertices = 0u64;
         let mut near: Vec<Corner> = Vec::new();
         let mut flush = |near: &mut Vec<Corner>| -> Result<()> {
@@ -61,7 +61,7 @@ impl CornerNumbers {
             for same in near.chunk_by(|a, b| a.vertex == b.vertex) {
                 each(same[0].vertex)?;
                 for corner in same {
-                    numbers.push(corner.place, vertices.to_le_bytes().to_vec())?;
+                    numbers.push(corner.place, &vertices.to_le_bytes())?;
                 }
                 vertices += 1;
             }

@@ -266,7 +266,7 @@ fn find_shells(
     directory: &Path,
 ) -> Result<(UnionFind, HashMap<u32, Measures>)> {
     let mut sets = UnionFind::new(job.faces.len() as usize);
-    let mut sorter = Sorter::new(directory, EDGE, MEMORY);
+    let mut sorter = Sorter::new(directory, MEMORY);
     let mut number = 0u32;
     job.each(&mut |face| {
         let normal = face.area_vector();
@@ -282,7 +282,7 @@ fn find_shells(
                 item.extend(number.to_le_bytes());
                 normal.iter().for_each(|at| item.extend(at.to_le_bytes()));
                 item.push(u8::from(from > to));
-                sorter.push(key_of(&item), item)?;
+                sorter.push(key_of(&item), &item)?;
             }
         }
         number = number.wrapping_add(1);

@@ -59,7 +59,7 @@ impl<'a> Surfaces<'a> {
             shells,
             directory: directory.to_path_buf(),
             file: BufWriter::with_capacity(1 << 20, file),
-            runs: Sorter::new(directory, 21, MEMORY),
+            runs: Sorter::new(directory, MEMORY),
             count: 0,
             shell: None,
             faces: 0,
@@ -153,7 +153,7 @@ impl<'a> Surfaces<'a> {
         item.push(list as u8);
         self.count += 1;
         self.start = self.at;
-        self.runs.push(key, item)
+        self.runs.push(key, &item)
     }
 
     /// Passes all lists to `each` as text fragments, part by part and shell by shell. The caller

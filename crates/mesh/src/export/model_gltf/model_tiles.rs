@@ -159,7 +159,7 @@ impl TilesWriter<'_> {
     fn level(&mut self, faces: &dyn Faces, depth: usize, error: f64) -> Result<()> {
         self.errors.push(error * self.position.metres());
         self.summary.levels += 1;
-        let mut sorter = Sorter::new(directory_of(self.output.path()), ITEM, self.memory / 4);
+        let mut sorter = Sorter::new(directory_of(self.output.path()), self.memory / 4);
         let bits = self.model.grid().bits;
         Triangulated::of(faces)?.each(&mut |face| {
             if face.number.is_multiple_of(1 << 12) {
@@ -173,7 +173,7 @@ impl TilesWriter<'_> {
             let colours = [0, 1, 2].map(|corner| face.colours.get(corner).copied().unwrap_or_default());
             item.extend_from_slice(colours.as_flattened());
             item.extend_from_slice(&face.part.to_le_bytes());
-            sorter.push(key, item)
+            sorter.push(key, &item)
         })?;
         let mut open: Vec<(u64, Vec<u8>)> = Vec::new();
         let mut batch: Vec<(u64, Vec<u8>)> = Vec::new();
