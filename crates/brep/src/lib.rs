@@ -8,9 +8,11 @@ mod build;
 mod chosen_parts;
 mod closure;
 mod combine;
+mod curve;
 pub mod exact;
 mod face;
 mod face_check;
+mod face_order;
 mod face_set;
 mod face_triangle;
 pub mod geometry;
@@ -39,6 +41,7 @@ pub use combine::{
 };
 pub use exact::bounds::MAX_BITS;
 pub use face::{AttributedFaceVisitor, Face, FaceList, Faces};
+pub use face_order::{FaceSorter, SortedFaceVisitor};
 pub use grid::Grid;
 pub use levels::{Simplifier, add_levels};
 pub use motion::{ModelView, Motion, TransformOptions, TransformReport, ViewRays, transform};
@@ -48,4 +51,4 @@ pub use store::{
     DetailLevel, ExactModel, FaceBuffer, LeafRule, ModelNode, ModelNodeState, NodeCounts, NodeKind,
     is_model_file,
 };
-pub use triangulated::Triangulated;
+pub use triangulated::{Triangulated, each_triangle};

@@ -7,7 +7,7 @@ use super::triangles::{TRIANGLE, Triangle};
 use super::{CLUSTER_FACES, group};
 use crate::closure::{Closure, Seed};
 use crate::triangulated::FaceTriangulator;
-use crate::{ExactModel, Faces};
+use crate::{ExactModel, Faces, curve};
 use spinney_base::io::Sorter;
 use spinney_base::{Progress, Result};
 
@@ -40,14 +40,14 @@ pub(super) fn sorted(
     progress: &dyn Progress,
 ) -> Result<(Sorter, Vec<u32>)> {
     let parts = model.parts().len();
-    let mut sorter = Sorter::new(directory, ITEM, memory);
+    let mut sorter = Sorter::new(directory, memory);
     let mut closures = vec![Closure::new(Seed::new()); parts];
     let mut triangulator = FaceTriangulator::default();
     model.each(&mut |face| {
         if face.number.is_multiple_of(1 << 12) {
             progress.check()?;
         }
-        let (key, part) = (model.curve_key(face), face.part as usize);
+        let (key, part) = (curve::position(face, model.grid().bits), face.part as usize);
         let mut flags = if face.has_area() { FIRST } else { SLIVER };
         closures[part].add(face);
         for triangle in triangulator.triangles(face) {
@@ -59,7 +59,7 @@ pub(super) fn sorted(
             Triangle { points, colours, part: face.part }.write(&mut item);
             item.push(flags);
             flags &= !FIRST;
-            sorter.push(key, item)?;
+            sorter.push(key, &item)?;
         }
         Ok(())
     })?;

@@ -10,6 +10,11 @@ pub(crate) const MAX_FACES: usize = 1024;
 /// A block with this many corners (vertex indices of its faces) takes no more faces.
 const MANY_CORNERS: usize = 4096;
 
+/// Returns whether a block of so many faces and corners takes no more faces.
+pub(crate) fn is_full(faces: usize, corners: usize) -> bool {
+    faces >= MAX_FACES || corners >= MANY_CORNERS
+}
+
 /// Bytes of a block's header.
 pub(super) const HEAD: usize = 20;
 pub(super) const COLOURED: u32 = 1;
@@ -40,7 +45,7 @@ pub(crate) struct BlockBuilder {
 impl BlockBuilder {
     /// Returns whether the block takes no more faces.
     pub(crate) fn is_full(&self) -> bool {
-        self.parts.len() >= MAX_FACES || self.corners.len() >= MANY_CORNERS
+        is_full(self.parts.len(), self.corners.len())
     }
 
     pub(crate) fn is_empty(&self) -> bool {

@@ -6,9 +6,7 @@ use std::ops::Range;
 use super::block::Block;
 use super::chunks::Entry;
 use super::reader::ExactModel;
-use crate::Face;
 use spinney_base::io::batch::{defer_missing, finish_deferred, run_batched};
-use spinney_base::space::{Dimension, morton_encode};
 use spinney_base::{Error, Result};
 
 /// Tag of the section with the summary of the levels.
@@ -26,8 +24,6 @@ pub(crate) const NEVER: u8 = u8::MAX;
 pub(crate) const NO_BLOCK: u32 = u32::MAX;
 /// Maximum number of clusters of a table.
 pub(crate) const TABLE_CLUSTERS: usize = 1024;
-/// Bits per axis of positions on the curve.
-const CURVE_BITS: u8 = 21;
 
 /// Bytes of a level in the summary.
 const LEVEL: usize = 48;
@@ -268,27 +264,6 @@ impl ExactModel {
             self.level_faces.set_checked(index);
         }
         Ok(block)
-    }
-
-    /// Returns the position of a face on the curve: that of its first vertex in the order of
-    /// coordinates.
-    pub(crate) fn curve_key(&self, face: &Face<'_>) -> u64 {
-        let least = face.points.iter().min().copied().unwrap_or_default();
-        self.curve_key_of(least)
-    }
-
-    fn curve_key_of(&self, point: [i32; 3]) -> u64 {
-        let shift = self.summary.grid.bits.saturating_sub(CURVE_BITS);
-        let [x, y, z] = point.map(|at| morton_encode(Dimension::Oct, at as u32 >> shift));
-        x | y << 1 | z << 2
-    }
-
-    /// Returns the positions on the curve of the points in a cell of the octree.
-    pub(crate) fn curve_keys_of(&self, level: u8, position: [u32; 3]) -> Range<u64> {
-        let depth = self.summary.grid.bits.min(CURVE_BITS);
-        let [x, y, z] = position.map(|at| morton_encode(Dimension::Oct, at));
-        let (first, shift) = (x | y << 1 | z << 2, 3 * (depth - level));
-        first << shift..(first + 1) << shift
     }
 }
 

@@ -1,6 +1,6 @@
 //! Files of exact models: see `formats.md`.
 
-pub(super) mod block;
+pub(crate) mod block;
 pub(crate) mod chunks;
 mod copy;
 pub(super) mod exact;

@@ -53,7 +53,7 @@ impl Boundary {
     /// Creates an empty collection. About `memory` bytes are used before edges spill to a temporary
     /// file in `directory`.
     pub(super) fn new(directory: &Path, memory: u64) -> Boundary {
-        Boundary { sorter: Sorter::new(directory, EDGE, memory) }
+        Boundary { sorter: Sorter::new(directory, memory) }
     }
 
     /// Adds the edges of a face of an object.
@@ -73,7 +73,7 @@ impl Boundary {
         item.extend_from_slice(&part.to_le_bytes());
         item.extend_from_slice(&object.to_le_bytes());
         normal.iter().for_each(|bits| item.extend_from_slice(&bits.to_le_bytes()));
-        self.sorter.push(number, item)
+        self.sorter.push(number, &item)
     }
 
     /// Returns the loops of the edges without a counterpart in their own object, grouped by object.

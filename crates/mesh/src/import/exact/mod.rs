@@ -20,8 +20,8 @@ use spinney_base::io::{Output, directory_of};
 use spinney_base::{Error, Progress, Result, SilentProgress, SubProgress};
 use spinney_brep::format_position;
 use spinney_brep::{
-    BuildReport, ColumnValues, Face, FaceList, Grid, InsideRule, ModelBuilder, REPAIR_PASSES, Repair, repair,
-    repair_bytes,
+    BuildReport, ColumnValues, Face, FaceList, FaceSorter, Faces as _, Grid, InsideRule, ModelBuilder,
+    REPAIR_PASSES, Repair, repair, repair_bytes,
 };
 use spinney_container::{Metadata, Tag};
 
@@ -75,16 +75,18 @@ pub fn import_exact(
     let mut target = Target::new(output, &path, &grid, options)?;
     let mut snapper = Snapper::new(grid.clone(), options.up);
     let mut sums = ObjectSums::default();
+    let sorter = || FaceSorter::new(&grid, &place, options.memory / 4);
+    let mut sorted = sorter();
     read(&mut models, &objects, &mut snapper, &work.part(1), &mut |face, values| {
         sums.add(objects.object(face.part), face);
-        target.push(face, values)
+        sorted.push(face, values)
     })?;
     let counts = snapper.planar.counts;
     let mut faces = counts.faces;
     let mut closed = (0, 0);
     let mut groups = Groups::default();
-    // Parts of the triangles that close boundaries.
-    let mut closing: Vec<u32> = Vec::new();
+    // The triangles that close boundaries.
+    let mut closing = FaceList::new(grid.clone(), Vec::new());
     // (With --close, objects are closed separately, except for patches of one surface. Without it,
     // several objects may bound a body together.)
     let object = |face: &Face<'_>| if options.close { objects.object(face.part) } else { 0 };
@@ -100,15 +102,24 @@ pub fn import_exact(
         }
         groups = found;
         sums.join(&groups);
-        closing = target.close(&loops, &snapper, progress, &mut |face| {
+        let first = (snapper.planar.counts.faces, snapper.read);
+        boundary::close(&loops, first, snapper.planar.is_coloured, progress, &mut |face| {
             sums.add(groups.group(objects.object(face.part)), face);
+            closing.push(face);
+            sorted.push(face, &[])
         })?;
-        closed = (loops.len() as u64, closing.len() as u64);
+        closed = (loops.len() as u64, closing.len());
         faces += closed.1;
     }
     if !options.repair {
         sums.check(&path, &objects)?;
     }
+    sorted.finish(&mut |face, values| {
+        if face.number.is_multiple_of(OFTEN) {
+            progress.check()?;
+        }
+        target.push(face, values)
+    })?;
     let (mut builder, repaired) = target.repaired(options.inside, &work.part(REPAIR_PASSES))?;
     // (Always by the winding rule of cells, regardless of --inside: the repair itself warns of
     // changes by another rule.)
@@ -171,7 +182,7 @@ pub fn import_exact(
         let what = "the surface intersects itself, or is inside out: it bounds no body";
         let error = built.error(&path, what, advice);
         let wrong = Wrong { built: &built, objects: &objects, closing: &closing, options };
-        return Err(wrong.named(error, &mut models, snapper, progress)?);
+        return Err(wrong.named(error, &mut models, snapper, sorter(), progress)?);
     }
     for model in &models {
         model.remarks().iter().for_each(|remark| progress.warn(&model.info().path, remark));
@@ -201,6 +212,9 @@ pub fn import_exact(
         built,
     })
 }
+
+/// Faces between two checks for cancellation.
+const OFTEN: u64 = 1 << 12;
 
 /// Passes over all faces that checking objects one by one counts for, including reading them.
 const SKIPPING_PASSES: u64 = 2;
@@ -306,25 +320,6 @@ impl Target {
         check_memory(&self.path, 2 * bytes, 2 * self.memory, "the list of faces to repair")
     }
 
-    /// Adds triangles over boundaries, after the faces that were read. Returns the part of each
-    /// triangle.
-    fn close(
-        &mut self,
-        loops: &[Loop],
-        snapper: &Snapper,
-        progress: &dyn Progress,
-        each: &mut dyn FnMut(&Face<'_>),
-    ) -> Result<Vec<u32>> {
-        let mut parts = Vec::new();
-        let first = (snapper.planar.counts.faces, snapper.read);
-        boundary::close(loops, first, snapper.planar.is_coloured, progress, &mut |face| {
-            parts.push(face.part);
-            each(face);
-            self.push(face, &[])
-        })?;
-        Ok(parts)
-    }
-
     /// Returns the builder with all faces in it, and the counts of the repair.
     fn repaired(self, inside: InsideRule, progress: &dyn Progress) -> Result<(ModelBuilder, Option<Repair>)> {
         let Target { builder, held, values, path, memory, .. } = self;
@@ -391,8 +386,8 @@ fn check_memory(path: &Path, bytes: u64, limit: u64, what: &str) -> Result<()> {
 struct Wrong<'a> {
     built: &'a BuildReport,
     objects: &'a Objects,
-    /// Parts of the triangles that close boundaries.
-    closing: &'a [u32],
+    /// The triangles that close boundaries.
+    closing: &'a FaceList,
     options: &'a ExactOptions,
 }
 
@@ -404,6 +399,7 @@ impl Wrong<'_> {
         error: Error,
         models: &mut [Box<dyn Model>],
         snapper: Snapper,
+        mut sorted: FaceSorter,
         progress: &dyn Progress,
     ) -> Result<Error> {
         let Wrong { built, objects, closing, options } = *self;
@@ -415,20 +411,17 @@ impl Wrong<'_> {
             built.defects.iter().flat_map(|defect| defect.faces.iter().copied()).collect();
         let mut part_of = BTreeMap::new();
         let mut again = Snapper::new(snapper.grid.clone(), snapper.up);
-        read(models, objects, &mut again, &SilentProgress(progress), &mut |face, _| {
+        read(models, objects, &mut again, &SilentProgress(progress), &mut |face, _| sorted.push(face, &[]))?;
+        closing.each(&mut |face| sorted.push(face, &[]))?;
+        sorted.finish(&mut |face, _| {
             if wanted.contains(&face.number) {
                 part_of.insert(face.number, face.part);
             }
             Ok(())
         })?;
-        let count = again.planar.counts.faces;
-        let of_closing = |face: u64| closing.get(usize::try_from(face.checked_sub(count)?).ok()?).copied();
         for (location, defect) in locations.iter_mut().zip(&built.defects) {
-            let parts: BTreeSet<u32> = defect
-                .faces
-                .iter()
-                .filter_map(|face| part_of.get(face).copied().or_else(|| of_closing(*face)))
-                .collect();
+            let parts: BTreeSet<u32> =
+                defect.faces.iter().filter_map(|face| part_of.get(face).copied()).collect();
             let names: Vec<&str> = parts.iter().filter_map(|part| objects.name(*part)).collect();
             if !names.is_empty() {
                 *location += &format!(", of {}", names.join(" and "));
@@ -454,8 +447,6 @@ fn read(
     progress: &dyn Progress,
     each: &mut FaceVisitor<'_>,
 ) -> Result<()> {
-    /// Faces between two checks for cancellation.
-    const OFTEN: u64 = 1 << 12;
     let (mut first_part, total) = (0, faces_of(models));
     let up = snapper.up;
     snapper.planar.is_coloured = models.iter().any(|model| model.info().is_coloured);
