@@ -1,16 +1,18 @@
 #!/usr/bin/env python3
 """Levels of detail of exact models: `spinney transform FILE levels` against meshoptimizer's
 clusterlod, which makes all levels in memory, without bounds and without a file; distances that are
-sampled, against the stored bounds.
+sampled, against the stored bounds; bytes of packed models, against the mesh, gzip and Draco; images
+of a large model.
 
-    levels.py            the bumpy torus of 5.5 million triangles, and distances of three meshes
-    levels.py time       the torus alone; also distances
+    levels.py            all jobs
+    levels.py time       the torus of 5.5 million triangles; also distances, bytes, images
 
 clusterlod is that of the crate meshoptimizer-rs, as a program in benches/peers/work. Distances need
-trimesh and rtree, in that of exact.py or of PYTHON. The program is target/release/spinney, or
-SPINNEY. One thread.
+trimesh and rtree, bytes DracoPy, in the Python of exact.py or of PYTHON. The program is
+target/release/spinney, or SPINNEY. One thread.
 """
 
+import gzip
 import json
 import os
 import subprocess
@@ -132,8 +134,64 @@ def distances():
         record("exact models", results)
 
 
+# Bytes of a mesh in Draco, on the grid of a model: its unit, bits and origin.
+DRACO = """
+import sys
+import DracoPy, trimesh
+path, unit, bits, *origin = sys.argv[1:]
+mesh = trimesh.load(path, process=False)
+side = float(unit) * 2 ** int(bits)
+packed = DracoPy.encode(
+    mesh.vertices,
+    mesh.faces,
+    quantization_bits=int(bits),
+    quantization_range=side,
+    quantization_origin=[float(at) for at in origin],
+    compression_level=10,
+)
+print(len(packed))
+"""
+
+
+def bytes_of_models():
+    """The grid of the armadillo has 23 bits; Draco packs faces and vertices, we an octree as well."""
+    mesh = MESH / "armadillo.ply"
+    if not mesh.exists():
+        return
+    sizes = {"PLY": mesh.stat().st_size, "gzip -9": len(gzip.compress(mesh.read_bytes(), 9))}
+    exact, levels = WORK / "packed.goblin", WORK / "packed_levels.goblin"
+    for out, options in [(exact, []), (levels, ["--levels"])]:
+        once([SPINNEY, "-q", "build", mesh, "-o", out, "--brep", "--codec", "packed", *options])
+    grid = json.loads(subprocess.run([SPINNEY, "info", exact, "--json"], check=True, capture_output=True).stdout)["grid"]
+    command = [PYTHON, "-c", DRACO, mesh, grid["step"], grid["bits"], *(at * grid["step"] for at in grid["origin"])]
+    sizes["Draco"] = int(subprocess.run([str(part) for part in command], check=True, capture_output=True, text=True).stdout)
+    ours = {"exact": exact.stat().st_size, "with levels": levels.stat().st_size}
+    table(["armadillo", "bytes"], [[name, str(size)] for name, size in [*sizes.items(), *ours.items()]])
+    rows = [row(f"packed armadillo, exact, against {name}", "MB", ours["exact"] / 1e6, name, size / 1e6) for name, size in sizes.items()]
+    record("exact models", [*rows, row("packed armadillo, with levels", "MB", ours["with levels"] / 1e6)])
+
+
+def images():
+    """Images of a torus of 24 million triangles, at the level that pixels need."""
+    mesh, model = WORK / "torus_24.ply", WORK / "torus_24.goblin"
+    if not mesh.exists():
+        python(TORUS, 4900, 2450, mesh)
+    if not model.exists():
+        once([SPINNEY, "-q", "build", mesh, "-o", model, "--brep", "--levels"])
+    image = WORK / "torus_24.png"
+    found = once([SPINNEY, "-q", "render", model, image, "--size", "1024x768"])
+    table(["job", "CPU s", "MiB"], [["image of 24 million triangles", f"{found[0]:.2f}", f"{found[2]:.0f}"]])
+    record(
+        "exact models",
+        [
+            row("image of 24 million triangles, CPU", "s", found[0]),
+            row("image of 24 million triangles, memory", "MiB", found[2]),
+        ],
+    )
+
+
 if __name__ == "__main__":
     start(data=False, peer="cargo")
-    chosen = sys.argv[1:] or ["time", "distances"]
-    for name in chosen:
-        {"time": time, "distances": distances}[name]()
+    jobs = {"time": time, "distances": distances, "bytes": bytes_of_models, "images": images}
+    for name in sys.argv[1:] or jobs:
+        jobs[name]()

@@ -4,13 +4,14 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
-use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
+use spinney::brep::Detail as ModelDetail;
+use spinney::export::{ArrayRequest, Detail, MeshFormat, WindowRequest, export_array, export_window};
 use spinney::raw::export::export_layers;
 use spinney::raw::export::image::Format;
 use spinney::raw::ops::WarpGrid;
 use spinney::raw::space::web_mercator_depth;
 use spinney::style::Style;
-use spinney::{Bounds, Dataset, Number, SampleType};
+use spinney::{Bounds, Dataset, ExactModel, Number, SampleType};
 
 use super::args::{
     OutputFile, PartOptions, Size, Slice, ViewedTree, check_output, level_of, numbers, parse_size,
@@ -32,7 +33,7 @@ const EXAMPLES: &str = "Examples:
 ///
 /// The output's name selects the format: .png, .webp (lossless), .tif, .exr, .npy, .nrrd, .raw; for
 /// points .las, .laz, .csv, .ply, .npy; for lines .geojson, .gpkg, .fgb, .shp, .csv, .svg, .obj,
-/// .ply.
+/// .ply; for exact models .ply, .obj, .off, .stl, .city.json.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -43,7 +44,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     part: PartOptions,
     /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the
-    /// original cells
+    /// original cells; of exact models, the last level (the default) is the exact surface
     #[arg(long, conflicts_with = "size")]
     level: Option<u8>,
     /// Columns and rows, or the longer side (keeps the aspect ratio). Continuous values are
@@ -92,18 +93,37 @@ fn parse_range(text: &str) -> Result<[f64; 2], String> {
         .ok_or_else(|| "expected two numbers that differ, as in 0,4000".into())
 }
 
+/// Writes the faces of an exact model in a window.
+fn get_faces(args: &Args, model: &ExactModel, global: &Global) -> Result<()> {
+    let (file, path) = (args.tree.file.display(), args.output.path());
+    let format = args.format.as_deref().map_or(MeshFormat::of(path), |format| format.parse().ok());
+    let Some(format) = format else {
+        bail!(
+            "{file}: is an exact model, which has no cells; `spinney get {file} FACES.ply --window X,Y,Z,X,Y,Z` writes faces, \
+             `spinney render {file} -o IMAGE.png` an image, `spinney section {file} z=HEIGHT -o OUTLINE.svg` a section; \
+             or make cells: `spinney build {file} --cells N -o CELLS.goblin`"
+        );
+    };
+    let fitting = ["--output", "--format", "--window", "--in", "--level", "--view"];
+    global.check_options(&args.tree.file, exact::KIND, &fitting)?;
+    ensure!(args.part.is_given() || args.part.coordinates().given().is_none(), IN_IS_FOR);
+    let contents = exact::MeshContents {
+        triangles: false,
+        filter: None,
+        detail: args.level.map(ModelDetail::Level),
+        within: exact::window(&args.part)?,
+    };
+    exact::export(model, path, exact::MeshOutput::Mesh(format), contents, global)
+}
+
 /// Error message for coordinates without a window or slice.
 const IN_IS_FOR: &str = "--in: works only with --window or --slice";
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let path = args.output.path();
-    if exact::open(&args.tree.file, global)?.is_some() {
-        let file = args.tree.file.display();
-        bail!(
-            "{file}: is an exact model, which has no cells; `spinney render {file} -o IMAGE.png` writes an image, `spinney section {file} z=HEIGHT -o OUTLINE.svg` \
-             a section, `spinney export {file} SURFACE.ply` the surface; or make cells: `spinney build {file} --cells N -o CELLS.goblin`"
-        );
+    if let Some(view) = args.tree.open_model(global)? {
+        return get_faces(args, view.as_model("faces")?, global);
     }
     if let Some(tree) = lines::open(&args.tree.file, global)? {
         let fitting = ["--output", "--format", "--window", "--in", "--crossing", "--attribute"];

@@ -26,8 +26,9 @@ const EXAMPLES: &str = "Examples:
 
 --from AZIMUTH,ELEVATION: the viewer is in the north (along y) at azimuth 0, in the east (along x)
 at 90; the view is horizontal at elevation 0, straight down at 90. Without --level, the coarsest
-level is read whose cells are no larger than a pixel. Exact models are drawn with their own faces,
-and have no levels. The output is .png, .tif, .npy or .raw, and for line drawings also .svg.
+level is read whose cells are no larger than a pixel. Of an exact model with levels of detail, the
+surface is drawn that is at most half a pixel off, with smooth shading; of one without, its faces.
+The output is .png, .tif, .npy or .raw, and for line drawings also .svg.
 
 --drawing: wireframe draws all edges of an exact model, hidden-lines those that no face hides,
 octants the blocks of the octree, of an exact model or of cells, to --level [default: the coarsest
@@ -123,7 +124,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let file = args.tree.file.as_path();
     let scene = match args.tree.open_model(global)? {
         Some(view) => {
-            let level = if args.drawing == Some(DrawingStyle::Octants) { "--level" } else { "--drawing" };
+            let has_level = matches!(args.drawing, None | Some(DrawingStyle::Octants));
+            let level = if has_level { "--level" } else { "--drawing" };
             let fitting = [
                 "--output",
                 "--background",
@@ -158,30 +160,45 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let request = args.request();
     let work = Work::start(global, if args.drawing.is_some() { "parts" } else { "pixels" })?;
     let output = global.access().create(path)?;
-    let level = match (&scene, args.drawing, format) {
+    let drawn = match (&scene, args.drawing, format) {
         (Scene::Model(view), None, DrawingFormat::Image(format)) => view
             .as_model("images")
             .and_then(|model| render_exact(model, &request, output, format, &work))
-            .map(|()| None),
+            .map(|error| Drawn { level: None, error }),
         (Scene::Cells(tree), None, DrawingFormat::Image(format)) => {
-            render(tree, &request, output, format, &work).map(|level| Some((level, tree.depth())))
+            render(tree, &request, output, format, &work).map(|level| Drawn::cells(level, tree))
         }
         (Scene::Model(view), style, format) => view.as_model("images").and_then(|model| {
             let style = style.unwrap_or(DrawingStyle::HiddenLines);
             let level = draw_exact(model, style, &request, output, format, &work)?;
-            Ok(level.map(|level| (level, model.grid().depth())))
+            Ok(Drawn { level: level.map(|level| (level, model.grid().depth())), error: 0.0 })
         }),
         (Scene::Cells(tree), _, format) => {
-            draw_cells(tree, &request, output, format, &work).map(|level| Some((level, tree.depth())))
+            draw_cells(tree, &request, output, format, &work).map(|level| Drawn::cells(level, tree))
         }
     };
-    let level = level.with_context(|| format!("{}: cannot write", path.display()))?;
+    let Drawn { level, error } = drawn.with_context(|| format!("{}: cannot write", path.display()))?;
     work.finish();
     if let Some((level, depth)) = level {
         global.report("level", format_args!("{level} of {depth}"));
     }
+    if error > 0.0 {
+        global.report("detail", format_args!("at most {error:.3e} off the exact surface"));
+    }
     report_output(global, path, start);
     Ok(())
+}
+
+/// The level of an octree that was drawn, with its depth, and the distance from an exact surface.
+struct Drawn {
+    level: Option<(u8, u8)>,
+    error: f64,
+}
+
+impl Drawn {
+    fn cells(level: u8, tree: &Dataset) -> Drawn {
+        Drawn { level: Some((level, tree.depth())), error: 0.0 }
+    }
 }
 
 /// The scene to draw.

@@ -77,6 +77,39 @@ fn images_of_exact_models_match_those_of_fine_cells() {
     }
 }
 
+/// A model with levels of detail is drawn at the level that its pixels need.
+#[test]
+fn images_of_models_with_levels_match_those_of_the_exact_surface() {
+    let directory = TestDirectory::new();
+    let mesh = directory.write("torus.obj", crate::cli_levels::bumpy_torus(160, 100));
+    let exact = directory.built(&mesh, "exact.goblin", &["--brep"]);
+    let levels = directory.built(&mesh, "levels.goblin", &["--brep", "--levels"]);
+    for view in [&["--from", "30,50"][..], &["--orthographic"], &["--scale", "0.5", "--samples", "1"]] {
+        let options = [&["--size", "120x90"], view].concat();
+        let [a, b] = [&exact, &levels].map(|file| directory.render(file, &options));
+        assert!(a != b, "{view:?}: the exact surface was drawn");
+        let sum: u64 = a.iter().zip(&b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
+        let mean = sum as f64 / a.len() as f64;
+        let outline = outline(&background(&a), 120);
+        let [a, b] = [a, b].map(|pixels| background(&pixels));
+        let differ = a.iter().zip(&b).filter(|(a, b)| a != b).count();
+        println!("{view:?}: mean {mean}, {differ} of {outline}");
+        assert!(mean < 2.0 && differ <= outline / 3, "{view:?}: {mean} {differ} {outline}");
+    }
+    let out = directory.name("out.png");
+    let small = ["render", &levels, &out, "--size", "120x90"];
+    let text = stderr(spinney(&small).success());
+    assert!(text.contains("off the exact surface"), "{text}");
+    // A level can be chosen; the last one is the exact surface.
+    let report: Json = serde_json::from_str(&stdout(&["info", "--json", &levels])).unwrap();
+    let last = report["levels"].as_array().unwrap().len() - 1;
+    let at = |level: usize| directory.render(&levels, &["--size", "120x90", "--level", &level.to_string()]);
+    assert!(at(0) != at(1));
+    assert_eq!(at(last), directory.render(&exact, &["--size", "120x90"]));
+    let text = complaint(&["render", &exact, &out, "--level", "0"], 1);
+    assert!(text.contains("add levels with"), "{text}");
+}
+
 #[test]
 fn images_have_flat_faces_and_the_options_of_cells() {
     let directory = TestDirectory::new();
@@ -110,7 +143,7 @@ fn images_have_flat_faces_and_the_options_of_cells() {
     let never = directory.name("never.png");
     let refuse =
         |options: &[&str], code: i32| complaint(&[&["render", &cube, &never], options].concat(), code);
-    assert!(refuse(&["--level", "3"], 1).contains("--level has no effect"));
+    assert!(refuse(&["--level", "3"], 1).contains("add levels with"));
     assert!(refuse(&["--view", "rotate=30,z"], 1).contains("spinney transform"));
     assert!(refuse(&["--size", "10000000x10"], 1).contains("65536"));
     assert!(refuse(&["--scale", "0"], 1).contains("scale"));

@@ -13,7 +13,7 @@ const BALL: &str = "fixtures/v1/ball.goblin";
 const RASTER: &str = "fixtures/v1/classic.goblin";
 
 /// A torus of 2nm triangles with bumps.
-fn bumpy_torus(n: u32, m: u32) -> String {
+pub(crate) fn bumpy_torus(n: u32, m: u32) -> String {
     let mut text = String::from("o torus\n");
     for i in 0..n {
         for j in 0..m {
@@ -172,6 +172,69 @@ fn volume(file: &str) -> f64 {
     let text = stdout(&["stats", file]);
     let line = text.lines().find_map(|line| line.trim().strip_prefix("volume")).expect("a volume");
     line.split_whitespace().next().unwrap().parse().unwrap()
+}
+
+/// Faces in a window, of the exact surface and of a coarse one.
+#[test]
+fn windows_have_all_faces_that_meet_them() {
+    let (directory, plain, levels) = models();
+    let (part, all) = (directory.name("part.obj"), directory.name("all.obj"));
+    let window = ["--window", "2.5,-1,0.1,5,1.25,0.75"];
+    let (low, high) = ([2.5, -1.0, 0.1], [5.0, 1.25, 0.75]);
+    for (file, detail) in [(&plain, &[][..]), (&levels, &[]), (&levels, &["--level", "0"])] {
+        command(&["get", "-q", file, &part]).args(window).args(detail).assert().success();
+        command(&["export", "-q", file, &all]).args(detail).assert().success();
+        let [part, all] = [&part, &all].map(|path| triangles_of(Path::new(path)));
+        // (A coarse surface of so few faces has few clusters.)
+        assert!(part.iter().all(|face| all.contains(face)));
+        assert!(part.len() < all.len() || !detail.is_empty());
+        // (A vertex in the window is a point of the face in it.)
+        let is_inside = |at: &[f64; 3]| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&at[axis]));
+        let inside: Vec<_> = all.iter().filter(|face| face.iter().any(is_inside)).collect();
+        assert!(inside.len() > 3 && inside.iter().all(|face| part.contains(face)), "{detail:?}");
+        // Of the exact surface there are only faces whose boxes touch the window.
+        let touches = |face: &[[f64; 3]; 3]| {
+            (0..3).all(|axis| {
+                let [least, most] =
+                    [f64::min, f64::max].map(|of| face.iter().map(|at| at[axis]).reduce(of).unwrap());
+                least <= high[axis] && most >= low[axis]
+            })
+        };
+        assert!(!detail.is_empty() || part.iter().all(touches));
+    }
+    let empty = stderr(spinney(&["get", &levels, &part, "--window", "50,50,50,60,60,60"]).success());
+    assert!(empty.contains("has no faces"), "{empty}");
+    for (options, expected) in [
+        (&["--window", "1,1,1,0,2,2"][..], "expected minimum coordinates"),
+        (&["--window", "0,0,0,1,1,1", "--in", "lonlat"], "expected world"),
+        (&["--window", "0,0,0,1,1,1", "--size", "10"], "--size"),
+        (&["--in", "world"], "--in: works only with --window"),
+    ] {
+        let text = complaint(&[&["get", &levels, &part], options].concat(), 1);
+        assert!(text.contains(expected), "{text}");
+    }
+    let text = complaint(&["get", &levels, &directory.name("x.png")], 1);
+    assert!(text.contains("has no cells") && text.contains("FACES.ply --window"), "{text}");
+    let tiles = directory.name("tiles/tileset.json");
+    let text = complaint(&["export", &levels, &tiles, "--window", "0,0,0,1,1,1"], 1);
+    assert!(text.contains("meshes of exact models"), "{text}");
+    let text = complaint(&["export", BALL, &part, "--window", "0,0,0,1,1,1"], 1);
+    assert!(text.contains("--view window="), "{text}");
+}
+
+/// Returns the triangles of an OBJ file.
+fn triangles_of(path: &Path) -> Vec<[[f64; 3]; 3]> {
+    let text = fs::read_to_string(path).unwrap();
+    let lines = |kind: &'static str| {
+        text.lines().filter_map(move |line| line.strip_prefix(kind)).map(|line| line.split_whitespace())
+    };
+    let points: Vec<[f64; 3]> = lines("v ")
+        .map(|words| {
+            words.take(3).map(|word| word.parse().unwrap()).collect::<Vec<f64>>().try_into().unwrap()
+        })
+        .collect();
+    let corner = |word: &str| points[word.split('/').next().unwrap().parse::<usize>().unwrap() - 1];
+    lines("f ").map(|words| words.map(corner).collect::<Vec<_>>().try_into().unwrap()).collect()
 }
 
 #[test]

@@ -4,7 +4,6 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{AttributedFaceVisitor, Face, Faces, Grid};
 use spinney_base::{Error, Result};
-use spinney_crs::Crs;
 
 /// The faces of some parts of a model; faces and parts are renumbered from 0. Has only faces on the
 /// grid, not the off-grid vertices of exact faces. Every pass, including the one that counts the
@@ -80,24 +79,12 @@ impl Faces for ChosenParts<'_> {
         Ok(count)
     }
 
-    fn file_attributes(&self) -> Result<Vec<String>> {
-        self.faces.file_attributes()
+    fn origin(&self) -> Option<&dyn Faces> {
+        Some(self.faces)
     }
 
     fn value_columns(&self) -> Result<Vec<String>> {
         self.faces.value_columns()
-    }
-
-    fn crs(&self) -> Option<&Crs> {
-        self.faces.crs()
-    }
-
-    fn unit(&self) -> Option<&str> {
-        self.faces.unit()
-    }
-
-    fn is_unbounded(&self) -> bool {
-        self.faces.is_unbounded()
     }
 
     fn len(&self) -> u64 {

@@ -74,12 +74,18 @@ pub trait Faces {
     /// Returns the names of the parts (objects, groups, materials); never empty.
     fn parts(&self) -> &[String];
 
+    /// Returns the faces whose parts and metadata these faces have, if these are selected from
+    /// others, or represent them.
+    fn origin(&self) -> Option<&dyn Faces> {
+        None
+    }
+
     /// Returns the attributes of a part: a JSON object, as in [`Attributes`](crate::Attributes).
     ///
     /// # Errors
     /// If they cannot be read.
-    fn part_attributes(&self, _part: u32) -> Result<Option<String>> {
-        Ok(None)
+    fn part_attributes(&self, part: u32) -> Result<Option<String>> {
+        self.origin().map_or(Ok(None), |origin| origin.part_attributes(part))
     }
 
     /// Returns the number of parts with attributes.
@@ -87,7 +93,7 @@ pub trait Faces {
     /// # Errors
     /// If the attributes cannot be read.
     fn parts_with_attributes(&self) -> Result<u64> {
-        Ok(0)
+        self.origin().map_or(Ok(0), |origin| origin.parts_with_attributes())
     }
 
     /// Returns the metadata of the source files that have any: JSON objects.
@@ -95,7 +101,7 @@ pub trait Faces {
     /// # Errors
     /// If it cannot be read.
     fn file_attributes(&self) -> Result<Vec<String>> {
-        Ok(Vec::new())
+        self.origin().map_or(Ok(Vec::new()), |origin| origin.file_attributes())
     }
 
     /// Returns the names of the columns of face values.
@@ -108,17 +114,17 @@ pub trait Faces {
 
     /// Returns the coordinate reference system of the world, if known.
     fn crs(&self) -> Option<&Crs> {
-        None
+        self.origin()?.crs()
     }
 
     /// Returns the unit of length of the world, if known: "mm".
     fn unit(&self) -> Option<&str> {
-        None
+        self.origin()?.unit()
     }
 
     /// Returns whether the body extends to infinity; its faces then bound the cavities.
     fn is_unbounded(&self) -> bool {
-        false
+        self.origin().is_some_and(|origin| origin.is_unbounded())
     }
 
     /// Returns the volume of the body minus that of the faces, in cubed grid units. It is nonzero

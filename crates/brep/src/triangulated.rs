@@ -5,7 +5,6 @@ use super::{AttributedFaceVisitor, Face, Faces, Grid};
 use crate::exact::normal::ring_normal;
 use crate::geometry::Triangulator;
 use spinney_base::Result;
-use spinney_crs::Crs;
 
 /// Faces of a model, triangulated: constrained Delaunay triangulations without new vertices. A face
 /// of `c` vertices and `h` holes has `c + 2h - 2` triangles.
@@ -20,14 +19,12 @@ impl<'a> Triangulated<'a> {
     /// # Errors
     /// If the faces cannot be read.
     pub fn of(faces: &'a dyn Faces) -> Result<Triangulated<'a>> {
-        let mut found = Triangulated { faces, len: 0 };
         let mut len = 0;
-        found.each(&mut |_| {
+        each_triangle(faces, &mut |_| {
             len += 1;
             Ok(())
         })?;
-        found.len = len;
-        Ok(found)
+        Ok(Triangulated { faces, len })
     }
 }
 
@@ -40,32 +37,12 @@ impl Faces for Triangulated<'_> {
         self.faces.parts()
     }
 
-    fn part_attributes(&self, part: u32) -> Result<Option<String>> {
-        self.faces.part_attributes(part)
-    }
-
-    fn parts_with_attributes(&self) -> Result<u64> {
-        self.faces.parts_with_attributes()
-    }
-
-    fn file_attributes(&self) -> Result<Vec<String>> {
-        self.faces.file_attributes()
+    fn origin(&self) -> Option<&dyn Faces> {
+        Some(self.faces)
     }
 
     fn value_columns(&self) -> Result<Vec<String>> {
         self.faces.value_columns()
-    }
-
-    fn crs(&self) -> Option<&Crs> {
-        self.faces.crs()
-    }
-
-    fn unit(&self) -> Option<&str> {
-        self.faces.unit()
-    }
-
-    fn is_unbounded(&self) -> bool {
-        self.faces.is_unbounded()
     }
 
     fn volume_correction(&self) -> Result<f64> {
@@ -77,24 +54,40 @@ impl Faces for Triangulated<'_> {
     }
 
     fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
-        self.each_with_values(&[], &mut |face, _| each(face))
+        each_triangle(self.faces, each)
     }
 
     fn each_with_values(&self, columns: &[&str], each: &mut AttributedFaceVisitor<'_>) -> Result<()> {
-        let mut triangulator = FaceTriangulator::default();
-        let mut number = 0;
-        self.faces.each_with_values(columns, &mut |face, values| {
-            for triangle in triangulator.triangles(face) {
-                let points = triangle.map(|corner| face.points[corner as usize]);
-                let colours =
-                    triangle.map(|corner| face.colours.get(corner as usize).copied().unwrap_or_default());
-                let colours = if face.colours.is_empty() { &[][..] } else { &colours[..] };
-                each(&Face { number, points: &points, ring_ends: &[3], colours, ..*face }, values)?;
-                number += 1;
-            }
-            Ok(())
-        })
+        each_triangle_with_values(self.faces, columns, each)
     }
+}
+
+/// Visits the triangles of a model's faces, as [`Triangulated`] divides them.
+///
+/// # Errors
+/// If the faces cannot be read, or what `each` returns.
+pub fn each_triangle(faces: &dyn Faces, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+    each_triangle_with_values(faces, &[], &mut |face, _| each(face))
+}
+
+fn each_triangle_with_values(
+    faces: &dyn Faces,
+    columns: &[&str],
+    each: &mut AttributedFaceVisitor<'_>,
+) -> Result<()> {
+    let mut triangulator = FaceTriangulator::default();
+    let mut number = 0;
+    faces.each_with_values(columns, &mut |face, values| {
+        for triangle in triangulator.triangles(face) {
+            let points = triangle.map(|corner| face.points[corner as usize]);
+            let colours =
+                triangle.map(|corner| face.colours.get(corner as usize).copied().unwrap_or_default());
+            let colours = if face.colours.is_empty() { &[][..] } else { &colours[..] };
+            each(&Face { number, points: &points, ring_ends: &[3], colours, ..*face }, values)?;
+            number += 1;
+        }
+        Ok(())
+    })
 }
 
 /// Divides faces into triangles; the memory is reused for the next face.

@@ -207,6 +207,21 @@ impl Camera {
         (self.projection == CameraProjection::Perspective).then_some(self.origin)
     }
 
+    /// Distance of a point from the camera: from the eye in the direction of the view, or from a
+    /// plane.
+    pub(super) fn depth(&self, point: DVec3) -> f64 {
+        (self.origin - point).dot(self.towards)
+    }
+
+    /// Weight of a point that makes interpolation along lines of the image correct: 1 if the rays
+    /// are parallel, else the inverse of its distance.
+    pub(super) fn share(&self, point: DVec3) -> f64 {
+        match self.projection {
+            CameraProjection::Orthographic => 1.0,
+            CameraProjection::Perspective => self.depth(point).max(f64::MIN_POSITIVE).recip(),
+        }
+    }
+
     /// Direction to the light: over the viewer's left shoulder.
     pub(super) fn light(&self) -> DVec3 {
         (self.towards + 0.55 * self.top - 0.5 * self.right).normalize()
@@ -215,13 +230,8 @@ impl Camera {
     /// Image position of a point in front of the eye, in pixels from the upper left corner.
     pub(super) fn project(&self, point: DVec3) -> [f64; 2] {
         let from_origin = point - self.origin;
-        let pixel = match self.projection {
-            CameraProjection::Orthographic => self.pixel,
-            CameraProjection::Perspective => {
-                self.pixel * (-from_origin.dot(self.towards)).max(f64::MIN_POSITIVE)
-            }
-        };
-        let [across, up] = [self.right, self.top].map(|axis| from_origin.dot(axis) / pixel);
+        let share = self.share(point) / self.pixel;
+        let [across, up] = [self.right, self.top].map(|axis| from_origin.dot(axis) * share);
         [self.size[0] / 2.0 + across, self.size[1] / 2.0 - up]
     }
 

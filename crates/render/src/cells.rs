@@ -167,7 +167,7 @@ struct CellSurface<'a> {
 }
 
 impl Surface for CellSurface<'_> {
-    fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<SurfacePoint>> {
+    fn first(&mut self, _: [f64; 2], origin: DVec3, direction: DVec3) -> Result<Option<SurfacePoint>> {
         let Cells { paint, frame, to_cells, normals, .. } = self.cells;
         let no_inverse =
             || Error::invalid("the file's transform", "a map that is not invertible", "an invertible one");

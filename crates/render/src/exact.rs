@@ -2,44 +2,88 @@
 
 use glam::DVec3;
 
+use super::coarse::{CoarseSurface, MAX_TRIANGLES};
 use super::scene::{Scene, Surface, SurfacePoint};
 use super::{RenderRequest, draw};
-use crate::camera::{Extent, box_support, farthest};
+use crate::camera::{Camera, Extent, box_support, farthest};
 use crate::paint::{Paint, linear};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
-use spinney_brep::query::ModelRays;
+use spinney_brep::query::{Detail, ModelRays};
 use spinney_brep::{ExactModel, Face, FaceBuffer, Faces as _, ModelNode, ModelNodeState};
 use spinney_raster::image::Format;
 
-/// Writes a shaded image of an exact model: its faces unchanged, each with its own normal.
+/// Writes a shaded image of an exact model. Returns the largest distance in the world between what
+/// is drawn and the exact surface: 0 if it is the exact surface.
+///
+/// If the model has levels of detail, the surface is drawn that is at most half a pixel off, with
+/// smooth shading where faces meet at small angles, or a level that is requested. Otherwise, or if
+/// that surface has more than a million triangles, rays are traced through the exact surface: its
+/// faces are unchanged, each with its own normal, and only nodes and faces along the rays are read.
 ///
 /// Camera, light and background are those of [`render`](super::render), without ambient occlusion.
-/// A model without colours has the colour of clay. Only nodes and faces along the rays are read.
-/// The image does not depend on the number of threads.
+/// A model without colours has the colour of clay. The image does not depend on the number of
+/// threads.
 ///
 /// # Errors
-/// If the request has a level, a number of the request is out of range, the format cannot store
-/// 8-bit colours, the file is corrupt, or on cancellation.
+/// If the model has no such level, or it has more than a million triangles, a number of the request
+/// is out of range, the format cannot store 8-bit colours, the file is corrupt, or on cancellation.
 pub fn render_exact(
     model: &ExactModel,
     request: &RenderRequest,
     output: Output,
     format: Format,
     progress: &dyn Progress,
-) -> Result<()> {
+) -> Result<f64> {
     request.check()?;
-    if let Some(level) = request.level {
-        return Err(Error::invalid("level", level.to_string(), "no level for an exact model"));
-    }
     let corners = model.bounds()?.map(DVec3::from);
-    let scene = Scene::new(request.camera(&Solid { model, corners })?, request);
+    let camera = request.camera(&Solid { model, corners })?;
     let clay = Paint::clay().colour(&[0.0; 4]).into();
+    let coarse = coarse(model, request, &camera, clay, progress)?;
+    let scene = Scene::new(camera, request);
     let make = || -> Result<Box<dyn Surface + '_>> {
-        Ok(Box::new(Body { model, corners, rays: model.rays(), clay }))
+        Ok(match &coarse {
+            Some((surface, _)) => Box::new(surface),
+            None => Box::new(Body { model, corners, rays: model.rays(), clay }),
+        })
     };
     draw(&scene, &make, output, format, progress)?;
-    model.check_unchanged()
+    model.check_unchanged()?;
+    Ok(coarse.map_or(0.0, |(_, error)| error))
+}
+
+/// Distance between the drawn surface and the exact one, in pixels.
+const OFF: f64 = 0.5;
+
+/// Returns the coarse surface that a request needs, and its distance from the exact one; `None` if
+/// it needs the exact surface.
+fn coarse(
+    model: &ExactModel,
+    request: &RenderRequest,
+    camera: &Camera,
+    clay: DVec3,
+    progress: &dyn Progress,
+) -> Result<Option<(CoarseSurface, f64)>> {
+    let detail = match request.level {
+        Some(level) => Detail::Level(level),
+        // (Only triangles that face the camera are drawn. It is inside of an unbounded body.)
+        None if model.levels().is_empty() || model.is_unbounded() => return Ok(None),
+        None => Detail::Error(OFF * camera.footprint),
+    };
+    let surface = model.at_detail(detail, None)?;
+    if surface.is_exact() {
+        return Ok(None);
+    }
+    let size = [request.width, request.height];
+    let found = match surface.len() <= MAX_TRIANGLES {
+        true => CoarseSurface::of(&surface, camera, size, clay, progress)?,
+        false => None,
+    };
+    if found.is_none() && request.level.is_some() {
+        let advice = "render a coarser level, or omit the level";
+        return Err(Error::unsupported(model.path(), "a level with too many triangles for an image", advice));
+    }
+    Ok(found.map(|found| (found, surface.error())))
 }
 
 /// Minimum number of nodes along a solid's longest side where its extent is measured.
@@ -109,7 +153,7 @@ struct Body<'a> {
 }
 
 impl Surface for Body<'_> {
-    fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<SurfacePoint>> {
+    fn first(&mut self, _: [f64; 2], origin: DVec3, direction: DVec3) -> Result<Option<SurfacePoint>> {
         if !may_meet(self.corners, origin, direction) {
             return Ok(None);
         }

@@ -3,6 +3,7 @@
 
 mod camera;
 mod cells;
+mod coarse;
 mod drawing;
 mod exact;
 mod paint;
@@ -43,9 +44,9 @@ pub struct RenderRequest {
     pub projection: CameraProjection,
     /// Axis of the world that points up.
     pub up: Up,
-    /// Level of detail of octrees. By default, shaded images use the coarsest level whose cells are
-    /// no larger than a pixel; for drawings see [`draw_exact`]. Must be `None` for shaded images of
-    /// exact models and for drawings of their edges.
+    /// Level of detail. By default, shaded images of octrees use the coarsest level whose cells are
+    /// no larger than a pixel; those of exact models see [`render_exact`]; for drawings see
+    /// [`draw_exact`]. Must be `None` for drawings of the edges of exact models.
     pub level: Option<u8>,
     /// Red, green and blue of the background; `None` makes it transparent.
     pub background: Option<[u8; 3]>,

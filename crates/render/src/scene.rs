@@ -9,11 +9,12 @@ use spinney_style::{to_linear, to_srgb};
 
 /// Surface that rays are traced against. Each thread has its own.
 pub(super) trait Surface: Send {
-    /// First hit of a ray in world coordinates, `None` if it misses. The direction has length 1.
+    /// First hit of the ray through an image position, in pixels; `None` if it misses. The ray is
+    /// in world coordinates, and its direction has length 1.
     ///
     /// # Errors
     /// If the file is corrupt there.
-    fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<SurfacePoint>>;
+    fn first(&mut self, at: [f64; 2], origin: DVec3, direction: DVec3) -> Result<Option<SurfacePoint>>;
 }
 
 /// Surface point, with what shading needs.
@@ -162,7 +163,7 @@ impl Scene {
     /// Linear colour at an image position, in pixels; `None` if the ray misses.
     fn colour(&self, surface: &mut dyn Surface, point: [f64; 2]) -> Result<Option<DVec3>> {
         let (origin, direction) = self.camera.ray(point);
-        let Some(SurfacePoint { outwards, albedo, open }) = surface.first(origin, direction)? else {
+        let Some(SurfacePoint { outwards, albedo, open }) = surface.first(point, origin, direction)? else {
             return Ok(None);
         };
         let back = -direction;

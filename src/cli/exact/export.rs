@@ -3,18 +3,18 @@
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{Context as _, Result};
-use spinney::ExactModel;
+use anyhow::{Context as _, Result, bail};
 use spinney::brep::{Detail, Faces};
 use spinney::export::{GltfOptions, MeshFormat, export_exact, export_model_glb};
 use spinney::import::feature::FeatureFilter;
 use spinney::raw::brep::{ChosenParts, Triangulated};
 use spinney::raw::export::mesh::ExactSummary;
 use spinney::raw::store::Tag;
+use spinney::{Coordinates, ExactModel};
 
 use super::super::Global;
-use super::super::args::check_output;
-use super::super::report::{Work, report_output};
+use super::super::args::{PartOptions, check_output};
+use super::super::report::{Work, report_output, warn};
 use super::{chosen, unit};
 
 /// Format of the output.
@@ -31,6 +31,16 @@ pub(crate) struct MeshContents<'a> {
     pub(crate) filter: Option<&'a FeatureFilter>,
     /// How much detail there is; by default, the exact surface.
     pub(crate) detail: Option<Detail>,
+    /// Box of the world in which faces are written.
+    pub(crate) within: Option<[[f64; 3]; 2]>,
+}
+
+/// Returns the box of a window, if one was given.
+pub(crate) fn window(part: &PartOptions) -> Result<Option<[[f64; 3]; 2]>> {
+    if !matches!(part.coordinates().given(), None | Some(Coordinates::World)) {
+        bail!("--in: expected world: windows of exact models are in their own coordinates");
+    }
+    Ok(part.corners())
 }
 
 /// Writes faces of an exact model unchanged.
@@ -42,10 +52,15 @@ pub(crate) fn export(
     global: &Global,
 ) -> Result<()> {
     let start = Instant::now();
-    let MeshContents { triangles, filter, detail } = contents;
+    let MeshContents { triangles, filter, detail, within } = contents;
     check_output([model.path()], path)?;
-    let coarse = detail.map(|detail| model.at_detail(detail, None)).transpose()?;
-    let all: &dyn Faces = coarse.as_ref().map_or(model, |coarse| coarse);
+    let coarse = detail.map(|detail| model.at_detail(detail, within)).transpose()?;
+    let near = within.filter(|_| coarse.is_none()).map(|within| model.in_box(within)).transpose()?;
+    let all: &dyn Faces = match (&coarse, &near) {
+        (Some(coarse), _) => coarse,
+        (None, Some(near)) => near,
+        (None, None) => model,
+    };
     let some = match filter {
         Some(filter) => Some(ChosenParts::of(all, &chosen(model, filter)?)?),
         None => None,
@@ -73,9 +88,13 @@ pub(crate) fn export(
     if let Some(coarse) = &coarse {
         let text = format!("at most {:.3e}{} from the surface", coarse.error(), unit(model));
         global.report("error", format_args!("{text}"));
-        if !model.value_columns()?.is_empty() {
-            global.report("left out", format_args!("values of faces: those of coarse levels have none"));
-        }
+    }
+    if all.value_columns()?.is_empty() && !model.value_columns()?.is_empty() {
+        let what = if coarse.is_some() { "coarse levels" } else { "a window" };
+        global.report("left out", format_args!("values of faces: those of {what} have none"));
+    }
+    if within.is_some() && all.is_empty() {
+        warn(&format!("{}: has no faces: the surface is not in the window", path.display()));
     }
     let (exact, _) = model.exact_faces();
     if exact > 0 {

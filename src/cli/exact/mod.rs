@@ -23,7 +23,7 @@ use spinney::{ExactModel, ViewOperation};
 use super::Global;
 
 pub(super) use combine::{any_model, combine};
-pub(super) use export::{MeshContents, MeshOutput, export};
+pub(super) use export::{MeshContents, MeshOutput, export, window};
 pub(super) use find::{LeafKind, find};
 pub(super) use info::info;
 pub(super) use objects::{find_contacts, find_object};

@@ -14,7 +14,7 @@ use super::super::report::quantity::counted;
 use super::super::report::{Work, report_output};
 use super::super::{Global, exact};
 use super::Args;
-use super::mesh::check_octree;
+use super::mesh::{self, check_octree};
 
 /// Options of glTF.
 #[derive(clap::Args)]
@@ -40,7 +40,7 @@ impl GltfArgs {
 
 /// Opens the tree. Returns it with the request and the progress display.
 fn start(args: &Args, what: &str, global: &Global) -> Result<(Dataset, MeshRequest, Work)> {
-    args.mesh.check_cells()?;
+    mesh::check_cells(args)?;
     ensure!(!args.mesh.triangles, "--triangles: has no effect on {what}, which always has triangles");
     let tree = args.tree.open(global)?;
     check_octree(&tree, &args.tree.file)?;
@@ -107,13 +107,24 @@ pub(super) fn write_tileset(args: &Args, global: &Global) -> Result<()> {
 pub(super) fn write_glb(args: &Args, global: &Global) -> Result<()> {
     let begin = Instant::now();
     if let Some(view) = args.tree.open_model(global)? {
-        let fitting =
-            ["--output", "--format", "--meshopt", "--where", "--level", "--error", "--faces", "--view"];
+        let fitting = [
+            "--output",
+            "--format",
+            "--meshopt",
+            "--where",
+            "--level",
+            "--error",
+            "--faces",
+            "--view",
+            "--window",
+            "--in",
+        ];
         global.check_options(&args.tree.file, exact::KIND, &fitting)?;
         let contents = exact::MeshContents {
             triangles: false,
             filter: args.mesh.filter.as_ref(),
             detail: args.mesh.detail(),
+            within: exact::window(&args.part)?,
         };
         let format = exact::MeshOutput::Glb(args.gltf.options());
         return exact::export(view.as_model("faces")?, args.output.path(), format, contents, global);

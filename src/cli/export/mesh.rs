@@ -46,16 +46,6 @@ pub(super) struct MeshOptions {
 }
 
 impl MeshOptions {
-    /// Fails for options that need an exact model.
-    pub(super) fn check_cells(&self) -> Result<()> {
-        let given = [("--error", self.error.is_some()), ("--faces", self.faces.is_some())];
-        if let Some((name, _)) = given.iter().find(|(_, is_given)| *is_given) {
-            bail!("{name}: works only with exact models, which have levels of detail");
-        }
-        ensure!(self.filter.is_none(), "--where: works only with exact models, which have objects");
-        Ok(())
-    }
-
     /// Returns how much detail of an exact model is written.
     pub(super) fn detail(&self) -> Option<Detail> {
         let level = self.level.map(Detail::Level);
@@ -76,6 +66,21 @@ impl MeshOptions {
     }
 }
 
+/// Fails for options that need an exact model.
+pub(super) fn check_cells(args: &Args) -> Result<()> {
+    let given = [("--error", args.mesh.error.is_some()), ("--faces", args.mesh.faces.is_some())];
+    if let Some((name, _)) = given.iter().find(|(_, is_given)| *is_given) {
+        bail!("{name}: works only with exact models, which have levels of detail");
+    }
+    ensure!(args.mesh.filter.is_none(), "--where: works only with exact models, which have objects");
+    let name = args.output.path().display();
+    ensure!(
+        !args.part.is_given(),
+        "{name}: --window works only with tiles of web maps and meshes of exact models; otherwise, add --view window=..."
+    );
+    Ok(())
+}
+
 /// Fails for a raster, whose surface is a TIN.
 pub(super) fn check_octree(tree: &Dataset, file: &Path) -> Result<()> {
     ensure!(
@@ -91,15 +96,26 @@ pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()
     let start = Instant::now();
     let MeshOptions { level, smooth, triangles, ref filter, .. } = args.mesh;
     if let Some(view) = args.tree.open_model(global)? {
-        let fitting =
-            ["--output", "--format", "--triangles", "--where", "--view", "--level", "--error", "--faces"];
+        let fitting = [
+            "--output",
+            "--format",
+            "--triangles",
+            "--where",
+            "--view",
+            "--level",
+            "--error",
+            "--faces",
+            "--window",
+            "--in",
+        ];
         global.check_options(&args.tree.file, exact::KIND, &fitting)?;
         let detail = args.mesh.detail();
-        let contents = exact::MeshContents { triangles, filter: filter.as_ref(), detail };
+        let within = exact::window(&args.part)?;
+        let contents = exact::MeshContents { triangles, filter: filter.as_ref(), detail, within };
         let format = exact::MeshOutput::Mesh(format);
         return exact::export(view.as_model("faces")?, args.output.path(), format, contents, global);
     }
-    args.mesh.check_cells()?;
+    check_cells(args)?;
     let tree = args.tree.open(global)?;
     check_octree(&tree, &args.tree.file)?;
     check_output([args.tree.file.as_path()], args.output.path())?;

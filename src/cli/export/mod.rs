@@ -216,7 +216,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             "tiles of web maps",
         ),
         (is_page, args.page.given(), ".html"),
-        (tiles.is_some(), args.part.is_given().then_some("--window"), "tiles of web maps"),
+        (
+            tiles.is_some()
+                || args.tin.tin.is_none() && matches!(target, Some(Target::Mesh(_) | Target::Glb)),
+            args.part.is_given().then_some("--window"),
+            "tiles of web maps and meshes of exact models",
+        ),
         (target == Some(Target::Cog), args.cog.given(), "cloud-optimized GeoTIFF"),
         (is_solid, of_mesh, "meshes of solids"),
         (

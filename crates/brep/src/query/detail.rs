@@ -3,9 +3,8 @@
 use std::ops::Range;
 
 use crate::store::levels::{Cluster, NO_BLOCK};
-use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState};
+use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState, curve};
 use spinney_base::{Error, Result, sort};
-use spinney_crs::Crs;
 
 /// Number of blocks of coarse faces that are fetched at once from a remote file.
 const FETCHED_BLOCKS: usize = 64;
@@ -147,7 +146,7 @@ impl ExactModel {
         buffer: &mut FaceBuffer,
         each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
     ) -> Result<()> {
-        let own = self.curve_keys_of(node.level(), node.position());
+        let own = curve::positions_in(node.level(), node.position(), self.grid().bits);
         if own.start >= keys.end || own.end <= keys.start {
             return Ok(());
         }
@@ -160,7 +159,7 @@ impl ExactModel {
         for number in node.faces() {
             self.face(number, buffer)?;
             let face = buffer.face();
-            let key = self.curve_key(&face);
+            let key = curve::position(&face, self.grid().bits);
             if keys.contains(&key) && own.contains(&key) {
                 each(&face)?;
             }
@@ -201,28 +200,8 @@ impl Faces for DetailSurface<'_> {
         self.model.parts()
     }
 
-    fn part_attributes(&self, part: u32) -> Result<Option<String>> {
-        self.model.part_attributes(part)
-    }
-
-    fn parts_with_attributes(&self) -> Result<u64> {
-        self.model.parts_with_attributes()
-    }
-
-    fn file_attributes(&self) -> Result<Vec<String>> {
-        self.model.file_attributes()
-    }
-
-    fn crs(&self) -> Option<&Crs> {
-        self.model.crs()
-    }
-
-    fn unit(&self) -> Option<&str> {
-        self.model.unit()
-    }
-
-    fn is_unbounded(&self) -> bool {
-        self.model.is_unbounded()
+    fn origin(&self) -> Option<&dyn Faces> {
+        Some(self.model)
     }
 
     fn len(&self) -> u64 {

@@ -1,5 +1,6 @@
 //! Location of boxes relative to a model: inside, outside, or neither.
 
+use super::faces_in_box::check_box;
 use super::line::Line;
 use super::visited::{Recent, Visited, half_of};
 use crate::geometry::{Box3, GridPolygon, Triangulator, triangle};
@@ -28,17 +29,13 @@ impl ExactModel {
     /// # Errors
     /// If the file is corrupt or cannot be read, or if the box is invalid.
     pub fn locate_box(&self, min: [f64; 3], max: [f64; 3]) -> Result<(BoxLocation, Visited)> {
+        check_box([min, max])?;
         let grid = self.grid();
         let bits = 31 - grid.bits;
         let scale = (1u64 << bits) as f64;
         let (low, high) = (grid.to_grid(min), grid.to_grid(max));
-        if !(0..3).all(|axis| low[axis] <= high[axis] && (high[axis] - low[axis]).is_finite()) {
-            let found = format!("{min:?} to {max:?}");
-            return Err(Error::invalid(
-                "box",
-                found,
-                "minimum coordinates, and maximum coordinates that are not smaller",
-            ));
+        if !(0..3).all(|axis| (high[axis] - low[axis]).is_finite()) {
+            return Err(Error::invalid("box", format!("{min:?} to {max:?}"), "finite coordinates"));
         }
         // Coordinates far outside are clamped to just outside of the root's cell.
         let (least, most) = (-1.0, (1u64 << grid.bits) as f64);
