@@ -204,6 +204,7 @@ pub mod style {
 pub mod brep {
     pub use spinney_brep::query::{
         BoxLocation, CuttingPlane, Detail, DetailSurface, Hit, Location, MassProperties, SurfacePoint,
+        Viewpoint,
     };
     pub use spinney_brep::{
         DetailLevel, Face, FaceBuffer, Faces, Grid, Motion, TransformOptions, combine, transform,

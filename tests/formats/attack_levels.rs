@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use spinney::brep::{Detail, Faces, Grid, add_levels};
+use spinney::brep::{Detail, DetailSurface, Faces, Grid, Viewpoint, add_levels};
 use spinney::raw::brep::FaceList;
 use spinney::{Error, ExactModel, Output};
 
@@ -77,21 +77,31 @@ fn query_levels(file: Vec<u8>) {
     let errors = [0.0, 3.0, 25.0, 1e300, f64::INFINITY].map(Detail::Error);
     let numbers = [0, 100, u64::MAX].map(Detail::Faces);
     let within = [[30.0, 0.0, 0.0], [90.0, 60.0, 10.0]];
+    let check = |surface: &DetailSurface<'_>| {
+        assert!(!surface.error().is_nan() && surface.error() >= 0.0);
+        let mut faces = 0;
+        let read = surface.each(&mut |face| {
+            assert_eq!(face.number, faces);
+            assert!((face.part as usize) < model.parts().len());
+            assert!(face.points.as_flattened().iter().all(|at| (0..1 << 8).contains(at)));
+            faces += 1;
+            Ok(())
+        });
+        assert!(matches!(read, Ok(()) | Err(Error::Corrupt { .. })), "{read:?}");
+        assert!(faces <= 4000, "{faces} faces");
+    };
     for detail in levels.chain(errors).chain(numbers) {
         for within in [None, Some(within)] {
-            let Ok(surface) = model.at_detail(detail, within) else { continue };
-            assert!(!surface.error().is_nan() && surface.error() >= 0.0);
-            let mut faces = 0;
-            let read = surface.each(&mut |face| {
-                assert_eq!(face.number, faces);
-                assert!((face.part as usize) < model.parts().len());
-                assert!(face.points.as_flattened().iter().all(|at| (0..1 << 8).contains(at)));
-                faces += 1;
-                Ok(())
-            });
-            assert!(matches!(read, Ok(()) | Err(Error::Corrupt { .. })), "{read:?}");
-            assert!(faces <= 4000, "{faces} faces");
+            model.at_detail(detail, within).iter().for_each(check);
         }
+    }
+    let half = vec![[1.0, 0.0, 0.0, -60.0]];
+    for (tolerance, faces, half_spaces) in [(0.0, u64::MAX, vec![]), (0.1, 500, vec![]), (0.02, 2000, half)] {
+        let view = Viewpoint { eye: [40.0, 70.0, 20.0], tolerance, half_spaces, faces };
+        let Ok(surface) = model.at_view(&view) else { continue };
+        check(&surface);
+        model.of_clusters(surface.numbers()).iter().for_each(check);
+        surface.by_cluster().iter().flatten().for_each(check);
     }
     model.verify(64 << 20, &()).unwrap();
 }

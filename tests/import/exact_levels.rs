@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use spinney::brep::{Detail, Faces, Grid, add_levels, with_levels};
+use spinney::brep::{Detail, DetailSurface, Faces, Grid, add_levels, with_levels};
 use spinney::raw::brep::query::nearest_on_face;
 use spinney::raw::brep::{FaceList, ModelBuilder};
 use spinney::{Codec, Error, ExactModel, Metadata, OpenOptions, Output};
@@ -22,11 +22,11 @@ fn levelled(model: &ExactModel, memory: u64) -> Vec<u8> {
     std::fs::read(&path).unwrap()
 }
 
-fn with_levels_of(list: &FaceList) -> ExactModel {
+pub(super) fn with_levels_of(list: &FaceList) -> ExactModel {
     ExactModel::from_bytes(levelled(&built_model(list), MEMORY)).unwrap()
 }
 
-fn built_model(list: &FaceList) -> ExactModel {
+pub(super) fn built_model(list: &FaceList) -> ExactModel {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("model.goblin");
     let mut builder = ModelBuilder::new(Output::create(&path).unwrap(), list.grid().clone(), MEMORY).unwrap();
@@ -38,7 +38,7 @@ fn built_model(list: &FaceList) -> ExactModel {
 }
 
 /// Returns a number from 0 to 1.
-fn unit(random: &mut Random) -> f64 {
+pub(super) fn unit(random: &mut Random) -> f64 {
     (random.next() >> 11) as f64 / (1u64 << 53) as f64
 }
 
@@ -47,7 +47,7 @@ fn grid(bits: u8) -> Grid {
 }
 
 /// A torus of 2nm triangles with bumps, on a grid of 2^16.
-fn bumpy_torus(n: i32, m: i32) -> FaceList {
+pub(super) fn bumpy_torus(n: i32, m: i32) -> FaceList {
     let at = |i: i32, j: i32| {
         let [u, v] =
             [(i, n), (j, m)].map(|(at, of)| f64::from(at % of) / f64::from(of) * std::f64::consts::TAU);
@@ -109,10 +109,9 @@ fn by_part(faces: &dyn Faces) -> HashMap<u32, (Surpluses, i128)> {
 }
 
 /// Checks that a surface is closed where the exact one is, part by part, and oriented like it.
-fn check_closed(model: &ExactModel, detail: Detail) {
-    let surface = model.at_detail(detail, None).unwrap();
+pub(super) fn check_surface(model: &ExactModel, surface: &DetailSurface, what: &str) {
     let exact = by_part(model);
-    let found = by_part(&surface);
+    let found = by_part(surface);
     let mut count = 0;
     surface
         .each(&mut |face| {
@@ -121,21 +120,26 @@ fn check_closed(model: &ExactModel, detail: Detail) {
             Ok(())
         })
         .unwrap();
-    assert_eq!(count, surface.len(), "{detail:?}");
+    assert_eq!(count, surface.len(), "{what}");
     // Parts that are not closed by themselves are closed together.
     let mut open = Surpluses::new();
     for (part, (edges, volume)) in &found {
         let (exact_edges, exact_volume) = &exact[part];
         if exact_edges.is_empty() {
-            assert!(edges.is_empty(), "{detail:?}, part {part}");
-            assert_eq!(volume.signum(), exact_volume.signum(), "{detail:?}, part {part}");
+            assert!(edges.is_empty(), "{what}, part {part}");
+            assert_eq!(volume.signum(), exact_volume.signum(), "{what}, part {part}");
         }
         edges.iter().for_each(|(edge, surplus)| *open.entry(*edge).or_default() += surplus);
     }
-    assert!(open.values().all(|surplus| *surplus == 0), "{detail:?}");
+    assert!(open.values().all(|surplus| *surplus == 0), "{what}");
+}
+
+fn check_closed(model: &ExactModel, detail: Detail) {
+    let surface = model.at_detail(detail, None).unwrap();
+    check_surface(model, &surface, &format!("{detail:?}"));
     let last = model.levels().len() - 1;
     if detail == Detail::Level(last as u8) || detail == Detail::Error(0.0) {
-        assert_eq!(found.len(), exact.len());
+        assert_eq!(by_part(&surface).len(), by_part(model).len());
         assert!(surface.is_exact() || surface.error() < 0.01);
     }
 }
@@ -210,9 +214,8 @@ fn levels_and_cuts_of_a_scan_are_closed_and_within_their_bounds() {
     assert!((2000..=16_000).contains(&half.len()), "{}", half.len());
 }
 
-/// Boxes of many sizes, some of which share walls, around and in each other, are simplified apart.
-#[test]
-fn objects_are_simplified_apart_and_disappear_by_size() {
+/// Boxes of many sizes, some of which share walls, around and in each other.
+pub(super) fn boxes_that_touch() -> FaceList {
     let mut random = Random(5);
     let mut list = FaceList::new(grid(16), (0..300).map(|part| format!("box {part}")).collect());
     for part in 0..300i32 {
@@ -222,7 +225,12 @@ fn objects_are_simplified_apart_and_disappear_by_size() {
         let side = if part % 3 == 0 { 3000 } else { 300 * n };
         divided_box(&mut list, [column * 3000 + 10, row * 3000 + 10, 50], side / n * n, n, part as u32);
     }
-    let model = with_levels_of(&list);
+    list
+}
+
+#[test]
+fn objects_are_simplified_apart_and_disappear_by_size() {
+    let model = with_levels_of(&boxes_that_touch());
     check_all_levels(&model, 200);
     let levels = model.levels();
     let coarsest = &levels[0];
@@ -232,9 +240,8 @@ fn objects_are_simplified_apart_and_disappear_by_size() {
     assert!(flat.len() * 2 < model.len(), "{} of {}", flat.len(), model.len());
 }
 
-/// A hollow body, and one whose parts are materials that are not closed by themselves.
-#[test]
-fn cavities_and_materials_keep_their_borders() {
+/// A hollow body whose parts are materials that are not closed by themselves.
+pub(super) fn materials_around_a_cavity() -> FaceList {
     let mut list = FaceList::new(grid(14), vec!["top".into(), "rest".into()]);
     let mut whole = FaceList::new(grid(14), vec!["one".into()]);
     divided_box(&mut whole, [100; 3], 12_000, 40, 0);
@@ -247,7 +254,12 @@ fn cavities_and_materials_keep_their_borders() {
     for face in (0..cavity.len()).map(|number| cavity.get(number as usize)) {
         push(&mut list, &turned(vec![vec![face.points.to_vec()]])[0], 1, Some([1, 2, 3]));
     }
-    let model = with_levels_of(&list);
+    list
+}
+
+#[test]
+fn cavities_and_materials_keep_their_borders() {
+    let model = with_levels_of(&materials_around_a_cavity());
     (0..model.levels().len()).for_each(|level| check_closed(&model, Detail::Level(level as u8)));
     assert_eq!(model.verify(MEMORY, &()).unwrap(), []);
     let coarse = model.at_detail(Detail::Level(0), None).unwrap();

@@ -36,6 +36,7 @@ mod exact_round_trips;
 mod exact_searches;
 #[cfg(feature = "mesh")]
 mod exact_semantics;
+mod exact_views;
 #[cfg(all(feature = "flatgeobuf", feature = "mbtiles"))]
 mod features;
 #[cfg(all(feature = "flatgeobuf", feature = "mbtiles"))]

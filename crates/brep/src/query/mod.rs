@@ -45,6 +45,7 @@ mod simple_rings;
 #[cfg(test)]
 mod testing;
 mod touching_points;
+mod viewpoint;
 mod visited;
 
 pub use cells::CellCoverage;
@@ -61,5 +62,6 @@ pub(crate) use ratio::WideSum;
 pub use ray::{Hit, ModelRays};
 pub use region::BoxLocation;
 pub use section::{CuttingPlane, SectionPolygon, SectionVisitor};
+pub use viewpoint::Viewpoint;
 pub use visited::Visited;
 pub(crate) use visited::half_of;

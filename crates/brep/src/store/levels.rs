@@ -161,12 +161,12 @@ impl ExactModel {
         &self.levels
     }
 
-    /// Visits all clusters of a level and of all coarser levels, and perhaps others. The first
-    /// tables have the coarsest clusters; those of finer levels are not read.
+    /// Visits all clusters of a level and of all coarser levels, and perhaps others, with their
+    /// numbers. The first tables have the coarsest clusters; those of finer levels are not read.
     pub(crate) fn each_cluster(
         &self,
         level: usize,
-        each: &mut dyn FnMut(&Cluster) -> Result<()>,
+        each: &mut dyn FnMut(u64, &Cluster) -> Result<()>,
     ) -> Result<()> {
         // Most clusters of a level are made for it, after those of all coarser levels.
         let before: u64 = self.levels.iter().take(level + 1).map(|level| level.clusters).sum();
@@ -174,9 +174,9 @@ impl ExactModel {
         self.fetch(0..likely, &|table| self.cluster_table(table).map(drop))?;
         let mut missing = self.levels.get(level).map_or(0, |level| level.clusters);
         for index in 0..self.clusters.len() {
-            for cluster in self.cluster_table(index)? {
+            for (number, cluster) in ((index * TABLE_CLUSTERS) as u64..).zip(self.cluster_table(index)?) {
                 missing = missing.saturating_sub(cluster.is_in_level(level as u8).into());
-                each(&cluster)?;
+                each(number, &cluster)?;
             }
             if missing == 0 {
                 break;
@@ -203,8 +203,13 @@ impl ExactModel {
         })
     }
 
+    /// Returns the number of tables of clusters.
+    pub(crate) fn cluster_tables(&self) -> usize {
+        self.clusters.len()
+    }
+
     /// Loads and checks a table of clusters.
-    pub(super) fn cluster_table(&self, index: usize) -> Result<Vec<Cluster>> {
+    pub(crate) fn cluster_table(&self, index: usize) -> Result<Vec<Cluster>> {
         let bytes = self.clusters.load(&self.path, &*self.backend, index)?;
         let wrong = |found: String| {
             self.corrupt(format!("table of clusters {index}"), found, "clusters as in formats.md")
