@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use spinney_base::{Error, Result};
-use spinney_brep::query::{CuttingPlane, Detail, Location};
+use spinney_brep::query::{CuttingPlane, Detail, DetailSurface, Location, Viewpoint};
 use spinney_brep::{DetailLevel, ExactModel, Faces, ModelView, Triangulated};
 use spinney_container::Tag;
 
@@ -19,13 +19,25 @@ pub(crate) struct Plane {
     at: f64,
 }
 
-/// A surface: its detail, at most one of the first three, and the box near which it is needed.
+/// A surface: its detail, at most one of the first four, and the box near which it is needed.
 #[derive(Deserialize)]
 pub(crate) struct SurfaceRequest {
     error: Option<f64>,
     faces: Option<u64>,
     level: Option<u8>,
+    clusters: Option<Vec<u64>>,
     bounds: Option<[f64; 6]>,
+}
+
+/// A surface for a viewpoint.
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(crate) struct CutRequest {
+    eye: [f64; 3],
+    tolerance: f64,
+    #[serde(default)]
+    half_spaces: Vec<[f64; 4]>,
+    faces: Option<u64>,
 }
 
 /// Returns volume, surface area, centre and moments.
@@ -115,39 +127,71 @@ pub(crate) fn levels(model: &ExactModel) -> Value {
     model.levels().iter().map(level).collect()
 }
 
+/// Returns the clusters of the surface for a viewpoint.
+pub(crate) fn cut(view: &ModelView, request: CutRequest) -> Result<Found> {
+    let model = view.as_model("levels of detail")?;
+    let CutRequest { eye, tolerance, half_spaces, faces } = request;
+    let viewpoint = Viewpoint { eye, tolerance, half_spaces, faces: faces.unwrap_or(u64::MAX) };
+    let surface = model.at_view(&viewpoint)?;
+    let (clusters, error) = (surface.numbers(), surface.error());
+    Ok(json!({ "clusters": clusters, "faces": count(surface.len()), "error": error }).into())
+}
+
 /// Returns a surface at a level of detail as triangles: vertices relative to an origin, three
-/// vertex numbers each, and their objects and colours.
+/// vertex numbers each, and their objects and colours. Requested clusters share no vertices.
 pub(crate) fn mesh(view: &ModelView, request: &SurfaceRequest) -> Result<Found> {
     let model = view.as_model("triangles")?;
-    let SurfaceRequest { error, faces, level, bounds } = *request;
-    let detail = match (error, faces, level) {
-        // (The exact surface is the last level.)
-        (None, None, None) => bounds.map(|_| Detail::Level(model.levels().len().saturating_sub(1) as u8)),
-        (Some(error), None, None) => Some(Detail::Error(error)),
-        (None, Some(faces), None) => Some(Detail::Faces(faces)),
-        (None, None, Some(level)) => Some(Detail::Level(level)),
-        _ => return Err(Error::invalid("mesh", "several of `error`, `faces` and `level`", "one of them")),
-    };
+    let SurfaceRequest { error, faces, level, ref clusters, bounds } = *request;
     let within = bounds.map(|[a, b, c, d, e, f]| [[a, b, c], [d, e, f]]);
-    let surface = detail.map(|detail| model.at_detail(detail, within)).transpose()?;
-    let faces: &dyn Faces = surface.as_ref().map_or(model, |surface| surface);
+    let at = |detail| model.at_detail(detail, within).map(Some);
+    let surface = match (error, faces, level, clusters) {
+        (None, None, None, None) if bounds.is_none() => None,
+        // (The exact surface is the last level.)
+        (None, None, None, None) => at(Detail::Level(model.levels().len().saturating_sub(1) as u8))?,
+        (Some(error), None, None, None) => at(Detail::Error(error))?,
+        (None, Some(faces), None, None) => at(Detail::Faces(faces))?,
+        (None, None, Some(level), None) => at(Detail::Level(level))?,
+        (None, None, None, Some(numbers)) if bounds.is_none() => Some(model.of_clusters(numbers)?),
+        _ => {
+            let found = "several of `error`, `faces`, `level` and `clusters`, or `clusters` and `bounds`";
+            return Err(Error::invalid("mesh", found, "one of them"));
+        }
+    };
+    let by_cluster = match (&surface, clusters) {
+        (Some(surface), Some(_)) => Some(surface.by_cluster()?),
+        _ => None,
+    };
+    let sources: Vec<&dyn Faces> = match (&by_cluster, &surface) {
+        (Some(by_cluster), _) => by_cluster.iter().map(|cluster| cluster as &dyn Faces).collect(),
+        (None, Some(surface)) => vec![surface],
+        (None, None) => vec![model],
+    };
     let ([low, _], grid) = (view.bounds()?, model.grid());
     let mut known: HashMap<[i32; 3], u32> = HashMap::new();
     let (mut positions, mut indices): (Vec<f32>, Vec<u32>) = (Vec::new(), Vec::new());
     let (mut objects, mut colours): (Vec<u32>, Vec<u8>) = (Vec::new(), Vec::new());
-    Triangulated::of(faces)?.each(&mut |face| {
-        for corner in face.points {
-            let next = known.len() as u32;
-            indices.push(*known.entry(*corner).or_insert_with(|| {
-                let at = grid.to_world(*corner);
-                positions.extend((0..3).map(|axis| (at[axis] - low[axis]) as f32));
-                next
-            }));
-        }
-        objects.push(face.part);
-        colours.extend_from_slice(face.colours.as_flattened());
-        Ok(())
-    })?;
+    let mut ends = Vec::new();
+    for faces in sources {
+        known.clear();
+        Triangulated::of(faces)?.each(&mut |face| {
+            for corner in face.points {
+                let next = (positions.len() / 3) as u32;
+                indices.push(*known.entry(*corner).or_insert_with(|| {
+                    let at = grid.to_world(*corner);
+                    positions.extend((0..3).map(|axis| (at[axis] - low[axis]) as f32));
+                    next
+                }));
+            }
+            objects.push(face.part);
+            colours.extend_from_slice(face.colours.as_flattened());
+            Ok(())
+        })?;
+        ends.push(objects.len());
+    }
+    let clusters = by_cluster.as_ref().map(|by_cluster| {
+        let end_of = |(cluster, end): (&DetailSurface<'_>, &usize)| json!({ "number": cluster.numbers()[0], "end": end });
+        by_cluster.iter().zip(&ends).map(end_of).collect::<Vec<_>>()
+    });
     let has_colours = !objects.is_empty() && colours.len() == 9 * objects.len();
     let json = json!({
         "origin": low,
@@ -155,6 +199,7 @@ pub(crate) fn mesh(view: &ModelView, request: &SurfaceRequest) -> Result<Found> 
         "names": model.parts(),
         "error": surface.as_ref().map_or(0.0, |surface| surface.error()),
         "hasColours": has_colours,
+        "clusters": clusters,
     });
     let colours = if has_colours { colours } else { Vec::new() };
     let buffers = vec![

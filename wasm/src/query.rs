@@ -123,6 +123,7 @@ fn dispatch(request: &Value, coordinates: &[f64]) -> Result<Outcome> {
         },
         "measures" => model::measures(opened.model()?)?,
         "section" => model::section(opened.model()?, &members(request)?)?,
+        "cut" => model::cut(opened.model()?, members(request)?)?,
         "triangles" => model::triangles(opened.model()?)?,
         // (For tests of panics.)
         "panic" => panic!("requested by a test"),

@@ -170,8 +170,68 @@ test("levels of detail of exact models", async () => {
     for (const edge of edges) assert.ok(edges.has(edge.split(" ").reverse().join(" ")), "the surface is closed");
   }
   assert.equal((await model.mesh()).triangles, model.header.faces);
+  await assert.rejects(model.mesh({ clusters: [0], level: 0 }), { code: "invalid" });
+  await assert.rejects(model.mesh({ clusters: [0], bounds: [0, 0, 0, 1, 1, 1] }), { code: "invalid" });
+  await assert.rejects(model.mesh({ clusters: [1e6] }), { code: "invalid", message: /cluster/ });
   const near = await model.mesh({ bounds: [3, -1, -1, 5, 1, 1] });
   assert.ok(near.triangles > 0 && near.triangles < model.header.faces);
   await assert.rejects(model.mesh({ level: levels.length }), { code: "invalid" });
   await assert.rejects(model.mesh({ level: 0, faces: 100 }), { code: "invalid" });
+});
+
+test("surfaces for a viewpoint", async () => {
+  const [off, path] = ["seen.off", "seen.goblin"].map((name) => join(work, name));
+  writeFileSync(off, torus());
+  spinney("build", "-q", off, "-o", path, "--brep", "--snap", "0.001", "--levels");
+  const model = await open(path);
+  const { faces, levels } = model.header;
+  const views = {
+    far: { eye: [1e6, 0, 0], tolerance: 1e-3 },
+    unseen: { eye: [4.1, 0, 0], tolerance: 1e-3, halfSpaces: [[1, 0, 0, -10]] },
+    few: { eye: [4.1, 0, 0], tolerance: 0, faces: 2000 },
+    exact: { eye: [4.1, 0, 0], tolerance: 0 },
+  };
+  const meshes = {};
+  for (const [name, view] of Object.entries(views)) {
+    const cut = await model.cut(view);
+    // (In two requests, as clusters that are new are requested.)
+    const half = cut.clusters.length >> 1;
+    let volume = 0;
+    let triangles = 0;
+    const surplus = new Map();
+    for (const clusters of [cut.clusters.slice(0, half), cut.clusters.slice(half)].filter(({ length }) => length > 0)) {
+      const mesh = await model.mesh({ clusters });
+      assert.deepEqual(mesh.clusters.map(({ number }) => number), clusters);
+      assert.equal(mesh.clusters.at(-1).end, mesh.triangles);
+      assert.ok(mesh.error <= cut.error);
+      // (Clusters share no vertices.)
+      const owner = new Map();
+      mesh.clusters.forEach(({ end }, index) => {
+        const start = index === 0 ? 0 : mesh.clusters[index - 1].end;
+        for (const vertex of mesh.indices.subarray(3 * start, 3 * end)) {
+          assert.equal(owner.get(vertex) ?? index, index);
+          owner.set(vertex, index);
+        }
+      });
+      const at = (corner) => [0, 1, 2].map((axis) => mesh.positions[3 * corner + axis]);
+      volume += volumeOf(at, trianglesOf(mesh));
+      for (const corners of trianglesOf(mesh)) {
+        corners.map((corner) => at(corner).join()).forEach((from, index, all) => {
+          const to = all[(index + 1) % 3];
+          const [edge, sign] = from < to ? [`${from} ${to}`, 1] : [`${to} ${from}`, -1];
+          surplus.set(edge, (surplus.get(edge) ?? 0) + sign);
+        });
+      }
+      triangles += mesh.triangles;
+    }
+    assert.equal(triangles, cut.faces);
+    assert.ok([...surplus.values()].every((number) => number === 0), `${name}: the surface is closed`);
+    meshes[name] = { triangles, volume };
+  }
+  assert.deepEqual([meshes.far.triangles, meshes.unseen.triangles, meshes.exact.triangles], [levels[0].faces, levels[0].faces, faces]);
+  assert.ok(meshes.few.triangles > levels[0].faces && meshes.few.triangles <= 2000, `${meshes.few.triangles} triangles`);
+  assert.ok(Math.abs(meshes.few.volume / meshes.exact.volume - 1) < 0.1);
+  await assert.rejects(model.cut({ eye: [0, 0, 0], tolerance: -1 }), { code: "invalid" });
+  await assert.rejects(model.cut({ eye: [0, 0, 0], tolerance: 1, faces: 1 }), { code: "invalid", message: /at least/ });
+  await assert.rejects(model.cut({ tolerance: 1 }), { code: "invalid" });
 });

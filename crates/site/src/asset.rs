@@ -24,6 +24,7 @@ macro_rules! files {
 
 /// All files that the page loads, and their licences. A test compares this list with the directory.
 static FILES: &[(&str, &[u8])] = files![
+    "js/detail.js",
     "js/ground.js",
     "js/history.js",
     "js/interface.js",

@@ -1,28 +1,38 @@
 // Exact models: their objects, their measures, and exact sections.
 
 import { clearResult, fill, latest, measured, table, text, working } from "./interface.js";
-import { Scene, distinct } from "./scene.js";
+import { ModelDetail, coloursOf } from "./detail.js";
+import { Scene } from "./scene.js";
 
 export async function show({ dataset, place, assetUrl }) {
   const three = await import(assetUrl("vendor/three.js"));
-  const { positions, objects, names, origin: own } = await dataset.triangles({ progress: working });
-  const { bounds, unit } = dataset.header;
+  const { bounds, unit, levels, objects: names } = dataset.header;
   const origin = new three.Vector3(...bounds.slice(0, 3)).add(new three.Vector3(...bounds.slice(3))).multiplyScalar(0.5);
   const view = new Scene(three, [0, 3].map((at) => new three.Vector3(...bounds.slice(at, at + 3)).sub(origin).toArray()));
-  const geometry = new three.BufferGeometry();
-  geometry.setAttribute("position", new three.BufferAttribute(positions, 3));
-  geometry.setAttribute("color", new three.BufferAttribute(coloursOf(three, objects), 3, true));
   const material = new three.MeshStandardMaterial({ vertexColors: true, flatShading: true, roughness: 0.9, side: three.DoubleSide, clippingPlanes: [view.plane] });
-  const body = new three.Mesh(geometry, material);
-  body.position.set(...own).sub(origin);
-  view.body.add(body);
   view.setCamera(place.view);
-  view.draw();
+  const shown = document.createElement("span");
+  /** Shows measures, and what is known without them. */
+  const showMeasures = (rows = []) => {
+    const counts = [["faces", text(dataset.header.faces)], ["objects", text(names.length)]];
+    fill("tools", "Measures", table([], [...rows, ...counts, ...(detail ? [["shown", shown]] : [])]));
+  };
+  const detail = levels.length > 1 ? new ModelDetail(three, dataset, { view, origin, material }) : undefined;
+  if (detail) {
+    detail.onShow = (triangles) => (shown.textContent = `${text(triangles)} triangles`);
+    showMeasures();
+    await detail.show();
+    view.onMove = () => detail.refine();
+  } else {
+    view.body.add(await wholeOf(three, dataset, origin, material));
+    view.draw();
+  }
 
   const outlines = new three.Group();
   view.scene.add(outlines);
   const cut = latest(async (signal, axis, at) => {
     outlines.clear();
+    detail?.refine();
     if (axis === undefined) {
       clearResult();
       return view.draw();
@@ -48,32 +58,30 @@ export async function show({ dataset, place, assetUrl }) {
   });
   view.addSection(place.section, cut);
 
-  const measures = await dataset.measures({ progress: working });
-  const rows = [
-    ["volume", measured(measures.volume, unit, "³")],
-    ["surface", measured(measures.surface, unit, "²")],
-    ["centre", measures.centre?.map(text).join(", ") ?? text(null)],
-    ["faces", text(measures.faces)],
-    ["objects", text(names.length)],
-  ];
-  fill("tools", "Measures", table([], rows));
   view.onClick = (hit) => {
     if (!hit) return clearResult();
-    const name = hit.object === body ? names[objects[hit.faceIndex]] : undefined;
+    const name = names[hit.object.userData.objects?.[hit.faceIndex]];
     const place = hit.point.clone().add(origin);
     fill("result", name || "Surface", table([], [["at", place.toArray().map(text).join(", ")]]));
   };
+  detail?.refine();
+  const measures = await dataset.measures({ progress: working });
+  showMeasures([
+    ["volume", measured(measures.volume, unit, "³")],
+    ["surface", measured(measures.surface, unit, "²")],
+    ["centre", measures.centre?.map(text).join(", ") ?? text(null)],
+  ]);
   return view;
 }
 
-/** A colour for each corner, by its object. */
-function coloursOf(three, objects) {
-  const colours = new Uint8Array(objects.length * 9);
-  const known = new Map();
-  objects.forEach((object, triangle) => {
-    if (!known.has(object)) known.set(object, distinct(three, object).toArray().map((part) => Math.round(255 * part)));
-    const colour = known.get(object);
-    for (let at = 0; at < 9; at += 3) colours.set(colour, triangle * 9 + at);
-  });
-  return colours;
+/** The exact surface, for models without levels of detail. */
+async function wholeOf(three, dataset, origin, material) {
+  const { positions, objects, origin: own } = await dataset.triangles({ progress: working });
+  const geometry = new three.BufferGeometry();
+  geometry.setAttribute("position", new three.BufferAttribute(positions, 3));
+  geometry.setAttribute("color", new three.BufferAttribute(coloursOf(three, objects), 3, true));
+  const body = new three.Mesh(geometry, material);
+  body.position.set(...own).sub(origin);
+  body.userData = { objects };
+  return body;
 }

@@ -302,6 +302,10 @@ export class Model extends Opened {
     return (await this.query("section", request, request)).json;
   }
 
+  async cut(request) {
+    return (await this.query("cut", request, request)).json;
+  }
+
   async triangles(options = {}) {
     const { json, buffers } = await this.query("triangles", options, { ...options, buffers: 2 });
     return { ...json, positions: new Float32Array(buffers[0].buffer), objects: new Uint32Array(buffers[1].buffer) };

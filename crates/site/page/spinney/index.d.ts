@@ -365,7 +365,32 @@ export interface Mesh {
   level: number;
 }
 
-/** The detail of a model's surface: at most one of `error`, `faces` and `level`. */
+/** A viewpoint, and how fine the surface must be that is seen from it. */
+export interface CutRequest extends QueryOptions {
+  /** Position of the eye. */
+  eye: [number, number, number];
+  /** Maximum error of the surface per distance from the eye, such as the angle of a pixel. */
+  tolerance: number;
+  /**
+   * What is seen: the points with `a x + b y + c z + d >= 0` for all `[a, b, c, d]`. The rest of
+   * the surface is coarse. By default, everything is seen.
+   */
+  halfSpaces?: [number, number, number, number][];
+  /** Maximum number of faces: the tolerance is increased until there are no more. */
+  faces?: number;
+}
+
+/** A surface for a viewpoint. */
+export interface Cut {
+  /** Numbers of the clusters of faces that it consists of. */
+  clusters: number[];
+  /** Number of its faces. */
+  faces: Count;
+  /** Bound of the distance from the exact surface, both ways. */
+  error: number;
+}
+
+/** The detail of a model's surface: at most one of `error`, `faces`, `level` and `clusters`. */
 export interface SurfaceRequest extends QueryOptions {
   /** As few faces as possible, whose distance from the exact surface is at most this. */
   error?: number;
@@ -373,6 +398,8 @@ export interface SurfaceRequest extends QueryOptions {
   faces?: number;
   /** Index into `levels` of the header. */
   level?: number;
+  /** Numbers of clusters, as `cut` returns them; without `bounds`. */
+  clusters?: number[];
   /** Minimum and maximum coordinates: only clusters of faces that touch this box. */
   bounds?: number[];
 }
@@ -392,6 +419,11 @@ export interface Surface {
   objects: Uint32Array;
   /** Red, green and blue of the three corners of each triangle, if all faces have colours. */
   colours: Uint8Array | null;
+  /**
+   * The requested clusters, if any, by ascending numbers: the triangles of each are those from the
+   * end of the previous one to its own. Clusters share no vertices.
+   */
+  clusters: { number: number; end: number }[] | null;
 }
 
 /**
@@ -500,6 +532,11 @@ export interface Model extends Opened<ModelHeader> {
    * product with a normal is `at`.
    */
   section(request: ({ axis: "x" | "y" | "z" } | { normal: [number, number, number] }) & { at: number } & QueryOptions): Promise<Section>;
+  /**
+   * Chooses a closed surface that is fine where the eye is near, in a file with levels. `mesh`
+   * returns the triangles of its clusters: of those that a previous surface did not have.
+   */
+  cut(request: CutRequest): Promise<Cut>;
   /**
    * All faces as triangles: nine numbers each, relative to an origin, and the object number of each
    * (index into `names`).

@@ -19,7 +19,7 @@ const METHODS = {
     window: 0, point: 1, points: 1, stats: 0, zonal: 1, histogram: 0, find: 0, openLayer: 1, openCommit: 1, commits: 0,
     diff: 2, image: 0, tile: 0, legend: 0, slice: 0, geographic: 1, mesh: 0, contains: 1,
   },
-  Model: { measures: 0, locate: 1, contains: 1, section: 0, triangles: 0, mesh: 0 },
+  Model: { measures: 0, locate: 1, contains: 1, section: 0, cut: 0, triangles: 0, mesh: 0 },
 };
 
 /** The methods of an open object. */
