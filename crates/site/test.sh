@@ -26,4 +26,4 @@ trap 'rm -rf "$work"' EXIT
 cp test/*.mjs "$work"
 npm install --silent --no-audit --no-fund --prefix "$work" playwright-core@1.64.1
 export SPINNEY_ROOT=$PWD/../..
-node --test --test-reporter=spec "$work"/page.test.mjs
+node --test --test-reporter=spec "$work"/*.test.mjs

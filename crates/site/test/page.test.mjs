@@ -1,27 +1,13 @@
 // Tests of the page in headless Chromium. Its results are compared with those of the program.
 
 import assert from "node:assert/strict";
-import { execFileSync, spawn } from "node:child_process";
-import { copyFileSync, mkdirSync, mkdtempSync, readFileSync, readdirSync, rmSync, statSync, writeFileSync } from "node:fs";
-import { tmpdir } from "node:os";
+import { spawn } from "node:child_process";
+import { copyFileSync, mkdirSync, readFileSync, readdirSync, statSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
-import { after, before, test } from "node:test";
-import { fileURLToPath, pathToFileURL } from "node:url";
-import { chromium } from "playwright-core";
+import { before, test } from "node:test";
+import { pathToFileURL } from "node:url";
+import { at, directory, eventually, fixture, near, newPage, panelText, PHONE, pixel, program, programValue, ready, resultRows, root, spinney, visit } from "./browser.mjs";
 import { serve } from "./server.mjs";
-
-const root = process.env.SPINNEY_ROOT ?? fileURLToPath(new URL("../../..", import.meta.url));
-const program = process.env.SPINNEY ?? join(root, "target/debug/spinney");
-const directory = mkdtempSync(join(tmpdir(), "spinney-page-"));
-const at = (name) => join(directory, name);
-const fixture = (name) => join(root, "fixtures", name);
-const spinney = (...list) => execFileSync(program, list, { encoding: "utf8", stdio: ["ignore", "pipe", "pipe"] });
-
-/** Viewport sizes in CSS pixels. */
-const DESKTOP = { width: 1200, height: 800 };
-const PHONE = { width: 390, height: 844 };
-
-let browser;
 
 before(async () => {
   spinney("build", "-q", fixture("island_classes.tif"), "-o", at("island.goblin"));
@@ -31,114 +17,7 @@ before(async () => {
   for (const name of ["ball", "chapel", "rgb", "stack"]) spinney("export", "-q", fixture(`v1/${name}.goblin`), at(`${name}/index.html`));
   spinney("export", "-q", fixture("v1/history.autumn"), at("history/index.html"));
   spinney("export", "-q", "--self-contained", at("island.goblin"), at("island.html"));
-  writeFileSync(at("tori.obj"), tori());
-  spinney("build", "-q", at("tori.obj"), "-o", at("tori.goblin"), "--brep", "--snap", "0.00001", "--levels", "--unit", "m");
-  spinney("export", "-q", at("tori.goblin"), at("tori/index.html"));
-  browser = await chromium.launch({
-    executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
-    args: [
-      "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
-      "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    ],
-  });
 });
-
-/** Two bumpy tori of 40,000 triangles each, as an OBJ with the objects `left` and `right`. */
-function tori() {
-  const [n, m] = [200, 100];
-  const lines = [];
-  for (const [index, name] of ["left", "right"].entries()) {
-    lines.push(`o ${name}`);
-    const number = (i, j) => index * n * m + (i % n) * m + (j % m) + 1;
-    for (let i = 0; i < n; i += 1) {
-      for (let j = 0; j < m; j += 1) {
-        const [u, v] = [(2 * Math.PI * i) / n, (2 * Math.PI * j) / m];
-        const r = 1 + 0.03 * Math.sin(12 * u) * Math.cos(9 * v);
-        const position = [9 * index + (3 + r * Math.cos(v)) * Math.cos(u), (3 + r * Math.cos(v)) * Math.sin(u), r * Math.sin(v)];
-        lines.push(`v ${position.map((at) => at.toFixed(6)).join(" ")}`);
-      }
-    }
-    for (let i = 0; i < n; i += 1) {
-      for (let j = 0; j < m; j += 1) {
-        const [a, b, c, d] = [number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1)];
-        lines.push(`f ${a} ${b} ${c}`, `f ${a} ${c} ${d}`);
-      }
-    }
-  }
-  return `${lines.join("\n")}\n`;
-}
-
-after(async () => {
-  await browser?.close();
-  rmSync(directory, { recursive: true, force: true });
-});
-
-/** Opens a browser page. Its timeout of 60 s allows for busy machines. */
-async function newPage(options = { viewport: DESKTOP }) {
-  const page = await browser.newPage(options);
-  page.setDefaultTimeout(60_000);
-  return page;
-}
-
-/** Waits until an opened page is ready. */
-const ready = (page) => page.waitForSelector("html[data-ready]");
-
-/**
- * Opens a page from its own host, or a single file from the disk, and runs `work`. Fails if there
- * was an error, or a request to another host.
- */
-async function visit(place, work, { viewport = DESKTOP, hash = "", scheme = "light", ...host } = {}) {
-  const server = place.endsWith(".html") ? undefined : await serve(at(place), host);
-  const own = server?.url ?? pathToFileURL(at(place)).href;
-  const page = await newPage({ viewport, colorScheme: scheme });
-  const problems = [];
-  page.on("console", (message) => message.type() === "error" && problems.push(message.text()));
-  page.on("pageerror", (error) => problems.push(String(error)));
-  page.on("request", (request) => {
-    const url = request.url();
-    if (!url.startsWith(own) && !/^(data|blob):/.test(url)) problems.push(`a request to ${url}`);
-  });
-  try {
-    await page.goto(own + (server ? `index.html${hash}` : hash));
-    await ready(page);
-    await work(page, server);
-    assert.equal(await page.locator("#failure p").textContent(), "");
-    assert.deepEqual(problems, []);
-  } finally {
-    await page.close();
-    await server?.close();
-  }
-}
-
-/** Returns the colour of a pixel of the page: red, green, blue. */
-async function pixel(page, x, y) {
-  const shot = await page.screenshot({ clip: { x, y, width: 1, height: 1 } });
-  return page.evaluate(async (base64) => {
-    const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
-    const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
-    const context = new OffscreenCanvas(1, 1).getContext("2d");
-    context.drawImage(bitmap, 0, 0);
-    return [...context.getImageData(0, 0, 1, 1).data].slice(0, 3);
-  }, shot.toString("base64"));
-}
-
-/** Calls `poll` every 100 ms, since pages draw asynchronously. Fails after 600 polls. */
-async function eventually(poll, message) {
-  for (let time = 0; time < 600; time += 1) {
-    if (await poll()) return;
-    await new Promise((done) => setTimeout(done, 100));
-  }
-  assert.fail(message);
-}
-
-/** Returns the rows of the result table as an object. */
-const resultRows = (page) =>
-  page.evaluate(() => Object.fromEntries([...document.querySelectorAll("#result tr")].map((row) => [...row.cells].map((cell) => cell.textContent))));
-
-/** Returns the panel's result for a position, section or polygon. */
-const panelText = (page) => page.locator("#result").textContent();
-
-const near = (one, other) => one.every((part, index) => Math.abs(part - other[index]) <= 2);
 
 /** Pixel of the desktop viewport in the interior of a large region of one class. */
 const SNOW = [650, 350];
@@ -156,12 +35,6 @@ async function click(page, [x, y]) {
 function programValueAt(file, heading) {
   const [latitude, longitude] = heading.split(",").map(parseFloat);
   return programValue(file, "lonlat", [longitude, latitude]);
-}
-
-/** Returns the program's first sample at a position, or null if there is none. */
-function programValue(file, coordinates, place) {
-  const report = JSON.parse(spinney("point", file, "--in", coordinates, "--json", "--", place.join(",")));
-  return report.layers[0].samples?.[0] ?? null;
 }
 
 async function checkIslandValue(page) {
@@ -445,68 +318,6 @@ test("solids and models fit a phone, whether the panel is open or not", async ()
   };
   for (const name of ["ball", "chapel"]) await visit(name, fits, { viewport: PHONE });
 });
-
-/** Waits until `middle` is drawn, and cuts the view by a section along x. */
-async function cut(page, middle) {
-  await eventually(async () => !near(await pixel(page, ...middle), await pixel(page, 1190, 790)), "it is drawn");
-  const before = await page.screenshot();
-  await page.selectOption("label:has-text('Section') select", "x");
-  await eventually(async () => !before.equals(await page.screenshot()), "it is cut");
-}
-
-test("a solid is drawn and cut, and a click shows its cell", () =>
-  visit("ball", async (page) => {
-    await cut(page, [750, 400]);
-    await page.mouse.click(600, 400);
-    await page.waitForSelector("#result table");
-    const { cell } = await resultRows(page);
-    const [x, y, z] = cell.split(", ").map(Number);
-    const expected = programValue(fixture("v1/ball.goblin"), "cells", [x, y, z]);
-    assert.equal((await resultRows(page)).value, expected === null ? "none" : String(expected));
-  }));
-
-test("an exact model is drawn, measured and cut", () =>
-  visit("chapel", async (page) => {
-    await cut(page, [700, 320]);
-    const volume = await page.evaluate(() => [...document.querySelectorAll("#tools tr")].find((row) => row.cells[0].textContent === "volume").cells[1].textContent);
-    const expected = JSON.parse(spinney("stats", fixture("v1/chapel.goblin"), "--json"));
-    assert.ok(Math.abs(parseFloat(volume.replaceAll(",", "")) / expected.volume - 1) < 1e-8);
-    await eventually(async () => /area/.test(await panelText(page)), "the section's area");
-    await page.locator("input[type=range]").fill("0.3");
-    await eventually(async () => /^[1-9][\d,.]* m²$/.test((await resultRows(page)).area), "an area with its unit");
-    assert.match((await resultRows(page)).at, / m$/);
-  }));
-
-/** Returns the number of triangles that the page of a model with levels of detail shows. */
-const shownTriangles = (page) =>
-  page.evaluate(() => {
-    const row = [...document.querySelectorAll("#tools tr")].find((row) => row.cells[0].textContent === "shown");
-    return parseFloat(row.cells[1].textContent.replaceAll(",", ""));
-  });
-
-test("a model with levels of detail is refined as the camera comes closer, and coarse objects have names", () =>
-  visit("tori", async (page, server) => {
-    const bytes = () => server.requests.filter(({ path }) => path.endsWith(".goblin")).reduce((sum, { sent }) => sum + sent, 0);
-    const size = statSync(at("tori.goblin")).size;
-    // (Fewer faces than the model has suffice for an error of a pixel.)
-    await page.waitForTimeout(1000);
-    const first = await shownTriangles(page);
-    assert.ok(first > 1000 && first < 60_000, `${first} triangles`);
-    assert.ok(bytes() < size / 2, `${bytes()} of ${size} bytes`);
-    for (const [name, [x, y]] of Object.entries({ left: [620, 400], right: [900, 530] })) {
-      assert.ok(!near(await pixel(page, x, y), await pixel(page, 400, 700)), `${name} is drawn`);
-      await page.mouse.click(x, y);
-      await eventually(async () => (await page.locator("#result h2").textContent()) === name, `the name of ${name}`);
-    }
-    await cut(page, [620, 400]);
-    await eventually(async () => /area/.test(await panelText(page)), "the section's area");
-    await page.selectOption("label:has-text('Section') select", "");
-    await page.focus("canvas");
-    for (let time = 0; time < 6; time += 1) await page.keyboard.press("+");
-    await eventually(async () => (await shownTriangles(page)) > first, "more triangles near the camera");
-    for (let time = 0; time < 16; time += 1) await page.keyboard.press("-");
-    await eventually(async () => (await shownTriangles(page)) < first, "fewer triangles far from the camera");
-  }));
 
 test("a file that the user selects is shown", () =>
   visit("island", async (page) => {
