@@ -2,13 +2,13 @@
 //! checked on first use, and may be read from any backend.
 
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use super::packed::{Corruption, PLAIN, unpack};
 use spinney_base::io::{FileBytes, ReadBackend, Unpacked};
 use spinney_base::{Error, Result};
-use spinney_container::{Codec, OpenOptions};
+use spinney_container::{Codec, HEADER_SIZE, OpenOptions};
 use spinney_packing::PLAIN_BITS;
 
 /// The lists of a file, in file order.
@@ -78,6 +78,14 @@ impl Entry {
     }
 }
 
+/// Returns the entry of a list with an index.
+#[inline]
+fn entry_of(list: &[u8], index: usize) -> Entry {
+    // (A mapped file that was truncated in the meantime yields zeros.)
+    let bytes = list.get(index * ENTRY..(index + 1) * ENTRY);
+    bytes.map_or(Entry { key: 0, offset: 0, length: 0, checksum: 0 }, Entry::from_bytes)
+}
+
 /// The chunks of one list.
 pub(crate) struct ChunkList {
     kind: List,
@@ -93,27 +101,31 @@ pub(crate) struct ChunkList {
     unpacked: Option<Unpacked>,
 }
 
-/// Location of a list's bytes.
+/// A list's bytes.
 enum ListBytes {
     /// In the mapped file, from this offset on.
     Mapped(usize),
-    Loaded(Vec<u8>),
+    /// In a file that is not mapped: read from this offset on when first needed. (Lists of large
+    /// models take more bytes than the coarse levels, which need a short one only.)
+    Loaded(u64, OnceLock<Vec<u8>>),
 }
 
 impl ChunkList {
-    /// Creates the chunks of a list at an offset of a mapped file, or of a list in memory
-    /// (`loaded`).
+    /// Creates the chunks of a list at an offset of a file, which is mapped or not.
     pub(crate) fn new(
         kind: List,
         codec: Codec,
         (offset, length): (u64, u64),
-        loaded: Option<Vec<u8>>,
+        is_mapped: bool,
         end: u64,
         options: &OpenOptions,
     ) -> ChunkList {
         let len = length as usize / ENTRY;
         let checked = (0..len.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
-        let list = loaded.map_or(ListBytes::Mapped(offset as usize), ListBytes::Loaded);
+        let list = match is_mapped {
+            true => ListBytes::Mapped(offset as usize),
+            false => ListBytes::Loaded(offset, OnceLock::new()),
+        };
         let unpacked = (codec == Codec::Packed).then(|| Unpacked::new(&options.access, PLAIN_BITS));
         ChunkList { kind, list, len, end, checked, check: options.check, unpacked }
     }
@@ -127,11 +139,19 @@ impl ChunkList {
         self.len
     }
 
-    /// Checks that keys ascend; returns the total bytes of the chunks.
+    /// Checks that keys ascend, and that the chunks fit into the bytes before the lists; returns
+    /// their total bytes. A list that is read later is checked then, and counts as 0 here.
     pub(crate) fn check(&self, path: &Path, backend: &dyn ReadBackend) -> Result<u64> {
+        match &self.list {
+            ListBytes::Mapped(_) => self.check_entries(path, self.list(path, backend)?),
+            ListBytes::Loaded(..) => Ok(0),
+        }
+    }
+
+    fn check_entries(&self, path: &Path, list: &[u8]) -> Result<u64> {
         let (mut before, mut bytes) = (None, 0u64);
         for index in 0..self.len {
-            let Entry { key, length, .. } = self.entry(backend, index);
+            let Entry { key, length, .. } = entry_of(list, index);
             if before.is_some_and(|before| before >= key) {
                 let place = format!("{} {index}", self.name());
                 return Err(Error::corrupt(path, place, format!("key {key:x}"), "keys that ascend"));
@@ -140,33 +160,50 @@ impl ChunkList {
             // (The sum of less than 2^61 entries of less than 2^32 bytes each may exceed 64 bits.)
             bytes = bytes.saturating_add(length.into());
         }
+        // Chunks must not overlap in total, so that the time to read all of them is limited by the
+        // file's size.
+        let available = self.end.saturating_sub(HEADER_SIZE as u64);
+        if bytes > available {
+            let found = format!("{bytes} bytes in its list");
+            let expected = format!("at most the {available} before the lists");
+            return Err(Error::corrupt(path, self.name(), found, expected));
+        }
         Ok(bytes)
     }
 
-    fn list<'f>(&'f self, backend: &'f dyn ReadBackend) -> &'f [u8] {
+    #[inline]
+    fn list<'f>(&'f self, path: &Path, backend: &'f dyn ReadBackend) -> Result<&'f [u8]> {
         match &self.list {
-            ListBytes::Mapped(start) => backend.bytes().and_then(|all| all.get(*start..)).unwrap_or_default(),
-            ListBytes::Loaded(bytes) => bytes,
+            ListBytes::Mapped(start) => {
+                Ok(backend.bytes().and_then(|all| all.get(*start..)).unwrap_or_default())
+            }
+            ListBytes::Loaded(offset, bytes) => match bytes.get() {
+                Some(bytes) => Ok(bytes),
+                None => {
+                    let read = backend.read(*offset, self.len * ENTRY)?;
+                    self.check_entries(path, &read)?;
+                    Ok(bytes.get_or_init(|| read.into_owned()))
+                }
+            },
         }
     }
 
     /// Returns the entry with an index, which must exist.
     #[inline]
-    pub(crate) fn entry(&self, backend: &dyn ReadBackend, index: usize) -> Entry {
-        // (A mapped file that was truncated in the meantime yields zeros.)
-        let bytes = self.list(backend).get(index * ENTRY..(index + 1) * ENTRY);
-        bytes.map_or(Entry { key: 0, offset: 0, length: 0, checksum: 0 }, Entry::from_bytes)
+    pub(crate) fn entry(&self, path: &Path, backend: &dyn ReadBackend, index: usize) -> Result<Entry> {
+        Ok(entry_of(self.list(path, backend)?, index))
     }
 
     /// Returns the index of the last entry whose key is at most `key`.
     #[inline]
-    pub(crate) fn find(&self, backend: &dyn ReadBackend, key: u64) -> Option<usize> {
+    pub(crate) fn find(&self, path: &Path, backend: &dyn ReadBackend, key: u64) -> Result<Option<usize>> {
+        let list = self.list(path, backend)?;
         let (mut low, mut high) = (0, self.len);
         while low < high {
             let middle = (low + high) / 2;
-            if self.entry(backend, middle).key <= key { low = middle + 1 } else { high = middle }
+            if entry_of(list, middle).key <= key { low = middle + 1 } else { high = middle }
         }
-        low.checked_sub(1)
+        Ok(low.checked_sub(1))
     }
 
     #[inline]
@@ -226,7 +263,7 @@ impl ChunkList {
         backend: &'f dyn ReadBackend,
         index: usize,
     ) -> Result<FileBytes<'f>> {
-        let Entry { offset, length, checksum, .. } = self.entry(backend, index);
+        let Entry { offset, length, checksum, .. } = self.entry(path, backend, index)?;
         let corrupt = |found: String, expected: &str| self.corrupt(path, index, found, expected);
         if offset.checked_add(u64::from(length)).is_none_or(|end| end > self.end) {
             return Err(corrupt(format!("bytes {offset} + {length}"), "bytes before the lists"));

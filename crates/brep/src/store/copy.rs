@@ -23,7 +23,7 @@ impl ExactModel {
         for (kind, list) in lists {
             for index in 0..list.len() {
                 progress.check()?;
-                let key = list.entry(&*self.backend, index).key;
+                let key = list.entry(&self.path, &*self.backend, index)?.key;
                 match writer.codec() == self.codec() {
                     true => {
                         writer.stored_chunk(kind, key, &list.stored(&self.path, &*self.backend, index)?)?;

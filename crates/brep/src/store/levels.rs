@@ -214,7 +214,7 @@ impl ExactModel {
         let wrong = |found: String| {
             self.corrupt(format!("table of clusters {index}"), found, "clusters as in formats.md")
         };
-        let key = self.clusters.entry(&*self.backend, index).key;
+        let key = self.clusters.entry(&self.path, &*self.backend, index)?.key;
         let is_table = bytes.len().is_multiple_of(CLUSTER)
             && (1..=TABLE_CLUSTERS).contains(&(bytes.len() / CLUSTER))
             && key == (index * TABLE_CLUSTERS) as u64;
@@ -262,7 +262,7 @@ impl ExactModel {
         let block = Block::new(bytes, 0).ok_or_else(|| wrong("lists that do not fit".into()))?;
         if !self.level_faces.is_checked(index) {
             block.check(self.summary.grid.bits, self.parts.len() as u64).map_err(wrong)?;
-            let Entry { key, .. } = self.level_faces.entry(&*self.backend, index);
+            let Entry { key, .. } = self.level_faces.entry(&self.path, &*self.backend, index)?;
             if key != index as u64 {
                 return Err(wrong(format!("key {key}")));
             }

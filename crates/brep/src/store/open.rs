@@ -101,12 +101,8 @@ impl ExactModel {
                     if is_needed != Some(false) { "one or more entries of 24 bytes" } else { "nothing" };
                 return Err(Error::corrupt(path, list.chunk_name(), found, expected));
             }
-            let loaded = match backend.bytes() {
-                Some(_) => None,
-                None => Some(section.read(path, &*backend, list.chunk_name())?.into_owned()),
-            };
-            let location = (section.offset, section.length);
-            Ok(ChunkList::new(list, summary.codec, location, loaded, end, options))
+            let (location, is_mapped) = ((section.offset, section.length), backend.bytes().is_some());
+            Ok(ChunkList::new(list, summary.codec, location, is_mapped, end, options))
         };
         let segments = chunk_list(List::Segments, trailer.section(DIRECTORY), Some(true))?;
         let blocks = chunk_list(List::Faces, trailer.section(FACES), Some(summary.faces > 0))?;
@@ -129,8 +125,7 @@ impl ExactModel {
         let no_levels = levels.is_empty().then_some(false);
         let clusters = chunk_list(List::Clusters, trailer.section(CLUSTERS), has_clusters)?;
         let level_faces = chunk_list(List::LevelFaces, trailer.section(LEVEL_FACES), no_levels)?;
-        // Chunks must not overlap in total, so that the time to read all of them is limited by the
-        // file's size.
+        // (Chunks must not overlap in total; see [`ChunkList::check`].)
         let mut bytes = 0u64;
         for list in [&segments, &blocks, &exact, &objects, &face_values, &clusters, &level_faces] {
             bytes = bytes.saturating_add(list.check(path, &*backend)?);

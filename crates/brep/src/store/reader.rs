@@ -149,14 +149,14 @@ impl ExactModel {
     #[inline]
     pub(super) fn block(&self, index: usize) -> Result<Block<'_>> {
         let bytes = self.blocks.load(&self.path, &*self.backend, index)?;
-        let first = self.blocks.entry(&*self.backend, index).key;
+        let first = self.blocks.entry(&self.path, &*self.backend, index)?.key;
         let wrong = |found: String| {
             self.corrupt(format!("block of faces {index}"), found, "a block as in formats.md")
         };
         let block = Block::new(bytes, first).ok_or_else(|| wrong("lists that do not fit".into()))?;
         if !self.blocks.is_checked(index) {
             block.check(self.summary.grid.bits, self.parts.len() as u64).map_err(wrong)?;
-            self.check_key(&self.blocks, index, block.len(), self.summary.faces).map_err(wrong)?;
+            self.check_key(&self.blocks, index, block.len(), self.summary.faces)?.map_err(wrong)?;
             self.blocks.set_checked(index);
         }
         Ok(block)
@@ -175,7 +175,8 @@ impl ExactModel {
 
     /// Returns the block of a face, and the face's index in it.
     pub(crate) fn block_of(&self, number: u64) -> Result<(Block<'_>, usize)> {
-        let found = self.blocks.find(&*self.backend, number).filter(|_| number < self.summary.faces);
+        let found =
+            self.blocks.find(&self.path, &*self.backend, number)?.filter(|_| number < self.summary.faces);
         let Some(index) = found else {
             return Err(Error::invalid(
                 "face",
@@ -184,7 +185,7 @@ impl ExactModel {
             ));
         };
         let block = self.block(index)?;
-        let place = number - self.blocks.entry(&*self.backend, index).key;
+        let place = number - self.blocks.entry(&self.path, &*self.backend, index)?.key;
         if place >= block.len() as u64 {
             return Err(self.corrupt("list of faces".into(), format!("no face {number}"), "all faces"));
         }
@@ -228,7 +229,7 @@ impl ExactModel {
         let block = block.ok_or_else(|| wrong("lists that do not fit".into()))?;
         if !self.exact.is_checked(index) {
             block.check(self.parts.len() as u64).map_err(wrong)?;
-            self.check_key(&self.exact, index, block.len(), self.summary.exact_faces).map_err(wrong)?;
+            self.check_key(&self.exact, index, block.len(), self.summary.exact_faces)?.map_err(wrong)?;
             self.exact.set_checked(index);
         }
         Ok(block)
@@ -240,16 +241,22 @@ impl ExactModel {
 
     /// Checks that a block of `faces` faces begins at the end of the previous one, and ends where
     /// the next one begins.
-    fn check_key(&self, list: &ChunkList, index: usize, faces: usize, total: u64) -> Result<(), String> {
-        let first = list.entry(&*self.backend, index).key;
+    fn check_key(
+        &self,
+        list: &ChunkList,
+        index: usize,
+        faces: usize,
+        total: u64,
+    ) -> Result<Result<(), String>> {
+        let first = list.entry(&self.path, &*self.backend, index)?.key;
         let next = match index + 1 {
-            next if next < list.len() => list.entry(&*self.backend, next).key,
+            next if next < list.len() => list.entry(&self.path, &*self.backend, next)?.key,
             _ => total,
         };
-        match first.checked_add(faces as u64) == Some(next) && (index > 0 || first == 0) {
+        Ok(match first.checked_add(faces as u64) == Some(next) && (index > 0 || first == 0) {
             true => Ok(()),
             false => Err(format!("{faces} faces from {first} on, before {next}")),
-        }
+        })
     }
 
     /// Visits all faces with off-grid vertices, in the order of their numbers, block by block.
@@ -270,7 +277,7 @@ impl ExactModel {
         each: &mut dyn FnMut(u64, &ExactBlock<'_>) -> Result<()>,
     ) -> Result<()> {
         for index in 0..self.exact.len() {
-            each(self.exact.entry(&*self.backend, index).key, &self.exact_block(index)?)?;
+            each(self.exact.entry(&self.path, &*self.backend, index)?.key, &self.exact_block(index)?)?;
         }
         Ok(())
     }
@@ -294,8 +301,8 @@ impl ExactModel {
     /// Reads a face with off-grid vertices.
     pub(crate) fn exact_face(&self, number: u32) -> Result<ExactFace> {
         let missing = || self.corrupt("list of exact faces".into(), format!("no face {number}"), "all faces");
-        let index = self.exact.find(&*self.backend, number.into()).ok_or_else(missing)?;
-        let place = u64::from(number) - self.exact.entry(&*self.backend, index).key;
+        let index = self.exact.find(&self.path, &*self.backend, number.into())?.ok_or_else(missing)?;
+        let place = u64::from(number) - self.exact.entry(&self.path, &*self.backend, index)?.key;
         let block = self.exact_block(index)?;
         if place >= block.len() as u64 {
             return Err(missing());
@@ -345,7 +352,7 @@ impl ExactModel {
             |found: String| self.corrupt(format!("segment {index}"), found, "a segment as in formats.md");
         let segment = ModelSegment::new(bytes).ok_or_else(|| wrong("lists that do not fit".into()))?;
         if !self.segments.is_checked(index) {
-            let key = self.segments.entry(&*self.backend, index).key;
+            let key = self.segments.entry(&self.path, &*self.backend, index)?.key;
             let code = Code::from_bits(Dimension::Oct, key).filter(|code| code.level() <= self.depth());
             let code = code.ok_or_else(|| wrong(format!("code {key:016x}")))?;
             let mut deepest = 0;
@@ -364,11 +371,12 @@ impl ExactModel {
 
     /// Loads the segment of a node that has one.
     pub(crate) fn segment_of(&self, code: Code) -> Result<ModelSegment<'_>> {
-        let index = self.segments.find(&*self.backend, code.bits());
-        let index = index.filter(|index| self.segments.entry(&*self.backend, *index).key == code.bits());
-        let missing =
-            || self.corrupt("directory".into(), format!("no segment {code}"), "one for each CUT node");
-        self.segment(index.ok_or_else(missing)?)
+        match self.segments.find(&self.path, &*self.backend, code.bits())? {
+            Some(index) if self.segments.entry(&self.path, &*self.backend, index)?.key == code.bits() => {
+                self.segment(index)
+            }
+            _ => Err(self.corrupt("directory".into(), format!("no segment {code}"), "one for each CUT node")),
+        }
     }
 
     /// Returns the root.

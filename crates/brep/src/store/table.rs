@@ -210,13 +210,17 @@ impl ExactModel {
             self.corrupt(format!("{} {index}", table.name()), found, "values as in formats.md")
         };
         let bytes = table.load(&self.path, &*self.backend, index)?;
-        let own = table.entry(&*self.backend, index).key;
+        let own = table.entry(&self.path, &*self.backend, index)?.key;
         let values = Values::new(bytes, own as u32).ok_or_else(|| wrong("lists that do not fit".into()))?;
         if !table.is_checked(index) {
             let last = values.check().map_err(wrong)?;
-            let next = (index + 1 < table.len()).then(|| table.entry(&*self.backend, index + 1).key);
-            if next.is_some_and(|next| next >> 32 == own >> 32 && next as u32 <= last) {
-                return Err(wrong(format!("row {last}, which the next chunk's first row does not exceed")));
+            if index + 1 < table.len() {
+                let next = table.entry(&self.path, &*self.backend, index + 1)?.key;
+                if next >> 32 == own >> 32 && next as u32 <= last {
+                    return Err(wrong(format!(
+                        "row {last}, which the next chunk's first row does not exceed"
+                    )));
+                }
             }
             table.set_checked(index);
         }
@@ -225,9 +229,10 @@ impl ExactModel {
 
     /// Reads the value of a row in a column of a table.
     pub(super) fn value(&self, table: &ChunkList, column: u32, row: u32) -> Result<Option<Vec<u8>>> {
-        let found = table.find(&*self.backend, key(column, row));
-        let found = found.filter(|index| table.entry(&*self.backend, *index).key >> 32 == u64::from(column));
-        let Some(index) = found else { return Ok(None) };
+        let Some(index) = table.find(&self.path, &*self.backend, key(column, row))? else { return Ok(None) };
+        if table.entry(&self.path, &*self.backend, index)?.key >> 32 != u64::from(column) {
+            return Ok(None);
+        }
         Ok(self.values(table, index)?.of_row(row).map(<[u8]>::to_vec))
     }
 
@@ -238,9 +243,12 @@ impl ExactModel {
         column: u32,
         each: &mut dyn FnMut(u32, &[u8]) -> Result<()>,
     ) -> Result<()> {
-        let before = key(column, 0).checked_sub(1).and_then(|key| table.find(&*self.backend, key));
+        let before = match key(column, 0).checked_sub(1) {
+            Some(key) => table.find(&self.path, &*self.backend, key)?,
+            None => None,
+        };
         for index in before.map_or(0, |before| before + 1)..table.len() {
-            if table.entry(&*self.backend, index).key >> 32 != u64::from(column) {
+            if table.entry(&self.path, &*self.backend, index)?.key >> 32 != u64::from(column) {
                 break;
             }
             let values = self.values(table, index)?;
