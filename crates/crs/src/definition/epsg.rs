@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::registry::{COMPOUND, FEET, GRADS, OTHER_LENGTHS, Ranges, US_FEET};
+use super::registry::{COMPOUND, FEET, GEOCENTRIC, GRADS, OTHER_LENGTHS, Ranges, US_FEET, WITH_HEIGHTS};
 
 /// EPSG codes of a coordinate reference system: that of a horizontal, three-dimensional or compound
 /// system, and that of a vertical system if the first one has no heights.
@@ -46,15 +46,26 @@ impl Epsg {
         }
     }
 
+    /// Returns the code of the horizontal system: of a system with ellipsoidal heights, that of the
+    /// same datum without heights.
+    pub(crate) fn plane(self) -> u32 {
+        let horizontal = self.in_parts().horizontal;
+        let find = |number| WITH_HEIGHTS.binary_search_by_key(&number, |(number, _)| *number).ok();
+        let index = u16::try_from(horizontal).ok().and_then(find);
+        index.map_or(horizontal, |index| WITH_HEIGHTS[index].1.into())
+    }
+
+    /// Whether the horizontal axes are angles: longitude and latitude.
+    pub(super) fn is_geographic(self) -> bool {
+        let is = |number| is_geographic(number) && !is_in(number, GEOCENTRIC);
+        u16::try_from(self.in_parts().horizontal).is_ok_and(is)
+    }
+
     /// Returns the unit of the horizontal axes, or `None` if it is a rare one.
     pub(super) fn unit(self) -> Option<&'static str> {
         let Ok(number) = u16::try_from(self.in_parts().horizontal) else { return None };
-        let is_in = |ranges: Ranges| {
-            ranges.iter().any(|&(first, last, step)| {
-                (first..=last).contains(&number) && (number - first).is_multiple_of(step)
-            })
-        };
-        if is_geographic(number) {
+        let is_in = |ranges: Ranges| is_in(number, ranges);
+        if self.is_geographic() {
             (!is_in(GRADS)).then_some("degrees")
         } else if is_in(FEET) {
             Some("ft")
@@ -71,6 +82,13 @@ impl fmt::Display for Epsg {
         write!(f, "EPSG:{}", self.horizontal)?;
         self.vertical.map_or(Ok(()), |vertical| write!(f, "+{vertical}"))
     }
+}
+
+/// Whether ranges contain a code.
+fn is_in(number: u16, ranges: Ranges) -> bool {
+    ranges.iter().any(|&(first, last, step)| {
+        (first..=last).contains(&number) && (number - first).is_multiple_of(step)
+    })
 }
 
 /// Whether an EPSG code is that of a geographic system (longitude and latitude). All other systems
@@ -143,10 +161,18 @@ mod tests {
     }
 
     #[test]
+    fn heights_do_not_change_the_plane() {
+        let plane = |number| Epsg::new(number).plane();
+        assert_eq!([4979, 4937, 6319, 9518].map(plane), [4326, 4258, 6318, 4326]);
+        assert_eq!([4326, 4978, 28992, 7415].map(plane), [4326, 4978, 28992, 28992]);
+    }
+
+    #[test]
     fn units_of_the_plane() {
         let unit = |number| Epsg::new(number).unit();
         assert_eq!([4326, 4979, 9518].map(unit), [Some("degrees"); 3]);
         assert_eq!([32628, 3857, 7415, 2853, 6538].map(unit), [Some("m"); 5]);
+        assert_eq!([4978, 4936, 7842].map(unit), [Some("m"); 3], "geocentric systems");
         assert_eq!([2263, 26746, 6539].map(unit), [Some("us-ft"); 3]);
         assert_eq!([2222, 2992].map(unit), [Some("ft"); 2]);
         assert_eq!([4807, 24571, 70000].map(unit), [None; 3]);

@@ -180,6 +180,11 @@ impl Crs {
         .or_else(|| self.numbers()?.unit())
     }
 
+    /// Whether the horizontal coordinates are longitude and latitude, in any unit of angles.
+    pub fn is_geographic(&self) -> bool {
+        self.unit() == Some("degrees") || self.numbers().is_some_and(Epsg::is_geographic)
+    }
+
     /// Returns the period of the first coordinate around the world: 360 degrees of longitude, or
     /// the side of the Web Mercator square in metres. `None` for systems that are not periodic.
     pub fn turn(&self) -> Option<f64> {

@@ -102,7 +102,7 @@ impl Projection {
             let methods = PROJECTION_METHODS.join(", ");
             return Err(invalid(format!("the method {method}"), format!("one of {methods}")));
         }
-        let number = crs.numbers().map(|epsg| epsg.in_parts().horizontal);
+        let number = crs.numbers().map(|epsg| epsg.plane());
         let unsure = match &datum {
             Datum::Unknown => Some("a datum whose shift to WGS 84 is not known".into()),
             _ if number.is_some_and(is_verified) => None,

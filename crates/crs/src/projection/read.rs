@@ -23,7 +23,7 @@ pub(super) fn read(crs: &Crs) -> Result<Definition, String> {
 
 /// Returns the PROJ string of a system with an EPSG code.
 fn proj_string_of(crs: &Crs) -> Result<String, String> {
-    let number = crs.numbers().ok_or("no number")?.in_parts().horizontal;
+    let number = crs.numbers().ok_or("no number")?.plane();
     match u16::try_from(number).ok().and_then(definition_of) {
         Some(text) if crs.unit().is_none() => Err(format!("`{text}` with a unit that is not known")),
         Some(text) => Ok(text),

@@ -10,9 +10,13 @@ use spinney_crs::{Crs, Frame, Projection};
 const SEMI_MAJOR: f64 = 6_378_137.0;
 const ECCENTRICITY: f64 = 0.006_694_379_990_141_316;
 
+/// EPSG code of geocentric WGS 84 coordinates.
+const GEOCENTRIC: u32 = 4978;
+
 /// Positions of world coordinates on the globe.
 pub(in crate::export) struct GlobePosition {
-    projection: Projection,
+    /// `None` for geocentric coordinates.
+    projection: Option<Projection>,
     /// Length of the unit of heights.
     metres: f64,
     /// Maximum length of the unit of a coordinate.
@@ -23,7 +27,11 @@ impl GlobePosition {
     /// Returns `None` for coordinate systems without a known projection. Heights are taken as
     /// ellipsoidal heights, in the unit of the projection, or in metres if that is degrees.
     pub(in crate::export) fn of(crs: &Crs) -> Option<GlobePosition> {
-        let projection = Projection::new(crs, false).ok()?;
+        let is_geocentric = crs.numbers().is_some_and(|numbers| numbers.horizontal == GEOCENTRIC);
+        let projection = match is_geocentric {
+            true => None,
+            false => Some(Projection::new(crs, false).ok()?),
+        };
         let length = Unit::parse(crs.unit()?).and_then(Unit::metres);
         let metres_per_unit = length.unwrap_or(SEMI_MAJOR.to_radians());
         Some(GlobePosition { projection, metres: length.unwrap_or(1.0), metres_per_unit })
@@ -38,8 +46,24 @@ impl GlobePosition {
     /// Returns the geocentric position of a point, in metres; `None` outside of the projection's
     /// area.
     pub(in crate::export) fn of_world(&self, [x, y, z]: [f64; 3]) -> Option<DVec3> {
-        let found = geocentric(self.projection.inverse([x, y])?, z * self.metres);
+        let found = match &self.projection {
+            Some(projection) => geocentric(projection.inverse([x, y])?, z * self.metres),
+            None => DVec3::new(x, y, z) * self.metres,
+        };
         found.is_finite().then_some(found)
+    }
+
+    /// Returns the directions to the east, to the north and up at a point; `None` for geocentric
+    /// coordinates, and outside of the projection's area.
+    pub(in crate::export) fn directions(&self, [x, y, _]: [f64; 3]) -> Option<[DVec3; 3]> {
+        let [longitude, latitude] = self.projection.as_ref()?.inverse([x, y])?;
+        let ((sin_lon, cos_lon), (sin_lat, cos_lat)) =
+            (longitude.to_radians().sin_cos(), latitude.to_radians().sin_cos());
+        Some([
+            DVec3::new(-sin_lon, cos_lon, 0.0),
+            DVec3::new(-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat),
+            DVec3::new(cos_lat * cos_lon, cos_lat * sin_lon, sin_lat),
+        ])
     }
 }
 

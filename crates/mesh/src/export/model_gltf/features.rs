@@ -13,7 +13,14 @@ pub(super) struct Features {
     /// Row of each part.
     pub(super) rows: BTreeMap<u32, u32>,
     names: Vec<String>,
-    columns: BTreeMap<String, Vec<Option<Json>>>,
+    columns: BTreeMap<Column, Vec<Option<Json>>>,
+}
+
+/// A column: a member of objects, such as `type`, or one of their attributes.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
+struct Column {
+    is_attribute: bool,
+    name: String,
 }
 
 impl Features {
@@ -28,8 +35,8 @@ impl Features {
             features.names.push(faces.parts().get(*part as usize).cloned().unwrap_or_default());
             let Some(text) = faces.part_attributes(*part)? else { continue };
             let Ok(Json::Object(object)) = serde_json::from_str::<Json>(&text) else { continue };
-            for (name, value) in values(object) {
-                let column = features.columns.entry(name).or_insert_with(|| vec![None; parts.len()]);
+            for (column, value) in values(object) {
+                let column = features.columns.entry(column).or_insert_with(|| vec![None; parts.len()]);
                 column[row] = Some(value);
             }
         }
@@ -44,35 +51,92 @@ impl Features {
             properties.insert(id.clone(), about);
             columns.insert(id, column);
         };
-        add("name".into(), "name", strings(&self.names, buffer));
-        for (number, (name, values)) in self.columns.iter().enumerate() {
+        let (mut about, column) = strings(&self.names, buffer);
+        about["semantic"] = "NAME".into();
+        add("name".into(), "name", (about, column));
+        for (number, (Column { is_attribute, name }, values)) in self.columns.iter().enumerate() {
             // (Ids are restricted to letters, digits and underscores, and must differ.)
             let letter = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
             let id = format!("a{number}_{}", name.chars().map(letter).collect::<String>());
-            let numbers: Option<Vec<f64>> =
-                values.iter().map(|value| value.as_ref().and_then(Json::as_f64)).collect();
-            let column = match numbers {
-                Some(numbers) => {
-                    let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
-                    let view = buffer.table(&bytes);
-                    (json!({ "type": "SCALAR", "componentType": "FLOAT64" }), json!({ "values": view }))
-                }
-                None => {
-                    let text = |value: &Option<Json>| match value {
-                        None => String::new(),
-                        Some(Json::String(text)) => text.clone(),
-                        Some(value) => value.to_string(),
-                    };
-                    strings(&values.iter().map(text).collect::<Vec<_>>(), buffer)
-                }
-            };
-            add(id, name, column);
+            let (mut about, column) = integers(values, buffer)
+                .or_else(|| floats(values, buffer))
+                .unwrap_or_else(|| texts(values, buffer));
+            if !is_attribute {
+                about["extras"]["member"] = true.into();
+            }
+            add(id, name, (about, column));
         }
         json!({
             "schema": { "id": "objects", "classes": { "object": { "properties": properties } } },
             "propertyTables": [{ "class": "object", "count": self.names.len(), "properties": columns }],
         })
     }
+}
+
+/// Returns a column of integers, if all values are integers of 32 bits.
+fn integers(values: &[Option<Json>], buffer: &mut GlbBuffer) -> Option<(Json, Json)> {
+    let integer = |value: &Json| value.as_i64().and_then(|value| i32::try_from(value).ok());
+    numbers("INT32", (values, i32::MIN), integer, |value| value.to_le_bytes().to_vec(), buffer)
+}
+
+/// Returns a column of numbers in double precision, if these represent all values.
+fn floats(values: &[Option<Json>], buffer: &mut GlbBuffer) -> Option<(Json, Json)> {
+    let float = |value: &Json| {
+        let number = value.as_f64()?;
+        let is_exact = value.as_i64().is_none_or(|integer| number as i64 == integer && number.abs() < 9e15)
+            && value.as_u64().is_none_or(|integer| number as u64 == integer && number < 9e15);
+        is_exact.then_some(number)
+    };
+    numbers("FLOAT64", (values, f64::MIN), float, |value| value.to_le_bytes().to_vec(), buffer)
+}
+
+/// Returns a column of numbers: its definition and its view. `absent` is the number of missing
+/// values. Returns `None` if a value is no such number.
+fn numbers<T: Copy + PartialEq + Into<Json>>(
+    component: &str,
+    (values, absent): (&[Option<Json>], T),
+    number: impl Fn(&Json) -> Option<T>,
+    bytes: impl Fn(T) -> Vec<u8>,
+    buffer: &mut GlbBuffer,
+) -> Option<(Json, Json)> {
+    let mut all = Vec::new();
+    for value in values {
+        let number = match value {
+            None => absent,
+            Some(value) => number(value).filter(|number| *number != absent)?,
+        };
+        all.extend(bytes(number));
+    }
+    let mut about = json!({ "type": "SCALAR", "componentType": component });
+    if values.iter().any(Option::is_none) {
+        about["noData"] = absent.into();
+    }
+    Some((about, json!({ "values": buffer.table(&all) })))
+}
+
+/// Returns a column of strings and, if there are other values, of JSON texts.
+fn texts(values: &[Option<Json>], buffer: &mut GlbBuffer) -> (Json, Json) {
+    let is_json = values.iter().flatten().any(|value| !value.is_string());
+    // (A string that looks like JSON is quoted, so that it is distinct from it.)
+    let text = |value: &Json| match value {
+        Json::String(text) if !is_json || serde_json::from_str::<Json>(text).is_err() => text.clone(),
+        value => value.to_string(),
+    };
+    let found: Vec<Option<String>> = values.iter().map(|value| value.as_ref().map(text)).collect();
+    let is_used = |text: &str| found.iter().flatten().any(|found| found == text);
+    let mut absent = String::new();
+    while is_used(&absent) {
+        absent.push_str(if absent.is_empty() { "none" } else { "_" });
+    }
+    let all: Vec<String> = found.iter().map(|text| text.clone().unwrap_or_else(|| absent.clone())).collect();
+    let (mut about, column) = strings(&all, buffer);
+    if found.iter().any(Option::is_none) {
+        about["noData"] = absent.into();
+    }
+    if is_json {
+        about["extras"]["json"] = true.into();
+    }
+    (about, column)
 }
 
 /// Returns a column of strings: its definition and its views.
@@ -92,13 +156,15 @@ fn strings(values: &[String], buffer: &mut GlbBuffer) -> (Json, Json) {
 }
 
 /// Returns the values of an object's members, and of the members of its `attributes`.
-fn values(object: Map<String, Json>) -> Vec<(String, Json)> {
+fn values(object: Map<String, Json>) -> Vec<(Column, Json)> {
     let mut found = Vec::new();
     for (name, value) in object {
         match value {
-            Json::Object(members) if name == "attributes" => found.extend(members),
-            Json::Null => {}
-            value => found.push((name, value)),
+            Json::Object(members) if name == "attributes" => {
+                let column = |name| Column { is_attribute: true, name };
+                found.extend(members.into_iter().map(|(name, value)| (column(name), value)));
+            }
+            value => found.push((Column { is_attribute: false, name }, value)),
         }
     }
     found.retain(|(_, value)| !value.is_null());

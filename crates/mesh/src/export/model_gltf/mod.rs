@@ -10,11 +10,10 @@ mod position;
 use std::io::Write as _;
 
 use self::face_mesh::FaceMesh;
-use self::model_glb::model_glb;
-use self::position::metres_of;
+use self::model_glb::{ModelGlbOptions, model_glb};
+use self::position::ModelPosition;
 use super::GltfOptions;
 use super::losses::Losses;
-use glam::DVec3;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::{Faces, Triangulated};
@@ -34,9 +33,10 @@ const NODE_VERTICES: usize = 65_000;
 /// file is built in memory. Returns the number of triangles.
 ///
 /// Other units of length are converted to metres; without a unit, coordinates are taken as metres.
+/// Longitude and latitude become metres to the east and north of the model's centre.
 ///
 /// # Errors
-/// If the file would exceed 1 GiB; if the faces cannot be read; if the output cannot be written; or
+/// If the file would exceed 1 GiB; if longitude and latitude cannot be placed on the globe; if the faces cannot be read; if the output cannot be written; or
 /// on cancellation.
 pub fn export_model_glb(
     faces: &dyn Faces,
@@ -58,9 +58,8 @@ pub fn export_model_glb(
                 .into(),
         });
     }
-    let grid = faces.grid();
-    let metres = metres_of(faces);
-    let place = |point: [i32; 3]| Ok(DVec3::from(grid.to_world(point)) * metres);
+    let position = ModelPosition::in_scene(faces, output.path())?;
+    let place = |point: [i32; 3]| position.at(point);
     let mut meshes: Vec<FaceMesh> = Vec::new();
     let mut is_coloured = false;
     triangles.each(&mut |face| {
@@ -75,10 +74,13 @@ pub fn export_model_glb(
         meshes.last_mut().expect("one was added").push(face, &place)
     })?;
     let count = meshes.iter().map(|mesh| mesh.triangles.len() as u64).sum();
-    let bytes = model_glb(faces, &meshes, is_coloured, (options.meshopt, DVec3::ZERO))?;
+    let about = position.about_scene(faces);
     let mut losses = Losses::of(&output);
     losses.add(!faces.value_columns()?.is_empty(), "values of faces");
-    losses.add_crs(faces.crs());
+    losses.add(!faces.file_attributes()?.is_empty(), "the metadata of source files");
+    losses.add_crs(faces.crs().filter(|_| about.is_none()));
+    let options = ModelGlbOptions { is_coloured, meshopt: options.meshopt, about, ..Default::default() };
+    let bytes = model_glb(faces, &meshes, options)?;
     output.write_all(&bytes).map_err(Error::io(output.path(), "write"))?;
     output.commit()?;
     losses.report(progress);

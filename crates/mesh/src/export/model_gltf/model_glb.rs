@@ -16,16 +16,26 @@ const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
 const FLOAT: u32 = 5126;
 
-/// Returns a binary glTF file with a node per mesh. The root node's coordinates are relative to
-/// `origin`. Faces have no normals: viewers show them flat.
+/// Properties of a file.
+#[derive(Default)]
+pub(super) struct ModelGlbOptions {
+    pub(super) is_coloured: bool,
+    /// Whether vertices and triangles are compressed.
+    pub(super) meshopt: bool,
+    /// Origin of the root node's coordinates.
+    pub(super) origin: glam::DVec3,
+    /// A note for the file.
+    pub(super) about: Option<Json>,
+}
+
+/// Returns a binary glTF file with a node per mesh. Faces have no normals: viewers show them flat.
 ///
 /// # Errors
 /// If attributes cannot be read.
 pub(super) fn model_glb(
     faces: &dyn Faces,
     meshes: &[FaceMesh],
-    is_coloured: bool,
-    (meshopt, origin): (bool, glam::DVec3),
+    ModelGlbOptions { is_coloured, meshopt, origin, about }: ModelGlbOptions,
 ) -> Result<Vec<u8>> {
     let parts: BTreeSet<u32> =
         meshes.iter().flat_map(|mesh| mesh.vertices.iter().map(|vertex| vertex.part)).collect();
@@ -44,6 +54,9 @@ pub(super) fn model_glb(
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
     });
+    if let Some(about) = about {
+        root["asset"]["extras"] = about;
+    }
     if made.is_empty() {
         root["nodes"] = nodes.into();
         return Ok(file_of(&root, Vec::new()));

@@ -13,7 +13,7 @@ use serde_json::{Value as Json, json};
 use super::super::GltfOptions;
 use super::super::losses::Losses;
 use super::face_mesh::FaceMesh;
-use super::model_glb::model_glb;
+use super::model_glb::{ModelGlbOptions, model_glb};
 use super::position::ModelPosition;
 use spinney_base::io::{OutputDirectory, Sorter, directory_of};
 use spinney_base::parallel;
@@ -78,7 +78,7 @@ pub fn export_model_tileset(
     let first = first.max(levels.len().saturating_sub(MAX_DEPTH));
     let mut writer = TilesWriter {
         model,
-        position: ModelPosition::of(model, first_point(model)?),
+        position: ModelPosition::on_globe(model, first_point(model)?, model.path())?,
         options,
         output: &output,
         memory,
@@ -104,6 +104,7 @@ pub fn export_model_tileset(
     model.check_unchanged()?;
     let mut losses = Losses::in_file(&output.path().join("tileset.json"));
     losses.add(!model.value_columns()?.is_empty(), "values of faces");
+    losses.add(!model.file_attributes()?.is_empty(), "the metadata of source files");
     if !summary.is_on_globe {
         losses.add_crs(model.crs());
     }
@@ -113,13 +114,12 @@ pub fn export_model_tileset(
 }
 
 /// Returns a point of the model, or of its grid if there are no faces.
-fn first_point(model: &ExactModel) -> Result<[i32; 3]> {
+fn first_point(model: &ExactModel) -> Result<[f64; 3]> {
     let mut buffer = spinney_brep::FaceBuffer::default();
-    if model.is_empty() {
-        return Ok([0; 3]);
+    if !model.is_empty() {
+        model.face(0, &mut buffer)?;
     }
-    model.face(0, &mut buffer)?;
-    Ok(buffer.points[0])
+    Ok(model.grid().to_world(buffer.points.first().copied().unwrap_or_default()))
 }
 
 /// A tile: depth, and position of its cell on the curve.
@@ -202,7 +202,9 @@ impl TilesWriter<'_> {
             let [low, high] = mesh.bounds().unwrap_or_default();
             let bounds = [low, high].map(|corner| DVec3::from(corner.map(f64::from)) + mesh.origin);
             let (count, origin) = (mesh.triangles.len() as u64, mesh.origin);
-            let glb = model_glb(this.model, &[mesh], this.is_coloured, (this.options.meshopt, origin))?;
+            let (is_coloured, meshopt) = (this.is_coloured, this.options.meshopt);
+            let options = ModelGlbOptions { is_coloured, meshopt, origin, about: None };
+            let glb = model_glb(this.model, &[mesh], options)?;
             this.output.write(&name((depth, *key)), &glb)?;
             Ok((count, TileAbout { origin, bounds, has_content: true }))
         });
@@ -250,8 +252,8 @@ impl TilesWriter<'_> {
         let mut asset = json!({ "version": "1.1", "generator": "spinney" });
         if let Some(crs) = self.model.crs() {
             let note = match self.summary.is_on_globe {
-                true => "vertices were projected to EPSG:4978",
-                false => "transforms lead to coordinates of this system, not to geocentric ones",
+                true => "vertices are in EPSG:4978",
+                false => "transforms lead to coordinates of this system, not to those of EPSG:4978",
             };
             asset["extras"] = json!({ "crs": crs.definition(), "note": note });
         }
