@@ -1,6 +1,6 @@
 //! Exact models as binary glTF and 3D Tiles: read back by our reader and by an independent one.
 
-
+mod objects;
 mod scenes;
 mod tiles;
 

@@ -47,6 +47,12 @@ impl PartNames {
         Ok(number)
     }
 
+    /// Number of the next part.
+    pub(super) fn len(&self) -> u32 {
+        // (`check_limit` ensures that it fits.)
+        self.names.len() as u32
+    }
+
     /// Adds a part that is distinct from all others, even if they share the name.
     pub(super) fn push(&mut self, source: &ModelFile, name: String) -> Result<()> {
         self.check_limit(source, 1, &name)?;

@@ -79,6 +79,8 @@ pub(super) enum Purpose {
     Vectors,
     /// Rotations of instances.
     Rotations,
+    /// Identifiers of features.
+    Features,
 }
 
 impl Purpose {
@@ -97,6 +99,9 @@ impl Purpose {
                     scalar == Scalar::F32 || normalized && matches!(scalar, Scalar::I8 | Scalar::I16);
                 shape == Shape::Vec4 && is_number
             }
+            Purpose::Features => {
+                shape == Shape::Scalar && (scalar.is_index() || scalar == Scalar::F32) && !normalized
+            }
         }
     }
 
@@ -107,6 +112,7 @@ impl Purpose {
             Purpose::Indices => "SCALAR of unsigned integers",
             Purpose::Vectors => "VEC3 of floats",
             Purpose::Rotations => "VEC4 of floats or normalized integers",
+            Purpose::Features => "SCALAR of unsigned integers or floats",
         }
     }
 }

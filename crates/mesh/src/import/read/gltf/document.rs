@@ -34,6 +34,8 @@ pub(super) struct Document<'a> {
     pub(super) buffers: Vec<Buffer<'a>>,
     #[serde(default)]
     pub(super) extensions_required: Vec<String>,
+    #[serde(borrow)]
+    pub(super) extensions: Option<Extensions<'a>>,
     // (Lists of `IgnoredAny` take no memory.)
     #[serde(default)]
     pub(super) textures: Vec<IgnoredAny>,
@@ -43,6 +45,19 @@ pub(super) struct Document<'a> {
     pub(super) animations: Vec<IgnoredAny>,
     #[serde(default)]
     pub(super) cameras: Vec<IgnoredAny>,
+}
+
+impl Document<'_> {
+    /// Whether the file was written by this program.
+    pub(super) fn is_own(&self) -> bool {
+        self.asset.generator.as_deref() == Some("spinney")
+    }
+}
+
+#[derive(Deserialize)]
+pub(super) struct Extensions<'a> {
+    #[serde(borrow, rename = "EXT_structural_metadata")]
+    pub(super) metadata: Option<&'a RawValue>,
 }
 
 #[derive(Deserialize)]
@@ -117,6 +132,22 @@ pub(super) struct Attributes {
     pub(super) position: Option<u32>,
     #[serde(rename = "COLOR_0")]
     pub(super) colour: Option<u32>,
+    #[serde(rename = "_FEATURE_ID_0")]
+    feature_0: Option<u32>,
+    #[serde(rename = "_FEATURE_ID_1")]
+    feature_1: Option<u32>,
+    #[serde(rename = "_FEATURE_ID_2")]
+    feature_2: Option<u32>,
+    #[serde(rename = "_FEATURE_ID_3")]
+    feature_3: Option<u32>,
+}
+
+impl Attributes {
+    /// Returns the accessor of `_FEATURE_ID_n`, of the first four.
+    pub(super) fn feature_ids(&self, n: u32) -> Option<u32> {
+        let all = [self.feature_0, self.feature_1, self.feature_2, self.feature_3];
+        all.get(n as usize).copied().flatten()
+    }
 }
 
 #[derive(Deserialize)]
@@ -124,7 +155,25 @@ pub(super) struct PrimitiveExtensions {
     #[serde(rename = "KHR_draco_mesh_compression")]
     pub(super) draco: Option<IgnoredAny>,
     #[serde(rename = "EXT_mesh_features")]
-    pub(super) features: Option<IgnoredAny>,
+    pub(super) features: Option<FeatureExtension>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct FeatureExtension {
+    #[serde(default)]
+    pub(super) feature_ids: Vec<FeatureIds>,
+}
+
+/// A set of feature identifiers.
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct FeatureIds {
+    /// Number of the vertex attribute that has them.
+    pub(super) attribute: Option<u32>,
+    pub(super) property_table: Option<u32>,
+    pub(super) null_feature_id: Option<u64>,
+    pub(super) label: Option<String>,
 }
 
 #[derive(Deserialize)]

@@ -14,8 +14,10 @@ pub(super) struct Losses {
     pub(super) unplaced: u64,
     /// Primitives with morph targets.
     pub(super) targets: u64,
-    /// Primitives with feature identifiers.
+    /// Primitives with feature identifiers that are not objects.
     pub(super) features: u64,
+    /// Columns of property tables that are arrays, vectors or matrices.
+    pub(super) columns: u64,
     /// Nodes and instances that are flat, with a scale of zero.
     pub(super) flat: u64,
     textures: u64,
@@ -44,6 +46,7 @@ impl Losses {
             (self.skins, "skin", "skins"),
             (self.targets, "primitive's morph targets", "primitives' morph targets"),
             (self.features, "primitive's feature identifiers", "primitives' feature identifiers"),
+            (self.columns, "column of arrays, vectors or matrices", "columns of arrays, vectors or matrices"),
             (self.animations, "animation", "animations"),
             (self.cameras, "camera", "cameras"),
             (self.scenes, "scene that is not the default", "scenes that are not the default"),

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 
 use super::super::corners::WHITE;
 use super::super::model_file::ModelFile;
-use super::accessors::{Elements, Purpose};
+use super::accessors::{Elements, Purpose, Reader};
 use super::buffers::Buffers;
-use super::document::{self, Document, item};
+use super::document::{self, Document, FeatureIds, item};
 use super::losses::Losses;
 use spinney_base::{Error, Result};
 
@@ -15,13 +15,31 @@ pub(super) struct Primitive {
     pub(super) positions: Elements,
     indices: Option<Elements>,
     colours: Option<Elements>,
+    pub(super) features: Option<Features>,
     /// Linear base colour of the material, by which colours of vertices are multiplied.
     factor: [f32; 3],
     order: Order,
 }
 
-/// Callback for each triangle: its corners, and their colours if the model has colours.
-pub(super) type TriangleVisitor<'a> = dyn FnMut([[f64; 3]; 3], Option<[[u8; 3]; 3]>) -> Result<()> + 'a;
+/// Features of a primitive's vertices.
+pub(super) struct Features {
+    pub(super) ids: Elements,
+    pub(super) table: Option<u32>,
+    /// Identifier of vertices without a feature.
+    null: Option<u64>,
+}
+
+impl Features {
+    /// Returns the feature of a vertex.
+    pub(super) fn get(&self, ids: &Reader<'_>, vertex: u64) -> Option<u64> {
+        Some(ids.integer(vertex)).filter(|id| Some(*id) != self.null)
+    }
+}
+
+/// Callback for each triangle: its corners, their colours if the model has colours, and the
+/// feature of its first corner.
+pub(super) type TriangleVisitor<'a> =
+    dyn FnMut([[f64; 3]; 3], Option<[[u8; 3]; 3]>, Option<u64>) -> Result<()> + 'a;
 
 /// Order of the corners of triangles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,6 +74,8 @@ impl Order {
 struct Source<'a> {
     primitive: &'a document::Primitive,
     positions: u32,
+    /// The set of feature identifiers that is read, and its accessor.
+    features: Option<(&'a FeatureIds, u32)>,
     order: Order,
 }
 
@@ -93,10 +113,24 @@ fn primitives<'a>(
             return Err(draco(source));
         }
         losses.targets += u64::from(!primitive.targets.is_empty());
-        losses.features += u64::from(extensions.is_some_and(|extensions| extensions.features.is_some()));
-        all.push(Source { primitive, positions, order });
+        let sets = extensions.and_then(|extensions| extensions.features.as_ref());
+        let features = sets.and_then(|sets| objects(document, &sets.feature_ids, primitive));
+        losses.features += u64::from(sets.is_some_and(|sets| features.is_none() || sets.feature_ids.len() > 1));
+        all.push(Source { primitive, positions, features, order });
     }
     Ok(all)
+}
+
+/// Returns the set of feature identifiers that are objects, and its accessor: the first one that is
+/// an attribute of vertices.
+fn objects<'a>(
+    document: &Document<'_>,
+    sets: &'a [FeatureIds],
+    primitive: &document::Primitive,
+) -> Option<(&'a FeatureIds, u32)> {
+    let found = sets.iter().find_map(|set| Some((set, primitive.attributes.feature_ids(set.attribute?)?)));
+    // (Features of our exported cells are classes, of one surface.)
+    found.filter(|(set, _)| !(document.is_own() && set.label.as_deref() == Some("classes")))
 }
 
 /// Error of compressed triangles that are not supported.
@@ -112,11 +146,26 @@ pub(super) fn add_accessors(
     mesh: u32,
     accessors: &mut BTreeSet<u32>,
 ) -> Result<()> {
-    for Source { primitive, positions, .. } in primitives(source, document, mesh, &mut Losses::default())? {
+    for Source { primitive, positions, features, .. } in
+        primitives(source, document, mesh, &mut Losses::default())?
+    {
         accessors.insert(positions);
+        accessors.extend(features.map(|(_, accessor)| accessor));
         accessors.extend(primitive.indices);
         accessors.extend(primitive.attributes.colour);
     }
+    Ok(())
+}
+
+/// Adds the property tables that a mesh uses.
+pub(super) fn add_tables(
+    source: &ModelFile,
+    document: &Document<'_>,
+    mesh: u32,
+    tables: &mut BTreeSet<u32>,
+) -> Result<()> {
+    let primitives = primitives(source, document, mesh, &mut Losses::default())?;
+    tables.extend(primitives.iter().filter_map(|primitive| primitive.features?.0.property_table));
     Ok(())
 }
 
@@ -129,7 +178,7 @@ pub(super) fn read(
     losses: &mut Losses,
 ) -> Result<Vec<Primitive>> {
     let mut all = Vec::new();
-    for Source { primitive, positions, order } in primitives(source, document, mesh, losses)? {
+    for Source { primitive, positions, features, order } in primitives(source, document, mesh, losses)? {
         let elements = |index: u32, purpose: Purpose| Elements::of(source, document, buffers, index, purpose);
         let positions = elements(positions, Purpose::Positions)?;
         let indices = primitive.indices.map(|index| elements(index, Purpose::Indices)).transpose()?;
@@ -139,6 +188,17 @@ pub(super) fn read(
             let found = format!("{} colours of {} vertices", colours.count, positions.count);
             return Err(source.corrupt(format!("mesh {mesh}"), found, "a colour of each vertex"));
         }
+        let features = match features {
+            Some((FeatureIds { property_table, null_feature_id, .. }, accessor)) => {
+                let ids = elements(accessor, Purpose::Features)?;
+                if ids.count != positions.count {
+                    let found = format!("{} feature identifiers of {} vertices", ids.count, positions.count);
+                    return Err(source.corrupt(format!("mesh {mesh}"), found, "one of each vertex"));
+                }
+                Some(Features { ids, table: *property_table, null: *null_feature_id })
+            }
+            None => None,
+        };
         let corners = indices.as_ref().unwrap_or(&positions).count;
         if order == Order::Triangles && !corners.is_multiple_of(3) {
             let found = format!("{corners} corners of triangles");
@@ -150,7 +210,8 @@ pub(super) fn read(
             }
             None => None,
         };
-        all.push(Primitive { positions, indices, colours, factor: material.unwrap_or([1.0; 3]), order });
+        let factor = material.unwrap_or([1.0; 3]);
+        all.push(Primitive { positions, indices, colours, features, factor, order });
     }
     Ok(all)
 }
@@ -177,6 +238,7 @@ impl Primitive {
         let positions = self.positions.reader(source, buffers);
         let indices = self.indices.as_ref().map(|indices| indices.reader(source, buffers));
         let colours = self.colours.as_ref().map(|colours| colours.reader(source, buffers));
+        let features = self.features.as_ref().map(|features| (features, features.ids.reader(source, buffers)));
         let plain =
             if self.factor == [1.0; 3] { WHITE } else { self.factor.map(|linear| encode(linear.into())) };
         for triangle in 0..self.count() {
@@ -199,7 +261,8 @@ impl Primitive {
                     std::array::from_fn(|channel| encode(linear[channel] * f64::from(self.factor[channel])))
                 }),
             });
-            each(corners.map(|vertex| positions.get(vertex)), colours)?;
+            let feature = features.as_ref().and_then(|(features, ids)| features.get(ids, corners[0]));
+            each(corners.map(|vertex| positions.get(vertex)), colours, feature)?;
         }
         Ok(())
     }

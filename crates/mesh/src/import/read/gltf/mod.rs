@@ -9,9 +9,12 @@ mod buffers;
 mod compressed;
 mod container;
 mod document;
+mod feature_parts;
 mod losses;
 mod meshes;
 mod nodes;
+mod property;
+mod property_tables;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -21,9 +24,11 @@ use self::buffers::Buffers;
 use self::container::Container;
 pub(super) use self::container::{is_binary, is_text};
 use self::document::{Document, InstanceAttributes, Node, item, string};
+use self::feature_parts::{FeatureParts, PlacedNode};
 use self::losses::Losses;
 use self::meshes::Primitive;
 use self::nodes::{Affine, Hierarchy, local};
+use self::property_tables::PropertyTables;
 use super::corners::Corners;
 use super::model_file::ModelFile;
 use super::parts::PartNames;
@@ -40,19 +45,28 @@ struct Gltf {
     /// Primitives of the meshes in the scene, by mesh number.
     meshes: BTreeMap<u32, Vec<Primitive>>,
     mesh_nodes: Vec<MeshNode>,
+    features: FeatureParts,
     losses: Losses,
     degenerate: u64,
 }
 
-/// Callback for each placed mesh: its primitives, part, and transforms, which apply in order.
-type MeshVisitor<'a> = dyn FnMut(&[Primitive], u32, [&Affine; 2]) -> Result<()> + 'a;
+/// Callback for each placed mesh: its primitives, owner, and transforms, which apply in order.
+type MeshVisitor<'a> = dyn FnMut(&[Primitive], Owner, [&Affine; 2]) -> Result<()> + 'a;
+
+/// Part of the faces of a node that have no feature of their own.
+#[derive(Clone, Copy)]
+struct Owner {
+    part: u32,
+    /// The node, if its features are parts.
+    node: Option<PlacedNode>,
+}
 
 /// Mesh of a node, once or as several instances.
 struct MeshNode {
     mesh: u32,
-    /// Part of the first instance. The following ones have the next numbers, unless the file has a
-    /// single part.
-    part: u32,
+    /// Owner of the first instance. The parts of the following ones have the next numbers, unless
+    /// the file has a single part.
+    owner: Owner,
     /// Transform of the node's parent to the coordinates of the model. (It is applied separately,
     /// so that vertices that siblings share remain equal: products of transforms are rounded.)
     parent: Affine,
@@ -122,40 +136,68 @@ pub(super) fn open(source: ModelFile, memory: u64, access: &FileAccess) -> Resul
         .filter(|number| hierarchy.parents[*number].is_some() && document.nodes[*number].mesh.is_some())
         .collect();
     let meshes: BTreeSet<u32> = placed.iter().filter_map(|number| document.nodes[*number].mesh).collect();
-    let buffers = load(&source, &document, binary, (&placed, &meshes), access, memory)?;
+    let tables = document.extensions.as_ref().and_then(|extensions| extensions.metadata);
+    let tables = PropertyTables::of(&source, tables, memory)?;
+    let buffers = load(&source, &document, binary, (&placed, &meshes, &tables), access, memory)?;
 
     let mut losses = Losses::of(&document);
     let read = |mesh: &u32| Ok((*mesh, meshes::read(&source, &document, &buffers, *mesh, &mut losses)?));
     let meshes: BTreeMap<u32, Vec<Primitive>> = meshes.iter().map(read).collect::<Result<_>>()?;
-    // Our own exports have a node per block of cells: these are fragments of one surface.
-    let is_one = document.asset.generator.as_deref() == Some("spinney");
-    let mut names = PartNames::new(memory);
-    let (mut mesh_nodes, mut part) = (Vec::new(), 0);
-    for number in placed {
+    let (mut names, mut attributes) = (PartNames::new(memory), Attributes::within(memory.max(1 << 20)));
+    let (mut features, mut mesh_nodes, mut copies) = (FeatureParts::default(), Vec::new(), BTreeMap::new());
+    for &number in &placed {
         let node = &document.nodes[number];
         let (Some(parent), Some(mesh)) = (hierarchy.parents[number], node.mesh) else { continue };
         let instances = instancing(node)
             .map(|attributes| Instances::of(&source, &document, &buffers, (number, attributes)))
             .transpose()?;
         let local = local(&source, node, number)?;
-        let count = instances.as_ref().map_or(1, |instances| instances.count);
-        mesh_nodes.push(MeshNode { mesh, part, parent, local, instances });
-        if !is_one {
-            let of_mesh = item(&source, &document.meshes, ("mesh", mesh), &"nodes")?.name;
-            let given =
-                [node.name, of_mesh].into_iter().flatten().filter_map(string).find(|name| !name.is_empty());
-            let name = given.map_or_else(|| format!("node {number}"), String::from);
-            for instance in 0..count {
-                let is_instance = mesh_nodes.last().is_some_and(|mesh| mesh.instances.is_some());
-                names.push(
-                    &source,
-                    if is_instance { format!("{name} #{}", instance + 1) } else { name.clone() },
-                )?;
+        let primitives = meshes.get(&mesh).map_or(&[][..], Vec::as_slice);
+        let mut owner = Owner { part: 0, node: None };
+        let mut has_part = true;
+        if primitives.iter().any(|primitive| primitive.features.is_some()) {
+            match instances {
+                // (Instances are the objects.)
+                Some(_) => losses.features += 1,
+                None => {
+                    let copy = copies.entry(mesh).or_insert(0);
+                    let placed = PlacedNode { number: number as u32, copy: *copy };
+                    *copy += 1;
+                    has_part = features.add(&source, &buffers, (placed, primitives), memory)?;
+                    owner.node = Some(placed);
+                }
             }
-            // (The list of names has checked that the numbers fit.)
-            part += count as u32;
+        }
+        mesh_nodes.push((number, has_part, MeshNode { mesh, owner, parent, local, instances }));
+    }
+    let name = |number: usize| -> Result<String> {
+        let node = &document.nodes[number];
+        let of_mesh = node.mesh.map(|mesh| item(&source, &document.meshes, ("mesh", mesh), &"nodes")).transpose()?;
+        let given = [node.name, of_mesh.and_then(|mesh| mesh.name)];
+        let given = given.into_iter().flatten().filter_map(string).find(|name| !name.is_empty());
+        Ok(given.map_or_else(|| format!("node {number}"), String::from))
+    };
+    let file = (&source, &buffers);
+    losses.columns += features.describe(file, &tables, &name, (&mut names, &mut attributes))?;
+    // Our own exports have a node per block of cells: these are fragments of one surface.
+    let is_one = document.is_own();
+    for (number, has_part, node) in &mut mesh_nodes {
+        if !*has_part {
+            continue;
+        }
+        node.owner.part = names.len();
+        if is_one && names.len() == 0 {
+            continue;
+        }
+        let name = name(*number)?;
+        match &node.instances {
+            None => names.push(&source, name)?,
+            Some(Instances { count, .. }) => {
+                (1..=*count).try_for_each(|instance| names.push(&source, format!("{name} #{instance}")))?;
+            }
         }
     }
+    let mesh_nodes: Vec<MeshNode> = mesh_nodes.into_iter().map(|(_, _, node)| node).collect();
     let is_coloured = meshes.values().flatten().any(Primitive::is_coloured);
     let kind = if binary_of(&source) { "glTF 2.0, binary" } else { "glTF 2.0" };
     let info = ModelInfo {
@@ -169,12 +211,12 @@ pub(super) fn open(source: ModelFile, memory: u64, access: &FileAccess) -> Resul
         parts: names.names(),
         is_grouped: false,
         is_z_up: true,
-        attributes: Attributes::default(),
+        attributes,
         is_coloured,
         bytes: source.bytes().len() as u64,
     };
-    drop(document);
-    let mut model = Gltf { source, info, buffers, meshes, mesh_nodes, losses, degenerate: 0 };
+    drop((document, tables));
+    let mut model = Gltf { source, info, buffers, meshes, mesh_nodes, features, losses, degenerate: 0 };
     model.measure()?;
     Ok(Box::new(model))
 }
@@ -188,7 +230,7 @@ fn load(
     source: &ModelFile,
     document: &Document<'_>,
     binary: Option<std::ops::Range<usize>>,
-    (placed, meshes): (&[usize], &BTreeSet<u32>),
+    (placed, meshes, tables): (&[usize], &BTreeSet<u32>, &PropertyTables),
     access: &FileAccess,
     memory: u64,
 ) -> Result<Buffers> {
@@ -199,6 +241,9 @@ fn load(
     {
         accessors.extend([translation, rotation, scale].into_iter().flatten());
     }
+    let mut used = BTreeSet::new();
+    meshes.iter().try_for_each(|mesh| meshes::add_tables(source, document, *mesh, &mut used))?;
+    used.iter().try_for_each(|table| tables.add_views(source, *table, &mut views))?;
     accessors.iter().try_for_each(|index| accessors::add_views(source, document, *index, &mut views))?;
     Buffers::load(source, document, binary, &views, access, memory)
 }
@@ -215,24 +260,24 @@ impl Gltf {
     /// Visits all placed meshes that are not flat; returns the number of those that are.
     fn visit(&self, each: &mut MeshVisitor<'_>) -> Result<u64> {
         let mut flat = 0;
-        for MeshNode { mesh, part, parent, local, instances } in &self.mesh_nodes {
+        for MeshNode { mesh, owner, parent, local, instances } in &self.mesh_nodes {
             let primitives = self.meshes.get(mesh).map_or(&[][..], Vec::as_slice);
             let Some(instances) = instances else {
                 if local.determinant() * parent.determinant() == 0.0 {
                     flat += 1;
                 } else {
-                    each(primitives, *part, [local, parent])?;
+                    each(primitives, *owner, [local, parent])?;
                 }
                 continue;
             };
             let parent = parent.after(local);
             for number in 0..instances.count {
                 let local = instances.transform(&self.source, &self.buffers, number)?;
-                let part = if self.info.parts.len() > 1 { part + number as u32 } else { *part };
+                let part = if self.info.parts.len() > 1 { owner.part + number as u32 } else { owner.part };
                 if local.determinant() * parent.determinant() == 0.0 {
                     flat += 1;
                 } else {
-                    each(primitives, part, [&local, &parent])?;
+                    each(primitives, Owner { part, node: None }, [&local, &parent])?;
                 }
             }
         }
@@ -285,16 +330,23 @@ impl Model for Gltf {
 
     fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {
         let (mut corners, mut read) = (Corners::default(), 0);
-        self.visit(&mut |primitives, part, transforms| {
+        self.visit(&mut |primitives, owner, transforms| {
             let [local, parent] = transforms.map(Affine::determinant);
             // (Mirrors reverse the direction of triangles.)
             let order = if local * parent < 0.0 { [0, 2, 1] } else { [0, 1, 2] };
             for primitive in primitives {
+                let part_of = |feature: Option<u64>| {
+                    self.features.part(primitive.features.as_ref()?, owner.node?, feature?)
+                };
+                let mut last = (None, owner.part);
                 primitive.visit(
                     &self.source,
                     &self.buffers,
                     self.info.is_coloured,
-                    &mut |points, colours| {
+                    &mut |points, colours, feature| {
+                        if last.0 != feature {
+                            last = (feature, part_of(feature).unwrap_or(owner.part));
+                        }
                         self.passed(read);
                         read += 1;
                         corners.clear();
@@ -304,7 +356,7 @@ impl Model for Gltf {
                                 corners.push_colour(colours[corner]);
                             }
                         }
-                        corners.hand_out(part, each)
+                        corners.hand_out(last.1, each)
                     },
                 )?;
             }
