@@ -133,7 +133,8 @@ pub(crate) fn transform<'py>(
         }
         let mut options = TransformOptions::new(memory);
         ((options.snap, options.unit), options.codec) = (of_model, packing.of_model()?);
-        return transform_exact(py, &path, (steps, has_levels), &out, options, terms);
+        options.levels = has_levels;
+        return transform_exact(py, &path, steps, &out, options, terms);
     }
     if has_levels {
         return Err(invalid(format!("{}: is not an exact model, which levels needs", path.display())));
@@ -183,13 +184,13 @@ fn take_levels(steps: &mut Vec<String>) -> PyResult<bool> {
 fn transform_exact<'py>(
     py: Python<'py>,
     path: &Path,
-    (steps, has_levels): (Vec<ViewOperation>, bool),
+    steps: Vec<ViewOperation>,
     out: &Path,
     mut options: TransformOptions,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     let facts = PyDict::new(py);
-    if has_levels && steps.is_empty() && options.snap.is_none() && options.unit.is_none() {
+    if options.levels && steps.is_empty() && options.snap.is_none() && options.unit.is_none() {
         let faces = jobs::run(py, terms, |work| {
             let model = ExactModel::open(path, &access().into())?;
             add_levels(&model, (work.create_tree(out)?, options.codec), options.memory, work)?;
@@ -215,7 +216,7 @@ fn transform_exact<'py>(
     let made = jobs::run(py, terms, |work| {
         let model = ExactModel::open(path, &access().into())?;
         let transformed = |output: Output| spinney::brep::transform(&model, &motion, &options, output, work);
-        match has_levels {
+        match options.levels {
             true => with_levels(work.create_tree(out)?, options.memory, work, transformed),
             false => transformed(work.create_tree(out)?),
         }

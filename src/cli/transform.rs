@@ -291,7 +291,8 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         global.check_options(file, exact::KIND, &["--codec", "--snap", "--unit"])?;
         let mut options = TransformOptions::new(memory.bytes);
         (options.snap, options.unit, options.codec) = (snap, unit, packing.of_model(file)?);
-        let moving = exact::Moving { model: &model, steps: &steps, options, levels: chain.has_levels()? };
+        options.levels = chain.has_levels()?;
+        let moving = exact::Moving { model: &model, steps: &steps, options };
         return exact::transform(moving, &path, &limit, global);
     }
     let cells = chain.chain(global)?;

@@ -4,10 +4,12 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use spinney::brep::{Detail, DetailSurface, Faces, Grid, add_levels, with_levels};
+use spinney::brep::{
+    Detail, DetailSurface, Faces, Grid, Motion, TransformOptions, add_levels, combine, transform, with_levels,
+};
 use spinney::raw::brep::query::nearest_on_face;
 use spinney::raw::brep::{FaceList, ModelBuilder};
-use spinney::{Codec, Error, ExactModel, Metadata, OpenOptions, Output};
+use spinney::{Codec, Error, ExactModel, Metadata, OpenOptions, Output, Progress, SetOperation};
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, push, turned};
@@ -471,5 +473,46 @@ fn models_without_faces_have_the_exact_level() {
     assert_eq!((model.levels().len(), model.verify(MEMORY, &()).unwrap()), (1, vec![]));
     for detail in [Detail::Level(0), Detail::Error(1.0), Detail::Faces(0)] {
         assert_eq!(model.at_detail(detail, None).unwrap().len(), 0);
+    }
+}
+
+/// Warnings.
+#[derive(Default)]
+struct Warnings(std::sync::Mutex<Vec<String>>);
+
+impl Progress for Warnings {
+    fn warn(&self, _: &Path, text: &str) {
+        self.0.lock().unwrap().push(text.into());
+    }
+}
+
+#[test]
+fn operations_that_drop_levels_say_so() {
+    let mut list = FaceList::new(grid(16), vec!["box".into()]);
+    divided_box(&mut list, [100; 3], 4096, 16, 0);
+    let (plain, with_levels) = (built_model(&list), with_levels_of(&list));
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("made.goblin");
+    let mirror =
+        Motion::from_rows([[-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]).unwrap();
+    let mut replaced = TransformOptions::new(MEMORY);
+    replaced.levels = true;
+    for (model, count) in [(&plain, 0), (&with_levels, 1)] {
+        let warnings = Warnings::default();
+        let output = || Output::create(&path).unwrap();
+        transform(model, &mirror, &TransformOptions::new(MEMORY), output(), &warnings).unwrap();
+        let made = ExactModel::open(&path, &OpenOptions::new()).unwrap();
+        let lines = &made.metadata().provenance;
+        assert!(made.levels().is_empty() && !lines.iter().any(|line| line.contains("levels")), "{lines:?}");
+        let union = SetOperation::ALL[7];
+        combine(union, &[model, &plain], output(), Codec::Plain, MEMORY, &warnings).unwrap();
+        transform(model, &mirror, &replaced, output(), &warnings).unwrap();
+        let warnings = warnings.0.into_inner().unwrap();
+        assert_eq!(warnings.len(), 2 * count, "{warnings:?}");
+        assert!(
+            warnings
+                .iter()
+                .all(|text| text.contains("no levels of detail") && text.contains("transform RESULT levels"))
+        );
     }
 }

@@ -20,8 +20,6 @@ pub(in crate::cli) struct Moving<'a> {
     pub(in crate::cli) model: &'a ExactModel,
     pub(in crate::cli) steps: &'a [ViewOperation],
     pub(in crate::cli) options: TransformOptions,
-    /// Whether levels of detail are added.
-    pub(in crate::cli) levels: bool,
 }
 
 /// Writes a transformed model.
@@ -32,7 +30,8 @@ pub(in crate::cli) fn transform(
     global: &Global,
 ) -> Result<()> {
     let start = Instant::now();
-    let Moving { model, steps, mut options, levels } = moving;
+    let Moving { model, steps, mut options } = moving;
+    let levels = options.levels;
     if levels && steps.is_empty() && options.snap.is_none() && options.unit.is_none() {
         let work = Work::start(global, "faces")?;
         let output = (limit.create_tree(path, global)?, options.codec);

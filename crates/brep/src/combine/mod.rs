@@ -216,6 +216,7 @@ fn combined(
     let memory = memory.min(1 << 38);
     let table = OperationTable::new(operation, models.len())?;
     let before = models.iter().map(|model| model.len()).collect();
+    let operands = models;
     let aligned;
     let (common_grid, models, snapped) = match CommonGrid::of(models)? {
         Some(common_grid) => (common_grid, models.to_vec(), 0.0),
@@ -253,7 +254,10 @@ fn combined(
         progress,
     );
     match written {
-        Ok(report) => Ok(CombineReport { before, ..report }),
+        Ok(report) => {
+            operands.iter().for_each(|model| model.warn_levels(progress));
+            Ok(CombineReport { before, ..report })
+        }
         // The cause may be an operand that is not a solid.
         Err(error @ (Error::NotASolid { .. } | Error::Invalid { .. })) => {
             Err(suspect(&models, memory, progress)?.unwrap_or(error))

@@ -89,14 +89,9 @@ pub fn add_levels(
     while levels.add(model, simplifier, &mut writer, progress)? {}
     let LevelBuilder { clusters, blocks, summaries, .. } = levels;
     let summaries = finish(clusters, &blocks, summaries, &mut writer)?;
-    let mut metadata = model.metadata().clone();
-    let line = format!("{} levels of detail", summaries.len());
-    if metadata.provenance.last() != Some(&line) {
-        metadata.provenance.push(line);
-    }
     let formula = model.formula()?.unwrap_or_default();
     let (summary, sums) = (Summary { codec, ..model.summary().clone() }, model.sums_section()?);
-    writer.finish(&summary, &sums, &summaries, &formula, &metadata)?;
+    writer.finish(&summary, &sums, &summaries, &formula, model.metadata())?;
     Ok(summaries)
 }
 

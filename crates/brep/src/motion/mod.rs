@@ -41,6 +41,9 @@ pub struct TransformOptions {
     pub crs: Option<Crs>,
     /// Unit of length of the result's coordinates; by default, the model's.
     pub unit: Option<String>,
+    /// Whether the caller adds levels of detail to the result. Otherwise, a warning reports that
+    /// those of the model are lost.
+    pub levels: bool,
     /// A line for the result's provenance; by default, the map's coefficients.
     pub note: Option<String>,
     /// Codec of the file.
@@ -53,7 +56,7 @@ impl TransformOptions {
     /// Creates options that use the model's grid if possible, with a memory limit in bytes.
     pub fn new(memory: u64) -> TransformOptions {
         let (snap, crs, unit, note) = (None, None, None, None);
-        TransformOptions { snap, crs, unit, note, codec: Codec::default(), memory }
+        TransformOptions { snap, crs, unit, levels: false, note, codec: Codec::default(), memory }
     }
 }
 
@@ -123,10 +126,14 @@ pub fn transform(
     model.check_surface(progress)?;
     let lattice = if options.snap.is_none() { Lattice::of(model, motion)? } else { None };
     let task = TransformTask { model, motion, options, progress, keeps_formula: false };
-    match lattice {
+    let report = match lattice {
         Some(lattice) => task.exactly(&lattice, output),
         None => task.recompute(output, options.snap.map_or(NewUnit::Finest, NewUnit::Width)),
+    }?;
+    if !options.levels {
+        model.warn_levels(progress);
     }
+    Ok(report)
 }
 
 /// Moves the locations in a part's attributes: its addresses and its extent.

@@ -7,7 +7,7 @@ use super::block::Block;
 use super::chunks::Entry;
 use super::reader::ExactModel;
 use spinney_base::io::batch::{defer_missing, finish_deferred, run_batched};
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Progress, Result};
 
 /// Tag of the section with the summary of the levels.
 pub(crate) const LEVELS: [u8; 4] = *b"LEVS";
@@ -159,6 +159,14 @@ impl ExactModel {
     /// for files without levels.
     pub fn levels(&self) -> &[DetailLevel] {
         &self.levels
+    }
+
+    /// Warns that a result of an operation does not have the levels of detail, if there are any.
+    pub(crate) fn warn_levels(&self, progress: &dyn Progress) {
+        if !self.levels.is_empty() {
+            let text = "the result has no levels of detail: add them with `spinney transform RESULT levels -o OUTPUT`";
+            progress.warn(&self.path, text);
+        }
     }
 
     /// Visits all clusters of a level and of all coarser levels, and perhaps others, with their
