@@ -109,6 +109,7 @@ fn tiles_of(model: &ExactModel, directory: &Path) -> (Json, Vec<Tile>) {
     assert!(there.remove(&directory.join("tileset.json")));
     assert_eq!(there, files);
     assert_eq!(summary.tiles, files.len() as u64);
+    assert!(tiles.iter().all(|tile| tile.triangles.len() <= 1 << 15));
     let triangles: usize = tiles.iter().map(|tile| tile.triangles.len()).sum();
     assert_eq!(summary.triangles, triangles as u64);
     (json, tiles)
@@ -152,6 +153,22 @@ fn tiles_have_every_level_within_their_boxes() {
 }
 
 #[test]
+fn distant_objects_do_not_make_large_tiles() {
+    let mut list = bumpy_torus(210, 150, grid([0; 3], 0.001, 20));
+    for face in cuboid([1_000_000; 3], [1_000_100; 3]) {
+        push(&mut list, &face, 0, None);
+    }
+    check_tiles(&list);
+    // Without levels, no tile has all.
+    let directory = tempfile::tempdir().unwrap();
+    let (json, tiles) = tiles_of(&file_of(&list), &directory.path().join("tiles"));
+    assert!(json["root"]["content"].is_null() && tiles.len() > 4, "{}", tiles.len());
+    assert!(tiles[1..].iter().all(|tile| tile.is_leaf && tile.error == 0.0 && tile.depth == 1));
+    let count: usize = tiles.iter().map(|tile| tile.triangles.len()).sum();
+    assert_eq!(count as u64, Triangulated::of(&list).unwrap().len());
+}
+
+#[test]
 fn tiles_above_cells_without_exact_faces_are_replaced() {
     let empty = check_tiles(&slab(156));
     assert!(empty > 0);
@@ -169,7 +186,7 @@ fn check_tiles(list: &FaceList) -> usize {
     assert!(json["asset"]["extras"].is_null());
     let first = levels.iter().rposition(|level| level.faces <= 20_000).unwrap();
     let depths = levels.len() - first;
-    assert!(depths >= 3, "{depths}");
+    assert!(depths >= 2, "{depths}");
     for (depth, level) in levels[first..].iter().enumerate() {
         let here = || tiles.iter().filter(|tile| tile.depth == depth);
         let count: usize = here().map(|tile| tile.triangles.len()).sum();
@@ -269,21 +286,24 @@ fn units_and_systems_of_all_kinds_lead_to_the_globe() {
         assert!(note.contains("are in EPSG:4978"), "{note}");
         tiles[0].triangles.as_flattened().to_vec()
     };
-    let has = |points: &[Point], expected: Point| {
-        points.iter().any(|point| distance(*point, expected) < 2e-3)
-    };
+    let has =
+        |points: &[Point], expected: Point| points.iter().any(|point| distance(*point, expected) < 2e-3);
     for (crs, unit) in [(4326, None), (4979, None), (4979, Some("m")), (4937, None)] {
         let points = placed_at(&geographic_box(), unit, crs);
         assert!(has(&points, LOW) && has(&points, HIGH), "EPSG:{crs}: {points:?}");
     }
     // Geocentric coordinates are unchanged.
-    let grid = Grid { bits: 12, origin: [3_888_000_000, 332_000_000, 5_028_000_000], step: 1.0, divisor: 1000.0 };
+    let grid =
+        Grid { bits: 12, origin: [3_888_000_000, 332_000_000, 5_028_000_000], step: 1.0, divisor: 1000.0 };
     let mut list = FaceList::new(grid.clone(), vec!["box".into()]);
     for face in cuboid([0; 3], [2000, 3000, 4000]) {
         push(&mut list, &face, 0, None);
     }
     let points = placed_at(&list, None, 4978);
-    assert!(has(&points, [3_888_000.0, 332_000.0, 5_028_000.0]) && has(&points, [3_888_002.0, 332_003.0, 5_028_004.0]));
+    assert!(
+        has(&points, [3_888_000.0, 332_000.0, 5_028_000.0])
+            && has(&points, [3_888_002.0, 332_003.0, 5_028_004.0])
+    );
     // The same box in metres and in millimetres, in a system in metres.
     let small = |divisor| {
         let grid = Grid { bits: 12, origin: [121_000_000, 487_000_000, 0], step: 1.0, divisor };
@@ -306,7 +326,7 @@ fn tilesets_are_refused_or_advised() {
     let (_, found) = tiles_of(&model, &tiles);
     assert!(found.len() == 1 && found[0].is_leaf && found[0].error == 0.0);
     let names: Vec<Json> = model.parts().iter().map(|name| name.as_str().into()).collect();
-    assert_eq!(Read::of(&tiles.join("content/0/0.glb")).table()["name"], names);
+    assert_eq!(Read::of(&tiles.join("content/0/1.glb")).table()["name"], names);
     let bytes = std::fs::read(tiles.join("tileset.json")).unwrap();
     let error = OutputDirectory::create(&tiles)
         .and_then(|output| export_model_tileset(&model, &GltfOptions::new(), output, MEMORY, &()))

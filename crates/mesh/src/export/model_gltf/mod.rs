@@ -6,6 +6,7 @@ mod features;
 mod model_glb;
 mod model_tiles;
 mod position;
+mod tile_cells;
 
 use std::io::Write as _;
 

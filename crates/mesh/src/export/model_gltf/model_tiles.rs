@@ -1,9 +1,10 @@
 //! 3D Tiles 1.1 of an exact model: each level of detail is a level of tiles.
 //!
 //! A tile is a cell of an octree over the model. It has the triangles of its level whose centroids
-//! are in the cell, and is replaced by the tiles of the next level in its eight children; by an
-//! empty tile if there are none. Adjacent tiles of one level have no gaps; gaps between tiles of
-//! different levels are smaller than the larger error of the two.
+//! are in the cell, and is replaced by the tiles of the next level in its octants; by an empty tile
+//! if there are none. Cells are divided further until tiles have few triangles. Adjacent tiles of
+//! one level have no gaps; gaps between tiles of different levels are smaller than the larger error
+//! of the two.
 
 use std::collections::BTreeMap;
 
@@ -15,21 +16,23 @@ use super::super::losses::Losses;
 use super::face_mesh::FaceMesh;
 use super::model_glb::{ModelGlbOptions, model_glb};
 use super::position::ModelPosition;
+use super::tile_cells::{CellCode, TileCells, curve_position};
 use spinney_base::io::{OutputDirectory, Sorter, directory_of};
 use spinney_base::parallel;
-use spinney_base::space::{Dimension, morton_encode};
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::query::{Detail, DetailSurface};
 use spinney_brep::{ExactModel, Face, Faces, Triangulated};
 
 /// The root is the finest level with at most this many faces.
 const ROOT_FACES: u64 = 20_000;
-/// Maximum number of faces of a model without levels, which becomes a single tile.
+/// Maximum number of faces of a model without levels, which becomes tiles of one level.
 const SINGLE_FACES: u64 = 200_000;
 /// Number of tiles that are made concurrently.
 const BATCH: usize = 16;
-/// Maximum depth of tiles.
-const MAX_DEPTH: usize = 20;
+/// Maximum number of levels.
+const MAX_LEVELS: usize = 20;
+/// Maximum number of triangles of a tile.
+const MAX_TRIANGLES: usize = 1 << 15;
 
 /// Size of a tileset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -46,7 +49,7 @@ pub struct ModelTilesSummary {
 }
 
 /// Writes an exact model with levels of detail as a tileset of 3D Tiles 1.1: `tileset.json`, and a
-/// binary glTF file per tile, with objects as features. A tile's geometric error is the bound of
+/// binary glTF file per tile, of at most 32,768 triangles, with objects as features. A tile's geometric error is the bound of
 /// its level's distance from the exact surface. The output is a new directory, which is created
 /// atomically.
 ///
@@ -56,7 +59,8 @@ pub struct ModelTilesSummary {
 /// used, and temporary files next to the output.
 ///
 /// # Errors
-/// If the model has no levels of detail and more than 200,000 faces; if it is corrupt; if its
+/// If the model has no levels of detail and more than 200,000 faces; if it is corrupt; if more than
+/// 32,768 triangles have their centroids in one position; if its
 /// coordinates are outside of the area of its coordinate system; if the directory exists and is not
 /// empty, or cannot be written; or on cancellation.
 pub fn export_model_tileset(
@@ -75,7 +79,7 @@ pub fn export_model_tileset(
         return Err(Error::unsupported(model.path(), found, advice));
     }
     let first = levels.iter().rposition(|level| level.faces <= ROOT_FACES).unwrap_or(0);
-    let first = first.max(levels.len().saturating_sub(MAX_DEPTH));
+    let first = first.max(levels.len().saturating_sub(MAX_LEVELS));
     let mut writer = TilesWriter {
         model,
         position: ModelPosition::on_globe(model, first_point(model)?, model.path())?,
@@ -84,6 +88,7 @@ pub fn export_model_tileset(
         memory,
         progress,
         is_coloured: model.is_coloured()?,
+        cells: TileCells::default(),
         tiles: BTreeMap::new(),
         errors: Vec::new(),
         total: levels.iter().skip(first).map(|level| level.faces).sum::<u64>().max(faces),
@@ -122,17 +127,19 @@ fn first_point(model: &ExactModel) -> Result<[f64; 3]> {
     Ok(model.grid().to_world(buffer.points.first().copied().unwrap_or_default()))
 }
 
-/// A tile: depth, and position of its cell on the curve.
-type TileKey = (usize, u64);
+/// A tile: level, counted from the root, and cell.
+type TileKey = (usize, CellCode);
 
 /// What is known of a tile.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct TileAbout {
     /// Origin of its content's coordinates.
     origin: DVec3,
     /// Bounding box of its triangles and of those of all tiles below.
     bounds: [DVec3; 2],
     has_content: bool,
+    /// Cells of the tiles of the next level that replace it.
+    children: Vec<CellCode>,
 }
 
 struct TilesWriter<'a> {
@@ -143,6 +150,7 @@ struct TilesWriter<'a> {
     memory: u64,
     progress: &'a dyn Progress,
     is_coloured: bool,
+    cells: TileCells,
     tiles: BTreeMap<TileKey, TileAbout>,
     /// Error of each level of tiles in metres.
     errors: Vec<f64>,
@@ -151,12 +159,13 @@ struct TilesWriter<'a> {
     summary: ModelTilesSummary,
 }
 
-/// Bytes of a sorted triangle: position of its cell, vertices, colours, part.
+/// Bytes of a sorted triangle: position on the curve, vertices, colours, part.
 const ITEM: usize = 8 + 36 + 9 + 4;
 
 impl TilesWriter<'_> {
     /// Writes all tiles of a level. `error` is in the unit of the model's coordinates.
-    fn level(&mut self, faces: &dyn Faces, depth: usize, error: f64) -> Result<()> {
+    fn level(&mut self, faces: &dyn Faces, level: usize, error: f64) -> Result<()> {
+        self.cells.add_level();
         self.errors.push(error * self.position.metres());
         self.summary.levels += 1;
         let mut sorter = Sorter::new(directory_of(self.output.path()), self.memory / 4);
@@ -166,7 +175,7 @@ impl TilesWriter<'_> {
                 self.progress.check()?;
                 self.progress.advance(1 << 12, self.total);
             }
-            let key = cell_of(face, depth, bits);
+            let key = curve_position(face, bits);
             let mut item = Vec::with_capacity(ITEM);
             item.extend_from_slice(&key.to_le_bytes());
             face.points.as_flattened().iter().for_each(|at| item.extend_from_slice(&at.to_le_bytes()));
@@ -175,28 +184,48 @@ impl TilesWriter<'_> {
             item.extend_from_slice(&face.part.to_le_bytes());
             sorter.push(key, &item)
         })?;
-        let mut open: Vec<(u64, Vec<u8>)> = Vec::new();
-        let mut batch: Vec<(u64, Vec<u8>)> = Vec::new();
+        let (mut open, mut batch) = (OpenTile::default(), Vec::new());
         sorter.finish(&mut |item| {
-            let key = u64::from_le_bytes(item[..8].try_into().expect("eight bytes"));
-            if open.last().is_none_or(|tile| tile.0 != key) {
-                batch.append(&mut open);
-                if batch.len() >= BATCH {
-                    self.write(std::mem::take(&mut batch), depth)?;
-                }
-                open.push((key, Vec::new()));
+            let cell = self.cells.cell(level, position_of(item));
+            if open.cell != cell {
+                batch.push(std::mem::replace(&mut open, OpenTile { cell, items: Vec::new() }));
             }
-            open[0].1.extend_from_slice(&item[8..]);
+            open.items.extend_from_slice(item);
+            while open.items.len() > MAX_TRIANGLES * ITEM {
+                self.divide(level, &mut open, &mut batch)?;
+            }
+            if batch.len() >= BATCH {
+                self.write(std::mem::take(&mut batch), level)?;
+            }
             Ok(())
         })?;
-        batch.append(&mut open);
-        self.write(batch, depth)
+        batch.push(open);
+        self.write(batch, level)
     }
 
-    /// Writes tiles, each of the items of its triangles without keys.
-    fn write(&mut self, tiles: Vec<(u64, Vec<u8>)>, depth: usize) -> Result<()> {
+    /// Divides the cell of a tile. The last octant with triangles, which may get more, remains
+    /// open; the others are complete.
+    fn divide(&mut self, level: usize, open: &mut OpenTile, complete: &mut Vec<OpenTile>) -> Result<()> {
+        if !self.cells.divide(open.cell) {
+            let found = format!("more than {MAX_TRIANGLES} triangles of a level in one position");
+            let advice = "remove repeated objects, or write glTF (x.glb)";
+            return Err(Error::unsupported(self.model.path(), found, advice));
+        }
+        let items = std::mem::take(&mut open.items);
+        for item in items.chunks_exact(ITEM) {
+            let cell = self.cells.cell(level, position_of(item));
+            if open.cell != cell {
+                complete.push(std::mem::replace(open, OpenTile { cell, items: Vec::new() }));
+            }
+            open.items.extend_from_slice(item);
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, tiles: Vec<OpenTile>, level: usize) -> Result<()> {
+        let tiles: Vec<OpenTile> = tiles.into_iter().filter(|tile| !tile.items.is_empty()).collect();
         let this = &*self;
-        let made = parallel::map(&tiles, |(key, items)| -> Result<(u64, TileAbout)> {
+        let made = parallel::map(&tiles, |OpenTile { cell, items }| -> Result<(u64, TileAbout)> {
             this.progress.check()?;
             let mesh = this.mesh(items)?;
             let [low, high] = mesh.bounds().unwrap_or_default();
@@ -205,37 +234,44 @@ impl TilesWriter<'_> {
             let (is_coloured, meshopt) = (this.is_coloured, this.options.meshopt);
             let options = ModelGlbOptions { is_coloured, meshopt, origin, about: None };
             let glb = model_glb(this.model, &[mesh], options)?;
-            this.output.write(&name((depth, *key)), &glb)?;
-            Ok((count, TileAbout { origin, bounds, has_content: true }))
+            this.output.write(&name((level, *cell)), &glb)?;
+            Ok((count, TileAbout { origin, bounds, has_content: true, children: Vec::new() }))
         });
-        for ((key, _), made) in tiles.iter().zip(made) {
+        for (tile, made) in tiles.iter().zip(made) {
             let (count, about) = made?;
             self.summary.triangles += count;
             self.summary.tiles += 1;
-            self.tiles.insert((depth, *key), about);
-            self.widen((depth, *key), &about);
+            self.add((level, tile.cell), about);
         }
         Ok(())
     }
 
-    /// Adds a tile's bounding box to those of all tiles above.
-    fn widen(&mut self, (depth, key): TileKey, below: &TileAbout) {
-        let [low, high] = below.bounds;
-        for above in (0..depth).rev() {
-            let key = key >> (3 * (depth - above));
-            let new = TileAbout { has_content: false, ..*below };
-            let tile = self.tiles.entry((above, key)).or_insert(new);
-            tile.bounds = [tile.bounds[0].min(low), tile.bounds[1].max(high)];
+    /// Adds a tile, and all missing tiles above it, whose bounding boxes are enlarged.
+    fn add(&mut self, key: TileKey, about: TileAbout) {
+        let TileAbout { origin, bounds: [low, high], .. } = about;
+        let (mut below, mut is_new) = (key, self.tiles.insert(key, about).is_none());
+        while let Some(cell) = self.cells.above(below.0, below.1) {
+            let above = (below.0 - 1, cell);
+            let mut was_missing = false;
+            let tile = self.tiles.entry(above).or_insert_with(|| {
+                was_missing = true;
+                TileAbout { origin, bounds: [low, high], has_content: false, children: Vec::new() }
+            });
+            tile.bounds = united(tile.bounds, [low, high]);
+            if is_new {
+                tile.children.push(below.1);
+            }
+            (below, is_new) = (above, was_missing);
         }
     }
 
     fn mesh(&self, items: &[u8]) -> Result<FaceMesh> {
         let place = |point: [i32; 3]| self.position.at(point);
         let mut mesh: Option<FaceMesh> = None;
-        for item in items.chunks_exact(ITEM - 8) {
-            let four = |at: usize| <[u8; 4]>::try_from(&item[at..at + 4]).expect("four bytes");
+        for item in items.chunks_exact(ITEM) {
+            let four = |at: usize| <[u8; 4]>::try_from(&item[8 + at..12 + at]).expect("four bytes");
             let points = [0, 12, 24].map(|at| [0, 4, 8].map(|axis| i32::from_le_bytes(four(at + axis))));
-            let colours = [36, 39, 42].map(|at| [item[at], item[at + 1], item[at + 2]]);
+            let colours = [44, 47, 50].map(|at| [item[at], item[at + 1], item[at + 2]]);
             let colours = if self.is_coloured { &colours[..] } else { &[] };
             let part = u32::from_le_bytes(four(45));
             let face = Face { number: 0, points: &points, ring_ends: &[3], colours, part, source: 0 };
@@ -257,42 +293,42 @@ impl TilesWriter<'_> {
             };
             asset["extras"] = json!({ "crs": crs.definition(), "note": note });
         }
-        let Some(root) = self.tiles.get(&(0, 0)) else {
+        let roots: Vec<(&TileKey, &TileAbout)> = self.tiles.range((0, 0)..(1, 0)).collect();
+        let Some(bounds) = roots.iter().map(|(_, tile)| tile.bounds).reduce(united) else {
             let nothing = json!({ "box": [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] });
             let root = json!({ "boundingVolume": nothing, "geometricError": 0, "refine": "REPLACE" });
             return json!({ "asset": asset, "geometricError": 0, "root": root });
         };
         // (Without the root, nothing is shown: the error is the size of all.)
-        let [low, high] = root.bounds;
-        let mut tileset = json!({
-            "asset": asset,
-            "geometricError": low.distance(high).max(self.errors[0]),
-            "root": self.tile((0, 0), DVec3::ZERO),
-        });
-        tileset["root"]["refine"] = "REPLACE".into();
-        tileset
+        let error = bounds[0].distance(bounds[1]).max(self.errors[0]);
+        let mut tiles: Vec<Json> = roots.iter().map(|(key, _)| self.tile(**key, DVec3::ZERO)).collect();
+        let mut root = match tiles.pop() {
+            Some(root) if tiles.is_empty() => root,
+            last => {
+                tiles.extend(last);
+                json!({ "boundingVolume": volume(bounds, DVec3::ZERO), "geometricError": error, "children": tiles })
+            }
+        };
+        root["refine"] = "REPLACE".into();
+        json!({ "asset": asset, "geometricError": error, "root": root })
     }
 
     /// Returns a tile with all tiles below. `origin` is that of the tile above.
-    fn tile(&self, (depth, key): TileKey, origin: DVec3) -> Json {
-        let TileAbout { origin: own, bounds: [low, high], has_content } = self.tiles[&(depth, key)];
-        let centre = (low + high) / 2.0 - own;
-        // (Positions are rounded to single precision.)
-        let half = (high - low) / 2.0 * (1.0 + 1e-6) + DVec3::splat(1e-6);
+    fn tile(&self, (level, cell): TileKey, origin: DVec3) -> Json {
+        let TileAbout { origin: own, bounds, has_content, ref children } = self.tiles[&(level, cell)];
         let shift = own - origin;
         let mut tile = json!({
-            "boundingVolume": { "box": [centre.x, centre.y, centre.z,
-                half.x, 0.0, 0.0, 0.0, half.y, 0.0, 0.0, 0.0, half.z] },
-            "geometricError": self.errors[depth],
+            "boundingVolume": volume(bounds, own),
+            "geometricError": self.errors[level],
             "transform": [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
                 shift.x, shift.y, shift.z, 1.0],
         });
         if has_content {
-            tile["content"] = json!({ "uri": name((depth, key)) });
+            tile["content"] = json!({ "uri": name((level, cell)) });
         }
-        let children = self.tiles.range((depth + 1, key << 3)..(depth + 1, (key + 1) << 3));
-        let mut children: Vec<Json> = children.map(|(child, _)| self.tile(*child, own)).collect();
-        if children.is_empty() && depth + 1 < self.errors.len() {
+        let mut children: Vec<Json> =
+            children.iter().map(|child| self.tile((level + 1, *child), own)).collect();
+        if children.is_empty() && level + 1 < self.errors.len() {
             // The next level has no triangles here. Without a replacement, viewers would show these
             // triangles together with the exact surface.
             let nothing = json!({ "boundingVolume": tile["boundingVolume"], "geometricError": 0.0 });
@@ -305,16 +341,33 @@ impl TilesWriter<'_> {
     }
 }
 
-/// Returns the position on the curve of the cell at a depth that contains a triangle's centroid.
-fn cell_of(face: &Face<'_>, depth: usize, bits: u8) -> u64 {
-    let cell = |axis: usize| {
-        let sum: i64 = face.points.iter().map(|point| i64::from(point[axis])).sum();
-        morton_encode(Dimension::Oct, (((sum / 3) << depth) >> bits) as u32)
-    };
-    cell(0) | cell(1) << 1 | cell(2) << 2
+/// A tile that gets triangles.
+#[derive(Default)]
+struct OpenTile {
+    cell: CellCode,
+    /// Its triangles, [`ITEM`] bytes each.
+    items: Vec<u8>,
+}
+
+/// Returns the position on the curve of a sorted triangle.
+fn position_of(item: &[u8]) -> u64 {
+    item.first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes))
+}
+
+/// Returns the box that contains two boxes.
+fn united(a: [DVec3; 2], b: [DVec3; 2]) -> [DVec3; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}
+
+/// Returns the bounding volume of a box, relative to an origin.
+fn volume([low, high]: [DVec3; 2], origin: DVec3) -> Json {
+    let centre = (low + high) / 2.0 - origin;
+    // (Positions are rounded to single precision.)
+    let half = (high - low) / 2.0 * (1.0 + 1e-6) + DVec3::splat(1e-6);
+    json!({ "box": [centre.x, centre.y, centre.z, half.x, 0.0, 0.0, 0.0, half.y, 0.0, 0.0, 0.0, half.z] })
 }
 
 /// Returns the name of a tile's content.
-fn name((depth, key): TileKey) -> String {
-    format!("content/{depth}/{key}.glb")
+fn name((level, cell): TileKey) -> String {
+    format!("content/{level}/{cell}.glb")
 }

@@ -43,7 +43,8 @@ impl<'a> ModelPosition<'a> {
             true => DVec3::new(1.0, 1.0, own.unwrap_or(1.0)),
             false => DVec3::splat(own.zip(length(crs.unit())).map_or(1.0, |(own, unit)| own / unit)),
         };
-        let position = ModelPosition { grid: faces.grid(), scale, globe: GlobePosition::of(crs), local: None };
+        let position =
+            ModelPosition { grid: faces.grid(), scale, globe: GlobePosition::of(crs), local: None };
         match &position.globe {
             Some(globe) if globe.of_world(position.scaled(point)).is_some() => Ok(position),
             _ if crs.is_geographic() => {
