@@ -63,20 +63,7 @@ struct Read {
 
 impl Read {
     fn of(path: &Path) -> Read {
-        let bytes = std::fs::read(path).unwrap();
-        let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
-        assert_eq!((&bytes[..4], word(4), word(8)), (b"glTF".as_slice(), 2, bytes.len()));
-        let end = 20 + word(12);
-        let json: Json = serde_json::from_slice(&bytes[20..end]).unwrap();
-        assert_eq!(&bytes[end + 4..end + 8], b"BIN\0");
-        let mut read = Read {
-            json,
-            bin: bytes[end + 8..].to_vec(),
-            triangles: Vec::new(),
-            rows: Vec::new(),
-            colours: Vec::new(),
-            origins: Vec::new(),
-        };
+        let mut read = Read::chunks(path);
         assert!(read.json["nodes"][0]["translation"].is_null() && read.json["nodes"][0]["matrix"].is_null());
         for node in read.json["nodes"].as_array().unwrap().clone() {
             if let Some(mesh) = node["mesh"].as_u64() {
@@ -84,6 +71,24 @@ impl Read {
             }
         }
         read
+    }
+
+    /// Reads JSON and bytes only.
+    fn chunks(path: &Path) -> Read {
+        let bytes = std::fs::read(path).unwrap();
+        let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+        assert_eq!((&bytes[..4], word(4), word(8)), (b"glTF".as_slice(), 2, bytes.len()));
+        let end = 20 + word(12);
+        let json: Json = serde_json::from_slice(&bytes[20..end]).unwrap();
+        assert_eq!(&bytes[end + 4..end + 8], b"BIN\0");
+        Read {
+            json,
+            bin: bytes[end + 8..].to_vec(),
+            triangles: Vec::new(),
+            rows: Vec::new(),
+            colours: Vec::new(),
+            origins: Vec::new(),
+        }
     }
 
     fn mesh(&mut self, node: &Json, mesh: usize) {

@@ -32,7 +32,9 @@ fn objects_and_attributes_come_back() {
         Some(
             r#"{"type":"Building","parents":["b"],"attributes":{"height":5.5,"type":"house","flag":true,"list":[1,{"a":null}],"id":9007199254740993}}"#,
         ),
-        Some(r#"{"type":"Bridge","attributes":{"height":-3,"count":0,"flag":"true","name":"","text":"none"}}"#),
+        Some(
+            r#"{"type":"Bridge","attributes":{"height":-3,"count":0,"flag":"true","name":"","text":"none"}}"#,
+        ),
         Some(r#"{"attributes":{"height":1e9,"count":-2147483648,"id":7,"text":""}}"#),
     ];
     let model = described(&boxes(grid([0; 3], 0.125, 12)), &attributes);
@@ -44,10 +46,14 @@ fn objects_and_attributes_come_back() {
         assert_eq!(found.len(), expected.len());
         for ((name, found), (expected_name, expected)) in found.iter().zip(&expected) {
             assert_eq!(name, expected_name);
-            assert_eq!(found["attributes"].as_object().unwrap().len(), expected["attributes"].as_object().unwrap().len());
+            assert_eq!(
+                found["attributes"].as_object().unwrap().len(),
+                expected["attributes"].as_object().unwrap().len()
+            );
             for (key, value) in expected["attributes"].as_object().unwrap() {
                 let found = &found["attributes"][key];
-                let is_same = found == value || found.as_f64().is_some_and(|found| value.as_f64() == Some(found));
+                let is_same =
+                    found == value || found.as_f64().is_some_and(|found| value.as_f64() == Some(found));
                 assert!(is_same, "{name}, {key}: {found}, expected {value}");
             }
             for key in ["type", "parents"] {
@@ -63,7 +69,7 @@ fn objects_and_attributes_come_back() {
 
 /// Replaces the JSON of a binary glTF file that `change` changes.
 fn changed(path: &Path, change: &dyn Fn(&mut Json)) -> PathBuf {
-    let mut read = Read::of(path);
+    let mut read = Read::chunks(path);
     change(&mut read.json);
     let mut text = serde_json::to_vec(&read.json).unwrap();
     text.resize(text.len().next_multiple_of(4), b' ');
@@ -89,8 +95,11 @@ fn opened(path: &Path) -> Box<dyn spinney::raw::import::mesh::Model> {
 #[test]
 fn features_of_other_writers_are_parts() {
     let directory = tempfile::tempdir().unwrap();
-    let attributes =
-        [Some(r#"{"attributes":{"a":1}}"#), Some(r#"{"attributes":{"a":300}}"#), Some(r#"{"attributes":{"b":"x"}}"#)];
+    let attributes = [
+        Some(r#"{"attributes":{"a":1}}"#),
+        Some(r#"{"attributes":{"a":300}}"#),
+        Some(r#"{"attributes":{"b":"x"}}"#),
+    ];
     let model = described(&boxes(grid([0; 3], 0.125, 12)), &attributes);
     let path = directory.path().join("boxes.glb");
     exported(&model, &path, false);
@@ -126,7 +135,8 @@ fn features_of_other_writers_are_parts() {
         let properties = &mut root["schema"]["classes"]["object"]["properties"];
         let absent = properties["a0_a"]["noData"].clone();
         properties["a0_a"] = json!({ "name": "a", "type": "ENUM", "enumType": "kind" });
-        properties["double"] = json!({ "type": "SCALAR", "componentType": "INT32", "scale": 2, "noData": absent });
+        properties["double"] =
+            json!({ "type": "SCALAR", "componentType": "INT32", "scale": 2, "noData": absent });
         properties["bits"] = json!({ "type": "BOOLEAN" });
         properties["pair"] = json!({ "type": "VEC2", "componentType": "INT16" });
         for name in ["double", "bits", "pair"] {
@@ -134,8 +144,9 @@ fn features_of_other_writers_are_parts() {
         }
     });
     let model = opened(&types);
-    let about: Vec<Json> =
-        (0..3).map(|part| serde_json::from_str(model.info().attributes.part(part).unwrap()).unwrap()).collect();
+    let about: Vec<Json> = (0..3)
+        .map(|part| serde_json::from_str(model.info().attributes.part(part).unwrap()).unwrap())
+        .collect();
     let expected = [
         json!({ "attributes": { "a": "one", "bits": true, "double": 2.0 } }),
         json!({ "attributes": { "a": "many", "bits": false, "double": 600.0 } }),
@@ -180,4 +191,25 @@ fn corrupt_tables_are_refused() {
             let _ = model.faces(&mut |_| Ok(()));
         }
     }
+}
+
+#[test]
+fn both_names_of_meshopt_compression_are_read() {
+    let directory = tempfile::tempdir().unwrap();
+    let model = file_of(&boxes(grid([0; 3], 0.125, 12)));
+    let path = directory.path().join("boxes.glb");
+    exported(&model, &path, true);
+    let renamed = |filter: Option<&str>| {
+        changed(&path, &|json| {
+            let text = json.to_string().replace("EXT_meshopt_compression", "KHR_meshopt_compression");
+            *json = serde_json::from_str(&text).unwrap();
+            if let Some(filter) = filter {
+                json["bufferViews"][0]["extensions"]["KHR_meshopt_compression"]["filter"] = filter.into();
+            }
+        })
+    };
+    assert!((volume(&rebuilt(&renamed(None))) / volume(&model) - 1.0).abs() < 1e-6);
+    let Err(error) = spinney::raw::import::mesh::open(&renamed(Some("COLOR")), MEMORY) else { panic!() };
+    let error = error.to_string();
+    assert!(error.contains("filter COLOR") && error.contains("EXT_meshopt_compression"), "{error}");
 }

@@ -277,6 +277,20 @@ fn instances() {
 }
 
 #[test]
+fn instances_without_faces_are_counted() {
+    let mut file = File::cube();
+    let translations = json!({ "componentType": FLOAT, "count": 4096, "type": "VEC3" });
+    let translations = file.add("accessors", translations);
+    file.json["nodes"][0] = json!({ "mesh": 0,
+        "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": translations } } } });
+    let bytes: Vec<u8> = [0f32; 9].iter().flat_map(|number| number.to_le_bytes()).collect();
+    let flat = file.accessor(&bytes, FLOAT, 3, "VEC3");
+    file.json["meshes"][0]["primitives"] = json!([{ "attributes": { "POSITION": flat } }]);
+    let (_, mut model) = read(&file);
+    assert_eq!((faces(&mut *model).unwrap().len(), model.degenerate()), (0, 4096));
+}
+
+#[test]
 fn indices_of_all_sizes_strips_and_fans() {
     for size in [1, 2, 4] {
         let mut file = File::cube();

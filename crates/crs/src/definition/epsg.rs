@@ -86,9 +86,9 @@ impl fmt::Display for Epsg {
 
 /// Whether ranges contain a code.
 fn is_in(number: u16, ranges: Ranges) -> bool {
-    ranges.iter().any(|&(first, last, step)| {
-        (first..=last).contains(&number) && (number - first).is_multiple_of(step)
-    })
+    ranges
+        .iter()
+        .any(|&(first, last, step)| (first..=last).contains(&number) && (number - first).is_multiple_of(step))
 }
 
 /// Whether an EPSG code is that of a geographic system (longitude and latitude). All other systems

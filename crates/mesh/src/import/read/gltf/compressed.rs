@@ -1,4 +1,4 @@
-//! Decompression of buffer views (EXT_meshopt_compression).
+//! Decompression of buffer views (EXT_meshopt_compression, KHR_meshopt_compression).
 
 use super::super::model_file::ModelFile;
 use super::document::{BufferView, Compression};
@@ -18,7 +18,7 @@ pub(super) fn decompress(
     use meshoptimizer_rs::{Limits, Workspace};
 
     let wrong = |error: meshoptimizer_rs::Error| {
-        source.corrupt(format!("{place}, EXT_meshopt_compression"), error.to_string(), "compressed bytes")
+        source.corrupt(format!("{place}, meshopt compression"), error.to_string(), "compressed bytes")
     };
     let size = packed.count.saturating_mul(packed.byte_stride);
     let limit = memory.max(1 << 20);
@@ -33,7 +33,13 @@ pub(super) fn decompress(
         });
     }
     let mode = Mode::parse(&packed.mode).map_err(wrong)?;
-    let filter = Filter::parse(packed.filter.as_deref().unwrap_or("NONE")).map_err(wrong)?;
+    let filter = packed.filter.as_deref().unwrap_or("NONE");
+    if filter == "COLOR" {
+        let found = "glTF with KHR_meshopt_compression and its filter COLOR";
+        let advice = "write the model with EXT_meshopt_compression, or without compression";
+        return Err(Error::unsupported(source.path(), found, advice));
+    }
+    let filter = Filter::parse(filter).map_err(wrong)?;
     let [count, stride] = [packed.count, packed.byte_stride].map(|number| number as usize);
     let layout = Layout::new(mode, filter, count, stride).map_err(wrong)?;
     if view.byte_length > size || view.byte_stride.is_some_and(|stride| stride != packed.byte_stride) {
@@ -57,7 +63,7 @@ pub(super) fn decompress(
     _: &[u8],
     _: u64,
 ) -> Result<Vec<u8>> {
-    let found = "glTF with EXT_meshopt_compression, in a build without the feature `meshopt`,";
+    let found = "glTF with meshopt compression, in a build without the feature `meshopt`,";
     Err(Error::unsupported(
         source.path(),
         found,

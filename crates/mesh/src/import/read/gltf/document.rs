@@ -259,7 +259,8 @@ pub(super) struct BufferView {
 
 #[derive(Deserialize)]
 pub(super) struct ViewExtensions {
-    #[serde(rename = "EXT_meshopt_compression")]
+    // (A view must not have both.)
+    #[serde(rename = "EXT_meshopt_compression", alias = "KHR_meshopt_compression")]
     pub(super) meshopt: Option<Compression>,
 }
 

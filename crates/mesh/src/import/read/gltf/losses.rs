@@ -62,9 +62,10 @@ impl Losses {
 /// Checks the extensions that a file declares to be required: others can be left out.
 pub(super) fn check_required(source: &ModelFile, document: &Document<'_>) -> Result<()> {
     /// Extensions that are read, or that do not concern positions.
-    const KNOWN: [&str; 6] = [
+    const KNOWN: [&str; 7] = [
         "KHR_mesh_quantization",
         "EXT_meshopt_compression",
+        "KHR_meshopt_compression",
         "EXT_mesh_gpu_instancing",
         "EXT_mesh_features",
         "EXT_structural_metadata",

@@ -19,6 +19,9 @@ pub(super) struct Primitive {
     /// Linear base colour of the material, by which colours of vertices are multiplied.
     factor: [f32; 3],
     order: Order,
+    /// Whether there is a triangle with three distinct corners. Others are not passed on, so that a
+    /// mesh without any, at millions of instances, would be read without a check for cancellation.
+    pub(super) has_faces: bool,
 }
 
 /// Features of a primitive's vertices.
@@ -115,7 +118,8 @@ fn primitives<'a>(
         losses.targets += u64::from(!primitive.targets.is_empty());
         let sets = extensions.and_then(|extensions| extensions.features.as_ref());
         let features = sets.and_then(|sets| objects(document, &sets.feature_ids, primitive));
-        losses.features += u64::from(sets.is_some_and(|sets| features.is_none() || sets.feature_ids.len() > 1));
+        losses.features +=
+            u64::from(sets.is_some_and(|sets| features.is_none() || sets.feature_ids.len() > 1));
         all.push(Source { primitive, positions, features, order });
     }
     Ok(all)
@@ -211,7 +215,10 @@ pub(super) fn read(
             None => None,
         };
         let factor = material.unwrap_or([1.0; 3]);
-        all.push(Primitive { positions, indices, colours, features, factor, order });
+        let mut primitive =
+            Primitive { positions, indices, colours, features, factor, order, has_faces: true };
+        primitive.has_faces = primitive.find_face(source, buffers);
+        all.push(primitive);
     }
     Ok(all)
 }
@@ -220,6 +227,21 @@ impl Primitive {
     /// Number of triangles.
     pub(super) fn count(&self) -> u64 {
         self.order.count(self.indices.as_ref().unwrap_or(&self.positions).count)
+    }
+
+    /// Whether a triangle has three distinct corners, or an invalid one.
+    fn find_face(&self, source: &ModelFile, buffers: &Buffers) -> bool {
+        let positions = self.positions.reader(source, buffers);
+        let indices = self.indices.as_ref().map(|indices| indices.reader(source, buffers));
+        (0..self.count()).any(|triangle| {
+            let corners = self.order.corners(triangle);
+            let corners = corners.map(|corner| indices.as_ref().map_or(corner, |it| it.integer(corner)));
+            if corners.iter().any(|vertex| *vertex >= positions.len()) {
+                return true;
+            }
+            let [a, b, c]: [[f64; 3]; 3] = corners.map(|vertex| positions.get(vertex));
+            a != b && b != c && c != a
+        })
     }
 
     /// Whether triangles have colours, other than white for all.
@@ -238,7 +260,8 @@ impl Primitive {
         let positions = self.positions.reader(source, buffers);
         let indices = self.indices.as_ref().map(|indices| indices.reader(source, buffers));
         let colours = self.colours.as_ref().map(|colours| colours.reader(source, buffers));
-        let features = self.features.as_ref().map(|features| (features, features.ids.reader(source, buffers)));
+        let features =
+            self.features.as_ref().map(|features| (features, features.ids.reader(source, buffers)));
         let plain =
             if self.factor == [1.0; 3] { WHITE } else { self.factor.map(|linear| encode(linear.into())) };
         for triangle in 0..self.count() {

@@ -172,7 +172,8 @@ pub(super) fn open(source: ModelFile, memory: u64, access: &FileAccess) -> Resul
     }
     let name = |number: usize| -> Result<String> {
         let node = &document.nodes[number];
-        let of_mesh = node.mesh.map(|mesh| item(&source, &document.meshes, ("mesh", mesh), &"nodes")).transpose()?;
+        let of_mesh =
+            node.mesh.map(|mesh| item(&source, &document.meshes, ("mesh", mesh), &"nodes")).transpose()?;
         let given = [node.name, of_mesh.and_then(|mesh| mesh.name)];
         let given = given.into_iter().flatten().filter_map(string).find(|name| !name.is_empty());
         Ok(given.map_or_else(|| format!("node {number}"), String::from))
@@ -335,6 +336,10 @@ impl Model for Gltf {
             // (Mirrors reverse the direction of triangles.)
             let order = if local * parent < 0.0 { [0, 2, 1] } else { [0, 1, 2] };
             for primitive in primitives {
+                if !primitive.has_faces {
+                    corners.degenerate += primitive.count();
+                    continue;
+                }
                 let part_of = |feature: Option<u64>| {
                     self.features.part(primitive.features.as_ref()?, owner.node?, feature?)
                 };

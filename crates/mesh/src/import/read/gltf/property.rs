@@ -182,7 +182,10 @@ impl<'a> Column<'a> {
             "ENUM" => {
                 let enumeration = property.enum_type.as_ref().and_then(|name| enumerations.get(name));
                 let Some(Enumeration { value_type, values }) = enumeration else {
-                    return Err(corrupt(format!("the enumeration {:?}", property.enum_type), "one of the schema"));
+                    return Err(corrupt(
+                        format!("the enumeration {:?}", property.enum_type),
+                        "one of the schema",
+                    ));
                 };
                 let component = component(Some(value_type.as_deref().unwrap_or("UINT16")))?;
                 let names = values.iter().map(|value| (value.value, value.name.as_str())).collect();
@@ -191,13 +194,16 @@ impl<'a> Column<'a> {
             "BOOLEAN" => Kind::Boolean,
             "STRING" => {
                 let component = component(Some(views.string_offset_type.as_deref().unwrap_or("UINT32")))?;
-                let offsets = views.string_offsets.ok_or_else(|| corrupt("no offsets".into(), "offsets of strings"))?;
+                let offsets =
+                    views.string_offsets.ok_or_else(|| corrupt("no offsets".into(), "offsets of strings"))?;
                 Kind::String { offsets: buffers.view(source, offsets), component }
             }
             _ => return Ok(None),
         };
         let fits = |count: Option<u64>, size: usize, bytes: &[u8]| {
-            count.and_then(|count| count.checked_mul(size as u64)).is_some_and(|needed| needed <= bytes.len() as u64)
+            count
+                .and_then(|count| count.checked_mul(size as u64))
+                .is_some_and(|needed| needed <= bytes.len() as u64)
         };
         let is_within = match &kind {
             Kind::Number { component, .. } | Kind::Enumeration { component, .. } => {
@@ -212,7 +218,11 @@ impl<'a> Column<'a> {
         if let Kind::String { offsets, component } = &kind {
             let mut before = 0;
             for row in 0..=count {
-                let Some(at) = component.read(offsets, row).as_u64().filter(|at| (before..=values.len() as u64).contains(at)) else {
+                let Some(at) = component
+                    .read(offsets, row)
+                    .as_u64()
+                    .filter(|at| (before..=values.len() as u64).contains(at))
+                else {
                     let expected = format!("offsets of strings that increase up to {} bytes", values.len());
                     return Err(corrupt(format!("an invalid offset of row {row}"), &expected));
                 };

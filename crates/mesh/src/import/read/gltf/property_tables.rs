@@ -94,7 +94,11 @@ impl PropertyTables {
         let Some(class) = self.schema.classes.get(&definition.class) else {
             // (A schema may be in another file.)
             let found = format!("the class {:?}, which is not in the file's schema", definition.class);
-            return Err(Error::unsupported(source.path(), format!("{place} of {found},"), "embed the schema"));
+            return Err(Error::unsupported(
+                source.path(),
+                format!("{place} of {found},"),
+                "embed the schema",
+            ));
         };
         let (mut columns, mut unread) = (Vec::new(), 0);
         for (id, views) in &definition.properties {
@@ -102,7 +106,13 @@ impl PropertyTables {
                 source.corrupt(&place, format!("the property {id:?}"), "a property of its class")
             })?;
             let place = format!("{place}, property {id:?}");
-            let column = Column::of(source, buffers, (id, property, views), &self.schema.enums, (definition.count, &place))?;
+            let column = Column::of(
+                source,
+                buffers,
+                (id, property, views),
+                &self.schema.enums,
+                (definition.count, &place),
+            )?;
             match column {
                 Some(column) => columns.push(column),
                 None => unread += 1,
@@ -120,9 +130,9 @@ fn name_column(columns: &[Column<'_>]) -> Option<usize> {
     let declared = ["NAME", "ID"].into_iter().map(|semantic| {
         columns.iter().position(|column| column.property.semantic.as_deref() == Some(semantic))
     });
-    let usual = ["name", "id", "gml_id", "gml:id", "gmlid"].into_iter().map(|name| {
-        columns.iter().position(|column| column.name.eq_ignore_ascii_case(name))
-    });
+    let usual = ["name", "id", "gml_id", "gml:id", "gmlid"]
+        .into_iter()
+        .map(|name| columns.iter().position(|column| column.name.eq_ignore_ascii_case(name)));
     declared.chain(usual).flatten().next()
 }
 
