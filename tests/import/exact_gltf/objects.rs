@@ -125,6 +125,14 @@ fn features_of_other_writers_are_parts() {
     });
     assert_eq!(names(&shared).len(), 6);
     assert_eq!(names(&shared)[3..], ["low #2", "a \"name\" #2", "häuser/3 #2"]);
+    // A schema in another file.
+    let external = changed(&path, &|json| {
+        let root = &mut json["extensions"]["EXT_structural_metadata"];
+        (root["schema"], root["schemaUri"]) = (Json::Null, "schema.json".into());
+        root.as_object_mut().unwrap().remove("schema");
+    });
+    assert_eq!(names(&external), ["object 0", "object 1", "object 2"]);
+    assert_eq!(opened(&external).remarks(), ["left out: 3 columns of property tables"]);
     // Types of properties: integers as enumeration, and scaled.
     let types = changed(&path, &|json| {
         json["asset"]["generator"] = "another".into();
@@ -153,7 +161,7 @@ fn features_of_other_writers_are_parts() {
         json!({ "attributes": { "b": "x", "bits": false } }),
     ];
     assert_eq!(about, expected);
-    assert_eq!(model.remarks(), ["left out: 1 column of arrays, vectors or matrices"]);
+    assert_eq!(model.remarks(), ["left out: 1 column of a property table"]);
 }
 
 #[test]
@@ -212,4 +220,17 @@ fn both_names_of_meshopt_compression_are_read() {
     let Err(error) = spinney::raw::import::mesh::open(&renamed(Some("COLOR")), MEMORY) else { panic!() };
     let error = error.to_string();
     assert!(error.contains("filter COLOR") && error.contains("EXT_meshopt_compression"), "{error}");
+}
+
+#[test]
+fn surfaces_of_several_nodes_are_closed() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("torus.glb");
+    // Grid units are no binary fractions, and coordinates are large.
+    let grid = Grid { bits: 17, origin: [2_600_000_000, 1_200_000_000, -7], step: 1.0, divisor: 1000.0 };
+    let model = file_of(&bumpy_torus(370, 200, grid));
+    exported(&model, &path, false);
+    assert!(Read::of(&path).origins.len() > 1);
+    let again = rebuilt(&path);
+    assert!((volume(&again) / volume(&model) - 1.0).abs() < 1e-6);
 }

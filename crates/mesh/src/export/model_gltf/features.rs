@@ -60,7 +60,7 @@ impl Features {
             let id = format!("a{number}_{}", name.chars().map(letter).collect::<String>());
             let (mut about, column) = integers(values, buffer)
                 .or_else(|| floats(values, buffer))
-                .unwrap_or_else(|| texts(values, buffer));
+                .unwrap_or_else(|| mixed(values, buffer));
             if !is_attribute {
                 about["extras"]["member"] = true.into();
             }
@@ -114,8 +114,8 @@ fn numbers<T: Copy + PartialEq + Into<Json>>(
     Some((about, json!({ "values": buffer.table(&all) })))
 }
 
-/// Returns a column of strings and, if there are other values, of JSON texts.
-fn texts(values: &[Option<Json>], buffer: &mut GlbBuffer) -> (Json, Json) {
+/// Returns a column of strings and, if there are other values, of JSON.
+fn mixed(values: &[Option<Json>], buffer: &mut GlbBuffer) -> (Json, Json) {
     let is_json = values.iter().flatten().any(|value| !value.is_string());
     // (A string that looks like JSON is quoted, so that it is distinct from it.)
     let text = |value: &Json| match value {

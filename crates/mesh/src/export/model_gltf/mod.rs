@@ -37,8 +37,8 @@ const NODE_VERTICES: usize = 65_000;
 /// Longitude and latitude become metres to the east and north of the model's centre.
 ///
 /// # Errors
-/// If the file would exceed 1 GiB; if longitude and latitude cannot be placed on the globe; if the faces cannot be read; if the output cannot be written; or
-/// on cancellation.
+/// If the file would exceed 1 GiB; if longitude and latitude cannot be placed on the globe; if the
+/// faces cannot be read; if the output cannot be written; or on cancellation.
 pub fn export_model_glb(
     faces: &dyn Faces,
     options: &GltfOptions,

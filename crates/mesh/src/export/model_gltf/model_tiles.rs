@@ -49,13 +49,13 @@ pub struct ModelTilesSummary {
 }
 
 /// Writes an exact model with levels of detail as a tileset of 3D Tiles 1.1: `tileset.json`, and a
-/// binary glTF file per tile, of at most 32,768 triangles, with objects as features. A tile's geometric error is the bound of
-/// its level's distance from the exact surface. The output is a new directory, which is created
-/// atomically.
+/// binary glTF file per tile, of at most 32,768 triangles, with objects as features. A tile's
+/// geometric error is the bound of its level's distance from the exact surface. The output is a new
+/// directory, which is created atomically.
 ///
 /// Models in a known coordinate system are placed on the globe, vertex by vertex; the others keep
-/// their coordinates in metres, with z up. Positions are relative to their tile, so that they are
-/// accurate to less than a millimetre for tiles of up to a kilometre. About `memory` bytes are
+/// their coordinates in metres, with z up. Positions are relative to their tile and rounded by at
+/// most a quarter of a millimetre, equally in all tiles of up to 8 km. About `memory` bytes are
 /// used, and temporary files next to the output.
 ///
 /// # Errors

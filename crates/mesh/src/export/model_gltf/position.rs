@@ -18,7 +18,13 @@ pub(super) struct ModelPosition<'a> {
     scale: DVec3,
     globe: Option<GlobePosition>,
     local: Option<LocalFrame>,
+    /// Positions are multiples of this power of two. Relative to the origin of any node or tile,
+    /// they are then exact in single precision, so that a vertex has the same position in all.
+    unit: f64,
 }
+
+/// Maximum unit of positions in metres. Nodes and tiles of up to 8 km are then exact.
+const MAX_UNIT: f64 = 1.0 / 2048.0;
 
 /// Coordinates to the east, to the north and up from a point on the globe.
 struct LocalFrame {
@@ -43,8 +49,7 @@ impl<'a> ModelPosition<'a> {
             true => DVec3::new(1.0, 1.0, own.unwrap_or(1.0)),
             false => DVec3::splat(own.zip(length(crs.unit())).map_or(1.0, |(own, unit)| own / unit)),
         };
-        let position =
-            ModelPosition { grid: faces.grid(), scale, globe: GlobePosition::of(crs), local: None };
+        let position = ModelPosition::new(faces, scale, GlobePosition::of(crs));
         match &position.globe {
             Some(globe) if globe.of_world(position.scaled(point)).is_some() => Ok(position),
             _ if crs.is_geographic() => {
@@ -78,8 +83,16 @@ impl<'a> ModelPosition<'a> {
     fn in_metres(faces: &'a dyn Faces) -> ModelPosition<'a> {
         // (Without any unit, metres.)
         let unit = length(faces.unit()).or_else(|| length(faces.crs()?.unit()));
-        let scale = DVec3::splat(unit.unwrap_or(1.0));
-        ModelPosition { grid: faces.grid(), scale, globe: None, local: None }
+        ModelPosition::new(faces, DVec3::splat(unit.unwrap_or(1.0)), None)
+    }
+
+    fn new(faces: &'a dyn Faces, scale: DVec3, globe: Option<GlobePosition>) -> ModelPosition<'a> {
+        let grid = faces.grid();
+        let mut position = ModelPosition { grid, scale, globe, local: None, unit: MAX_UNIT };
+        let extent = f64::from(grid.bits).exp2() * grid.width() * position.metres();
+        // (Numbers in single precision have 24 bits.)
+        position.unit = (extent.log2().ceil() - 24.0).exp2().min(MAX_UNIT);
+        position
     }
 
     pub(super) fn is_on_globe(&self) -> bool {
@@ -104,16 +117,17 @@ impl<'a> ModelPosition<'a> {
     /// If the coordinate system does not extend there.
     pub(super) fn at(&self, point: [i32; 3]) -> Result<DVec3> {
         let world = self.scaled(self.grid.to_world(point));
-        let Some(globe) = &self.globe else { return Ok(world.into()) };
+        let round = |position: DVec3| (position / self.unit).round() * self.unit;
+        let Some(globe) = &self.globe else { return Ok(round(world.into())) };
         let found = globe.of_world(world).ok_or_else(|| {
             let expected = "positions within the area of the coordinate system; set another one with \
                             `spinney transform FILE crs=...`";
             Error::invalid("vertex", format!("{world:?}"), expected)
         })?;
-        Ok(match &self.local {
+        Ok(round(match &self.local {
             Some(LocalFrame { origin, axes, .. }) => axes.map(|axis| axis.dot(found - origin)).into(),
             None => found,
-        })
+        }))
     }
 
     /// Returns a point of the model in the coordinate system, or else in metres.

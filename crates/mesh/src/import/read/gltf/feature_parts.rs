@@ -13,9 +13,9 @@ use spinney_brep::Attributes;
 /// Approximate memory of a feature.
 const FEATURE: u64 = 64;
 
-/// A node that places a mesh once.
+/// Use of a mesh by a node.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct PlacedNode {
+pub(super) struct MeshUse {
     pub(super) number: u32,
     /// Number of previous nodes with the same mesh.
     pub(super) copy: u32,
@@ -30,7 +30,7 @@ enum Scope {
 }
 
 impl Scope {
-    fn of(features: &Features, node: PlacedNode) -> Scope {
+    fn of(features: &Features, node: MeshUse) -> Scope {
         features.table.map_or(Scope::Node(node.number), |table| Scope::Table(table, node.copy))
     }
 }
@@ -44,7 +44,7 @@ pub(super) struct FeatureParts {
 
 impl FeatureParts {
     /// Returns the part of a feature, if it is one that has been added.
-    pub(super) fn part(&self, features: &Features, node: PlacedNode, id: u64) -> Option<u32> {
+    pub(super) fn part(&self, features: &Features, node: MeshUse, id: u64) -> Option<u32> {
         self.parts.get(&(Scope::of(features, node), id)).copied()
     }
 
@@ -56,7 +56,7 @@ impl FeatureParts {
         &mut self,
         source: &ModelFile,
         buffers: &Buffers,
-        (node, primitives): (PlacedNode, &[Primitive]),
+        (node, primitives): (MeshUse, &[Primitive]),
         memory: u64,
     ) -> Result<bool> {
         let mut is_whole = true;

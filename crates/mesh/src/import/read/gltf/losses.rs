@@ -16,7 +16,7 @@ pub(super) struct Losses {
     pub(super) targets: u64,
     /// Primitives with feature identifiers that are not objects.
     pub(super) features: u64,
-    /// Columns of property tables that are arrays, vectors or matrices.
+    /// Columns of property tables of other types, or with a schema in another file.
     pub(super) columns: u64,
     /// Nodes and instances that are flat, with a scale of zero.
     pub(super) flat: u64,
@@ -46,7 +46,7 @@ impl Losses {
             (self.skins, "skin", "skins"),
             (self.targets, "primitive's morph targets", "primitives' morph targets"),
             (self.features, "primitive's feature identifiers", "primitives' feature identifiers"),
-            (self.columns, "column of arrays, vectors or matrices", "columns of arrays, vectors or matrices"),
+            (self.columns, "column of a property table", "columns of property tables"),
             (self.animations, "animation", "animations"),
             (self.cameras, "camera", "cameras"),
             (self.scenes, "scene that is not the default", "scenes that are not the default"),

@@ -24,7 +24,7 @@ use self::buffers::Buffers;
 use self::container::Container;
 pub(super) use self::container::{is_binary, is_text};
 use self::document::{Document, InstanceAttributes, Node, item, string};
-use self::feature_parts::{FeatureParts, PlacedNode};
+use self::feature_parts::{FeatureParts, MeshUse};
 use self::losses::Losses;
 use self::meshes::Primitive;
 use self::nodes::{Affine, Hierarchy, local};
@@ -58,7 +58,7 @@ type MeshVisitor<'a> = dyn FnMut(&[Primitive], Owner, [&Affine; 2]) -> Result<()
 struct Owner {
     part: u32,
     /// The node, if its features are parts.
-    node: Option<PlacedNode>,
+    node: Option<MeshUse>,
 }
 
 /// Mesh of a node, once or as several instances.
@@ -161,10 +161,10 @@ pub(super) fn open(source: ModelFile, memory: u64, access: &FileAccess) -> Resul
                 Some(_) => losses.features += 1,
                 None => {
                     let copy = copies.entry(mesh).or_insert(0);
-                    let placed = PlacedNode { number: number as u32, copy: *copy };
+                    let mesh_use = MeshUse { number: number as u32, copy: *copy };
                     *copy += 1;
-                    has_part = features.add(&source, &buffers, (placed, primitives), memory)?;
-                    owner.node = Some(placed);
+                    has_part = features.add(&source, &buffers, (mesh_use, primitives), memory)?;
+                    owner.node = Some(mesh_use);
                 }
             }
         }

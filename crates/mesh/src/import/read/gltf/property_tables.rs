@@ -24,6 +24,7 @@ const SMALL: u64 = 16 << 20;
 pub(super) struct PropertyTables {
     #[serde(default)]
     schema: Schema,
+    schema_uri: Option<String>,
     #[serde(default)]
     property_tables: Vec<TableDefinition>,
 }
@@ -91,17 +92,18 @@ impl PropertyTables {
     ) -> Result<PropertyTable<'a>> {
         let definition = self.definition(source, number)?;
         let place = format!("property table {number}");
-        let Some(class) = self.schema.classes.get(&definition.class) else {
-            // (A schema may be in another file.)
-            let found = format!("the class {:?}, which is not in the file's schema", definition.class);
-            return Err(Error::unsupported(
-                source.path(),
-                format!("{place} of {found},"),
-                "embed the schema",
-            ));
-        };
+        let class = self.schema.classes.get(&definition.class);
+        if class.is_none() && self.schema_uri.is_none() {
+            let found = format!("the class {:?}", definition.class);
+            return Err(source.corrupt(place, found, "a class of the schema"));
+        }
         let (mut columns, mut unread) = (Vec::new(), 0);
         for (id, views) in &definition.properties {
+            // (A schema in another file is not read.)
+            let Some(class) = class else {
+                unread += 1;
+                continue;
+            };
             let property = class.properties.get(id).ok_or_else(|| {
                 source.corrupt(&place, format!("the property {id:?}"), "a property of its class")
             })?;
@@ -143,7 +145,7 @@ pub(super) struct PropertyTable<'a> {
     columns: Vec<Column<'a>>,
     /// Index of the column with names.
     names: Option<usize>,
-    /// Number of columns of types that are not read.
+    /// Number of columns that are not read.
     pub(super) unread: u64,
 }
 
