@@ -114,6 +114,14 @@ fn features_of_other_writers_are_parts() {
         json["nodes"][1]["name"] = "town".into();
     });
     assert_eq!(names(&plain), ["town 0", "town 1", "town 2"]);
+    // As py3dtiles writes them.
+    let batches = changed(&path, &|json| {
+        json["asset"]["generator"] = "py3dtiles".into();
+        let primitive = &mut json["meshes"][0]["primitives"][0];
+        primitive["attributes"]["_BATCHID"] = primitive["attributes"]["_FEATURE_ID_0"].clone();
+        primitive["extensions"] = json!({});
+    });
+    assert_eq!(names(&batches), ["node 1 0", "node 1 1", "node 1 2"]);
     // Vertices without a feature belong to the node.
     let null = changed(&path, &|json| set(json, "nullFeatureId", 1.into()));
     assert_eq!(names(&null), ["low", "häuser/3", "node 1"]);

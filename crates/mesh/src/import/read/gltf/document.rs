@@ -132,6 +132,8 @@ pub(super) struct Attributes {
     pub(super) position: Option<u32>,
     #[serde(rename = "COLOR_0")]
     pub(super) colour: Option<u32>,
+    #[serde(rename = "_BATCHID")]
+    pub(super) batch: Option<u32>,
     #[serde(rename = "_FEATURE_ID_0")]
     feature_0: Option<u32>,
     #[serde(rename = "_FEATURE_ID_1")]

@@ -77,9 +77,16 @@ impl Order {
 struct Source<'a> {
     primitive: &'a document::Primitive,
     positions: u32,
-    /// The set of feature identifiers that is read, and its accessor.
-    features: Option<(&'a FeatureIds, u32)>,
+    features: Option<FeatureSource>,
     order: Order,
+}
+
+/// Feature identifiers that are read.
+#[derive(Clone, Copy)]
+struct FeatureSource {
+    accessor: u32,
+    table: Option<u32>,
+    null: Option<u64>,
 }
 
 /// Primitives of a mesh that are read. The others are counted.
@@ -117,7 +124,7 @@ fn primitives<'a>(
         }
         losses.targets += u64::from(!primitive.targets.is_empty());
         let sets = extensions.and_then(|extensions| extensions.features.as_ref());
-        let features = sets.and_then(|sets| objects(document, &sets.feature_ids, primitive));
+        let features = objects(document, sets.map_or(&[], |sets| &sets.feature_ids[..]), primitive);
         losses.features +=
             u64::from(sets.is_some_and(|sets| features.is_none() || sets.feature_ids.len() > 1));
         all.push(Source { primitive, positions, features, order });
@@ -125,16 +132,24 @@ fn primitives<'a>(
     Ok(all)
 }
 
-/// Returns the set of feature identifiers that are objects, and its accessor: the first one that is
-/// an attribute of vertices.
-fn objects<'a>(
+/// Returns the feature identifiers that are objects: the first set that is an attribute of
+/// vertices, or else `_BATCHID`, the attribute that preceded these sets.
+fn objects(
     document: &Document<'_>,
-    sets: &'a [FeatureIds],
+    sets: &[FeatureIds],
     primitive: &document::Primitive,
-) -> Option<(&'a FeatureIds, u32)> {
+) -> Option<FeatureSource> {
     let found = sets.iter().find_map(|set| Some((set, primitive.attributes.feature_ids(set.attribute?)?)));
-    // (Features of our exported cells are classes, of one surface.)
-    found.filter(|(set, _)| !(document.is_own() && set.label.as_deref() == Some("classes")))
+    match found {
+        // (Features of our exported cells are classes, of one surface.)
+        Some((set, _)) if document.is_own() && set.label.as_deref() == Some("classes") => None,
+        Some((set, accessor)) => {
+            Some(FeatureSource { accessor, table: set.property_table, null: set.null_feature_id })
+        }
+        None => {
+            primitive.attributes.batch.map(|accessor| FeatureSource { accessor, table: None, null: None })
+        }
+    }
 }
 
 /// Error of compressed triangles that are not supported.
@@ -154,7 +169,7 @@ pub(super) fn add_accessors(
         primitives(source, document, mesh, &mut Losses::default())?
     {
         accessors.insert(positions);
-        accessors.extend(features.map(|(_, accessor)| accessor));
+        accessors.extend(features.map(|features| features.accessor));
         accessors.extend(primitive.indices);
         accessors.extend(primitive.attributes.colour);
     }
@@ -169,7 +184,7 @@ pub(super) fn add_tables(
     tables: &mut BTreeSet<u32>,
 ) -> Result<()> {
     let primitives = primitives(source, document, mesh, &mut Losses::default())?;
-    tables.extend(primitives.iter().filter_map(|primitive| primitive.features?.0.property_table));
+    tables.extend(primitives.iter().filter_map(|primitive| primitive.features?.table));
     Ok(())
 }
 
@@ -193,13 +208,13 @@ pub(super) fn read(
             return Err(source.corrupt(format!("mesh {mesh}"), found, "a colour of each vertex"));
         }
         let features = match features {
-            Some((FeatureIds { property_table, null_feature_id, .. }, accessor)) => {
+            Some(FeatureSource { accessor, table, null }) => {
                 let ids = elements(accessor, Purpose::Features)?;
                 if ids.count != positions.count {
                     let found = format!("{} feature identifiers of {} vertices", ids.count, positions.count);
                     return Err(source.corrupt(format!("mesh {mesh}"), found, "one of each vertex"));
                 }
-                Some(Features { ids, table: *property_table, null: *null_feature_id })
+                Some(Features { ids, table, null })
             }
             None => None,
         };
