@@ -153,7 +153,7 @@ pub mod brep {
         CombineReport, ContactKind, ContactVisitor, Defect, DefectKind, FaceList, InsideRule, LEAF_SIZE,
         LeafRule, MAX_BITS, ModelBuilder, ModelNode, ModelNodeState, ModelView, NodeCounts, NodeKind,
         ObjectContact, Repair, TransformReport, Triangulated, ViewRays, boundary_classes, divide_faces,
-        is_model_file, object_contacts,
+        each_triangle, is_model_file, object_contacts,
     };
 
     /// Query results of exact models.

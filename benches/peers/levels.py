@@ -154,7 +154,7 @@ print(len(packed))
 
 
 def bytes_of_models():
-    """The grid of the armadillo has 23 bits; Draco packs faces and vertices, we an octree as well."""
+    """Draco packs faces and vertices, on the same grid of 23 bits; we pack an octree as well."""
     mesh = MESH / "armadillo.ply"
     if not mesh.exists():
         return

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use engine::brep::{Detail, Faces};
-use engine::raw::brep::Triangulated;
+use engine::raw::brep::each_triangle;
 
 use crate::model::{check_size, opened, output, spinney_model};
 use crate::queries::{buffer, items};
@@ -200,7 +200,7 @@ impl spinney_triangles {
         let mut known: HashMap<[i32; 3], u32> = HashMap::new();
         let (mut count, mut coloured) = (0, 0);
         let grid = faces.grid();
-        Triangulated::of(faces)?.each(&mut |face| {
+        each_triangle(faces, &mut |face| {
             let mut indices = [0; 3];
             for (index, point) in indices.iter_mut().zip(face.points) {
                 let next = known.len();

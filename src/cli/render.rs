@@ -27,7 +27,7 @@ const EXAMPLES: &str = "Examples:
 --from AZIMUTH,ELEVATION: the viewer is in the north (along y) at azimuth 0, in the east (along x)
 at 90; the view is horizontal at elevation 0, straight down at 90. Without --level, the coarsest
 level is read whose cells are no larger than a pixel. Of an exact model with levels of detail, the
-surface is drawn that is at most half a pixel off, with smooth shading; of one without, its faces.
+surface is drawn that is at most a pixel off, with smooth shading; of one without, its faces.
 The output is .png, .tif, .npy or .raw, and for line drawings also .svg.
 
 --drawing: wireframe draws all edges of an exact model, hidden-lines those that no face hides,

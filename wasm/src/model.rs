@@ -6,7 +6,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use spinney_base::{Error, Result};
 use spinney_brep::query::{CuttingPlane, Detail, DetailSurface, Location, Viewpoint};
-use spinney_brep::{DetailLevel, ExactModel, Faces, ModelView, Triangulated};
+use spinney_brep::{DetailLevel, ExactModel, Faces, ModelView, each_triangle};
 use spinney_container::Tag;
 
 use crate::result::{Found, bytes_of, count};
@@ -97,7 +97,7 @@ pub(crate) fn triangles(view: &ModelView) -> Result<Found> {
     let [low, _] = view.bounds()?;
     let (mut positions, mut objects): (Vec<f32>, Vec<u32>) = (Vec::new(), Vec::new());
     let grid = model.grid();
-    Triangulated::of(model)?.each(&mut |face| {
+    each_triangle(model, &mut |face| {
         for corner in face.points {
             let at = grid.to_world(*corner);
             positions.extend((0..3).map(|axis| (at[axis] - low[axis]) as f32));
@@ -173,7 +173,7 @@ pub(crate) fn mesh(view: &ModelView, request: &SurfaceRequest) -> Result<Found> 
     let mut ends = Vec::new();
     for faces in sources {
         known.clear();
-        Triangulated::of(faces)?.each(&mut |face| {
+        each_triangle(faces, &mut |face| {
             for corner in face.points {
                 let next = (positions.len() / 3) as u32;
                 indices.push(*known.entry(*corner).or_insert_with(|| {

@@ -23,7 +23,7 @@ pub struct FaceSorter {
 }
 
 /// Receives a face with its values: column names, and JSON strings.
-pub type SortedFaceVisitor<'a> = dyn FnMut(&Face<'_>, &[(&str, &str)]) -> Result<()> + 'a;
+type SortedFaceVisitor<'a> = dyn FnMut(&Face<'_>, &[(&str, &str)]) -> Result<()> + 'a;
 
 impl FaceSorter {
     /// Sorts faces with about `memory` bytes of memory, and temporary files in `directory`.
@@ -32,7 +32,7 @@ impl FaceSorter {
         FaceSorter { grid: grid.clone(), sorter, last: None, item: Vec::new() }
     }
 
-    /// Adds a face. Faces with the same source are added one after the other.
+    /// Adds a face. Faces with the same source are consecutive.
     ///
     /// # Errors
     /// If a temporary file cannot be written.
@@ -57,7 +57,7 @@ impl FaceSorter {
     /// # Errors
     /// If a temporary file cannot be read, or what the function returns.
     pub fn finish(self, each: &mut SortedFaceVisitor<'_>) -> Result<()> {
-        let mut block = HeldBlock::new(self.grid);
+        let mut block = BlockFaces::new(self.grid);
         self.sorter.finish(&mut |item| {
             if is_full(block.numbers.len(), block.corners) {
                 block.flush(false, each)?;
@@ -70,29 +70,38 @@ impl FaceSorter {
 }
 
 /// Faces of a block.
-struct HeldBlock {
+struct BlockFaces {
     faces: FaceList,
     /// For each face, its number in the order in which faces were added.
     numbers: Vec<u64>,
     values: Vec<ColumnValues>,
     corners: usize,
+    scratch: FaceScratch,
     /// Number of the first face of the block.
     first: u64,
     /// Source and new source of the last face of the previous block.
     last: Option<(u64, u64)>,
 }
 
-impl HeldBlock {
-    fn new(grid: Grid) -> HeldBlock {
+impl BlockFaces {
+    fn new(grid: Grid) -> BlockFaces {
         let faces = FaceList::new(grid, Vec::new());
-        HeldBlock { faces, numbers: Vec::new(), values: Vec::new(), corners: 0, first: 0, last: None }
+        BlockFaces {
+            faces,
+            numbers: Vec::new(),
+            values: Vec::new(),
+            corners: 0,
+            scratch: FaceScratch::default(),
+            first: 0,
+            last: None,
+        }
     }
 
     fn push(&mut self, item: &[u8]) {
-        let mut values = ColumnValues::new();
-        self.numbers.push(read_face(item, &mut self.faces, &mut values));
-        self.corners += self.faces.get(self.numbers.len() - 1).points.len();
+        let (number, values) = read_face(item, &mut self.faces, &mut self.scratch);
+        self.numbers.push(number);
         self.values.push(values);
+        self.corners += self.scratch.points.len();
     }
 
     /// Passes the faces to `each`, and removes them.
@@ -143,30 +152,30 @@ fn connected_order(faces: &FaceList) -> Vec<(usize, usize)> {
     let mut vertices: HashMap<[i32; 3], u32, Hasher> = HashMap::default();
     // For each edge, a face and the index of the edge's first vertex in its outer ring.
     let mut edges: HashMap<[u32; 2], (usize, usize), Hasher> = HashMap::default();
-    let mut rings: Vec<Vec<u32>> = Vec::new();
+    // Vertices of all outer rings, and where each ring starts.
+    let (mut corners, mut starts): (Vec<u32>, Vec<usize>) = (Vec::new(), vec![0]);
     for number in 0..faces.len() as usize {
-        let face = faces.get(number);
-        let ring: Vec<u32> = face.points[..face.ring_ends[0]]
-            .iter()
-            .map(|point| {
-                let next = vertices.len() as u32;
-                *vertices.entry(*point).or_insert(next)
-            })
-            .collect();
+        let (face, first) = (faces.get(number), corners.len());
+        for point in &face.points[..face.ring_ends[0]] {
+            let next = vertices.len() as u32;
+            corners.push(*vertices.entry(*point).or_insert(next));
+        }
+        let ring = &corners[first..];
         let next = ring.iter().cycle().skip(1);
         edges.extend(ring.iter().zip(next).enumerate().map(|(at, (from, to))| ([*from, *to], (number, at))));
-        rings.push(ring);
+        starts.push(corners.len());
     }
-    let mut is_done = vec![false; rings.len()];
-    let mut order = Vec::with_capacity(rings.len());
+    let count = starts.len() - 1;
+    let mut is_done = vec![false; count];
+    let mut order = Vec::with_capacity(count);
     // Edges whose other face may follow, the next one last.
     let mut gates: Vec<[u32; 2]> = Vec::new();
-    for first in 0..rings.len() {
+    for first in 0..count {
         let mut next = Some((first, 0)).filter(|_| !is_done[first]);
         while let Some((face, start)) = next {
             is_done[face] = true;
             order.push((face, start));
-            let ring = &rings[face];
+            let ring = &corners[starts[face]..starts[face + 1]];
             let at = |index: usize| ring[(start + index) % ring.len()];
             // (The first edge is the one between this face and the one before.)
             gates.extend((1..ring.len()).map(|index| [at(index + 1), at(index)]));
@@ -197,23 +206,35 @@ fn write_face(face: &Face<'_>, values: &[(&str, &str)], item: &mut Vec<u8>) {
     }
 }
 
-/// Reads a face with its values, and appends them to lists. Returns its number.
-fn read_face(mut item: &[u8], faces: &mut FaceList, values: &mut ColumnValues) -> u64 {
+/// Memory of a face that is read.
+#[derive(Default)]
+struct FaceScratch {
+    ring_ends: Vec<usize>,
+    points: Vec<[i32; 3]>,
+    colours: Vec<[u8; 3]>,
+}
+
+/// Reads a face, and appends it to a list. Returns its number and values.
+fn read_face(mut item: &[u8], faces: &mut FaceList, scratch: &mut FaceScratch) -> (u64, ColumnValues) {
+    let FaceScratch { ring_ends, points, colours } = scratch;
     let mut take = |count: usize| item.split_off(..count).expect("the item that was written");
     let long = |bytes: &[u8]| u64::from_le_bytes(bytes.try_into().expect("eight bytes"));
     let word = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().expect("four bytes"));
     let (number, source, part) = (long(take(8)), long(take(8)), word(take(4)));
-    let [rings, points, colours, count] = [0; 4].map(|_| word(take(4)) as usize);
-    let ring_ends: Vec<usize> = (0..rings).map(|_| word(take(4)) as usize).collect();
-    let points: Vec<[i32; 3]> = (0..points).map(|_| [0; 3].map(|_| word(take(4)) as i32)).collect();
-    let colours: Vec<[u8; 3]> = (0..colours).map(|_| take(3).try_into().expect("three bytes")).collect();
+    let [ring_count, point_count, colour_count, count] = [0; 4].map(|_| word(take(4)) as usize);
+    ring_ends.clear();
+    ring_ends.extend((0..ring_count).map(|_| word(take(4)) as usize));
+    points.clear();
+    points.extend((0..point_count).map(|_| [0; 3].map(|_| word(take(4)) as i32)));
+    colours.clear();
+    colours.extend((0..colour_count).map(|_| <[u8; 3]>::try_from(take(3)).expect("three bytes")));
     let mut text = || {
         let length = word(take(4)) as usize;
         String::from_utf8_lossy(take(length)).into_owned()
     };
-    values.extend((0..count).map(|_| (text(), text())));
-    faces.push(&Face { number, points: &points, ring_ends: &ring_ends, colours: &colours, part, source });
-    number
+    let values = (0..count).map(|_| (text(), text())).collect();
+    faces.push(&Face { number, points, ring_ends, colours, part, source });
+    (number, values)
 }
 
 #[cfg(test)]

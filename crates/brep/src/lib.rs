@@ -41,7 +41,7 @@ pub use combine::{
 };
 pub use exact::bounds::MAX_BITS;
 pub use face::{AttributedFaceVisitor, Face, FaceList, Faces};
-pub use face_order::{FaceSorter, SortedFaceVisitor};
+pub use face_order::FaceSorter;
 pub use grid::Grid;
 pub use levels::{Simplifier, add_levels};
 pub use motion::{ModelView, Motion, TransformOptions, TransformReport, ViewRays, transform};

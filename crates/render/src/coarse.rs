@@ -15,7 +15,7 @@ use spinney_brep::{Faces as _, each_triangle};
 /// Pixels along a tile's sides.
 const TILE: usize = 8;
 /// Maximum number of triangles in memory; a triangle takes about 110 bytes.
-pub(super) const MAX_TRIANGLES: u64 = 1 << 20;
+pub(super) const MAX_TRIANGLES: u64 = 3 << 19;
 /// Maximum number of entries of all tiles' lists: 64 MB.
 const MAX_ENTRIES: usize = 1 << 24;
 /// Cosine of the angle between faces up to which their common edge is drawn smooth.

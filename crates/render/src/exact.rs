@@ -16,9 +16,9 @@ use spinney_raster::image::Format;
 /// Writes a shaded image of an exact model. Returns the largest distance in the world between what
 /// is drawn and the exact surface: 0 if it is the exact surface.
 ///
-/// If the model has levels of detail, the surface is drawn that is at most half a pixel off, with
+/// If the model has levels of detail, the surface is drawn that is at most a pixel off, with
 /// smooth shading where faces meet at small angles, or a level that is requested. Otherwise, or if
-/// that surface has more than a million triangles, rays are traced through the exact surface: its
+/// that surface has more than 1,500,000 triangles, rays are traced through the exact surface: its
 /// faces are unchanged, each with its own normal, and only nodes and faces along the rays are read.
 ///
 /// Camera, light and background are those of [`render`](super::render), without ambient occlusion.
@@ -26,7 +26,7 @@ use spinney_raster::image::Format;
 /// threads.
 ///
 /// # Errors
-/// If the model has no such level, or it has more than a million triangles, a number of the request
+/// If the model has no such level, or it has more than 1,500,000 triangles, a number of the request
 /// is out of range, the format cannot store 8-bit colours, the file is corrupt, or on cancellation.
 pub fn render_exact(
     model: &ExactModel,
@@ -53,7 +53,7 @@ pub fn render_exact(
 }
 
 /// Distance between the drawn surface and the exact one, in pixels.
-const OFF: f64 = 0.5;
+const OFF: f64 = 1.0;
 
 /// Returns the coarse surface that a request needs, and its distance from the exact one; `None` if
 /// it needs the exact surface.

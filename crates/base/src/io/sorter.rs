@@ -95,7 +95,7 @@ impl Sorter {
         let spill_error = || Error::io(&self.directory, "use a temporary file");
         sort::numbers128(&mut self.items);
         let mut last = self.items.into_iter().peekable();
-        let mut runs: Vec<Run> = self.runs.into_iter().map(Run::new).collect();
+        let mut runs: Vec<SortedFileReader> = self.runs.into_iter().map(SortedFileReader::new).collect();
         // Merges all runs: the heap has the next key of each run on disk, and the items in memory
         // are the last run.
         let mut heap = BinaryHeap::new();
@@ -125,15 +125,15 @@ fn bytes_of(item: u128, bytes: &[u8]) -> &[u8] {
 }
 
 /// A sorted run that is read, and its current item.
-struct Run {
+struct SortedFileReader {
     file: BufReader<tempfile::SpooledTempFile>,
     left: u64,
     item: Vec<u8>,
 }
 
-impl Run {
-    fn new(SortedFile { file, items }: SortedFile) -> Run {
-        Run { file: BufReader::new(file), left: items, item: Vec::new() }
+impl SortedFileReader {
+    fn new(SortedFile { file, items }: SortedFile) -> SortedFileReader {
+        SortedFileReader { file: BufReader::new(file), left: items, item: Vec::new() }
     }
 
     /// Reads the next item; returns its key, or `None` at the end.

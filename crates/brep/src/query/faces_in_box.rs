@@ -5,7 +5,7 @@ use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState
 use spinney_base::{Error, Result};
 
 /// Faces of a model in a box, without values.
-pub struct FacesInBox<'a> {
+struct FacesInBox<'a> {
     model: &'a ExactModel,
     numbers: FaceSet,
     len: u64,
@@ -18,7 +18,7 @@ impl ExactModel {
     ///
     /// # Errors
     /// If the box is invalid, or if the file is corrupt or cannot be read.
-    pub fn in_box(&self, corners: [[f64; 3]; 2]) -> Result<FacesInBox<'_>> {
+    pub fn in_box(&self, corners: [[f64; 3]; 2]) -> Result<impl Faces + '_> {
         let [low, high] = corners.map(|corner| self.grid().to_grid(corner));
         check_box(corners)?;
         let touches = |min: [f64; 3], max: [f64; 3]| {

@@ -53,7 +53,6 @@ pub use contains::Location;
 pub use coverage::{Coverage, CoverageSums, Cube};
 pub use detail::{Detail, DetailSurface};
 pub use distance::SurfacePoint;
-pub use faces_in_box::FacesInBox;
 pub use line::{Crossing, Line};
 pub use mass::{MassProperties, MassSums};
 pub use nearest::{Nearest, nearest_on_face};

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::exact::normal::triangle_normal;
-use spinney_brep::{ExactModel, Faces as _, Triangulated};
+use spinney_brep::{ExactModel, Faces as _, each_triangle};
 
 /// Maximum number of triangles of a drawing: fragments of one triangle in a BSP tree take about 2
 /// KB.
@@ -46,7 +46,7 @@ impl Triangles {
             of_side: HashMap::new(),
             is_rounded: model.exact_faces().0 > 0,
         };
-        Triangulated::of(model)?.each(&mut |face| {
+        each_triangle(model, &mut |face| {
             let &[a, b, c] = face.points else { return Ok(()) };
             let number = found.corners.len();
             if number == MAX_TRIANGLES {

@@ -21,7 +21,7 @@ use spinney_base::io::{OutputDirectory, Sorter, directory_of};
 use spinney_base::parallel;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::query::{Detail, DetailSurface};
-use spinney_brep::{ExactModel, Face, Faces, Triangulated};
+use spinney_brep::{ExactModel, Face, Faces, each_triangle};
 
 /// The root is the finest level with at most this many faces.
 const ROOT_FACES: u64 = 20_000;
@@ -170,7 +170,7 @@ impl TilesWriter<'_> {
         self.summary.levels += 1;
         let mut sorter = Sorter::new(directory_of(self.output.path()), self.memory / 4);
         let bits = self.model.grid().bits;
-        Triangulated::of(faces)?.each(&mut |face| {
+        each_triangle(faces, &mut |face| {
             if face.number.is_multiple_of(1 << 12) {
                 self.progress.check()?;
                 self.progress.advance(1 << 12, self.total);
