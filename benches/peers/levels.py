@@ -21,7 +21,7 @@ import sys
 os.environ["RAYON_NUM_THREADS"] = "1"
 
 from common import ROOT, SPINNEY, WORK, once, record, row, start, table  # noqa: E402
-from exact import MESH, PYTHON as EXACT_PYTHON, TORUS, python  # noqa: E402
+from exact import MESH, PYTHON as EXACT_PYTHON, TORUS  # noqa: E402
 
 PYTHON = os.environ.get("PYTHON", EXACT_PYTHON)
 
@@ -78,10 +78,15 @@ print(max(farthest(exact, level), farthest(level, exact)))
 """
 
 
-def torus():
-    mesh = WORK / "torus_5501370.ply"
+def python(script, *words):
+    command = [PYTHON, "-c", script, *words]
+    return subprocess.run([str(word) for word in command], check=True, capture_output=True, text=True).stdout
+
+
+def torus(n=2345, m=1173):
+    mesh = WORK / f"torus_{2 * n * m}.ply"
     if not mesh.exists():
-        python(TORUS, 2345, 1173, mesh)
+        python(TORUS, n, m, mesh)
     return mesh
 
 
@@ -123,8 +128,7 @@ def distances():
             meshes.append(WORK / f"{name}_{level}.ply")
             once([SPINNEY, "-q", "export", model, meshes[-1], "--level", level, "--triangles"])
         for level, about in enumerate(levels[:-1]):
-            command = [PYTHON, "-c", DISTANCES, meshes[-1], meshes[level]]
-            far = float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+            far = float(python(DISTANCES, meshes[-1], meshes[level]))
             rows.append([name, level, about["faces"], f"{far:.3e}", f"{about['error']:.3e}", f"{about['error'] / far:.2f}"])
     table(["mesh", "level", "faces", "distance", "bound", "bound / distance"], rows)
     if rows:
@@ -163,8 +167,8 @@ def bytes_of_models():
     for out, options in [(exact, []), (levels, ["--levels"])]:
         once([SPINNEY, "-q", "build", mesh, "-o", out, "--brep", "--codec", "packed", *options])
     grid = json.loads(subprocess.run([SPINNEY, "info", exact, "--json"], check=True, capture_output=True).stdout)["grid"]
-    command = [PYTHON, "-c", DRACO, mesh, grid["step"], grid["bits"], *(at * grid["step"] for at in grid["origin"])]
-    sizes["Draco"] = int(subprocess.run([str(part) for part in command], check=True, capture_output=True, text=True).stdout)
+    origin = [at * grid["step"] for at in grid["origin"]]
+    sizes["Draco"] = int(python(DRACO, mesh, grid["step"], grid["bits"], *origin))
     ours = {"exact": exact.stat().st_size, "with levels": levels.stat().st_size}
     table(["armadillo", "bytes"], [[name, str(size)] for name, size in [*sizes.items(), *ours.items()]])
     rows = [row(f"packed armadillo, exact, against {name}", "MB", ours["exact"] / 1e6, name, size / 1e6) for name, size in sizes.items()]
@@ -173,9 +177,7 @@ def bytes_of_models():
 
 def images():
     """Images of a torus of 24 million triangles, at the level that pixels need."""
-    mesh, model = WORK / "torus_24.ply", WORK / "torus_24.goblin"
-    if not mesh.exists():
-        python(TORUS, 4900, 2450, mesh)
+    mesh, model = torus(4900, 2450), WORK / "torus_24.goblin"
     if not model.exists():
         once([SPINNEY, "-q", "build", mesh, "-o", model, "--brep", "--levels"])
     image = WORK / "torus_24.png"

@@ -180,7 +180,9 @@ fn connected_order(faces: &FaceList) -> Vec<(usize, usize)> {
             // (The first edge is the one between this face and the one before.)
             gates.extend((1..ring.len()).map(|index| [at(index + 1), at(index)]));
             next = None;
-            while let (None, Some(gate)) = (next, gates.pop()) {
+            while next.is_none()
+                && let Some(gate) = gates.pop()
+            {
                 next = edges.get(&gate).copied().filter(|(face, _)| !is_done[*face]);
             }
         }

@@ -13,7 +13,7 @@ use spinney_brep::query::DetailSurface;
 use spinney_brep::{Faces as _, each_triangle};
 
 /// Pixels along a tile's sides.
-const TILE: usize = 8;
+const TILE: usize = 4;
 /// Maximum number of triangles in memory; a triangle takes about 110 bytes.
 pub(super) const MAX_TRIANGLES: u64 = 3 << 19;
 /// Maximum number of entries of all tiles' lists: 64 MB.

@@ -140,15 +140,34 @@ impl ExactModel {
         })
     }
 
-    /// Returns the smallest error for which the surface has at most `most` faces.
+    /// Returns the smallest error for which the surface has at most `most` faces. Reads the tables
+    /// from the coarsest level to the finest one that is needed.
     fn error_for(&self, most: u64) -> Result<f64> {
-        let mut changes = Vec::new();
-        self.each_cluster(self.levels().len() - 1, &mut |_, cluster| {
-            let range = f64::from(cluster.error)..f64::from(cluster.limit);
-            add_changes(&mut changes, &range, self.faces_of(cluster));
-            Ok(())
-        })?;
-        smallest_with(most, changes)
+        let last = self.levels().len() - 1;
+        let first = self.levels().iter().position(|level| level.faces > most).unwrap_or(last);
+        let mut finest = first;
+        loop {
+            let mut changes = Vec::new();
+            // Errors of the clusters of the finest level, and of those that replace them.
+            let mut shown: Vec<Range<f64>> = Vec::new();
+            self.each_cluster(finest, &mut |_, cluster| {
+                let range = f64::from(cluster.error)..f64::from(cluster.limit);
+                // (As if no level was finer.)
+                if cluster.is_in_level(finest as u8) {
+                    add_changes(&mut changes, &(0.0..range.end), self.faces_of(cluster));
+                    shown.push(range);
+                } else if usize::from(cluster.level) < finest {
+                    add_changes(&mut changes, &range, self.faces_of(cluster));
+                }
+                Ok(())
+            })?;
+            let error = smallest_with(most, changes)?;
+            let is_too_coarse = |range: &Range<f64>| range.start > error && error < range.end;
+            if finest == last || !shown.iter().any(is_too_coarse) {
+                return Ok(error);
+            }
+            finest += 1;
+        }
     }
 
     fn is_exact(&self, cluster: &Cluster) -> bool {

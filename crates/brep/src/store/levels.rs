@@ -176,6 +176,11 @@ impl ExactModel {
         level: usize,
         each: &mut dyn FnMut(u64, &Cluster) -> Result<()>,
     ) -> Result<()> {
+        // (Blocks of coarse faces follow: both lists are fetched in one batch.)
+        let lists = [&self.clusters, &self.level_faces];
+        self.fetch((0..2).filter(|list| lists[*list].len() > 0), &|list| {
+            lists[list].entry(&self.path, &*self.backend, 0).map(drop)
+        })?;
         // Most clusters of a level are made for it, after those of all coarser levels.
         let before: u64 = self.levels.iter().take(level + 1).map(|level| level.clusters).sum();
         let likely = before.div_ceil(TABLE_CLUSTERS as u64).min(self.clusters.len() as u64) as usize;
