@@ -243,7 +243,10 @@ fn read_face(mut item: &[u8], faces: &mut FaceList, scratch: &mut FaceScratch) -
 mod tests {
     use super::*;
 
-    fn sorted(count: i32, memory: u64) -> Vec<(u64, u64, Vec<[i32; 3]>, Vec<String>)> {
+    /// Number, source, vertices and values of a face.
+    type Found = (u64, u64, Vec<[i32; 3]>, Vec<String>);
+
+    fn sorted(count: i32, memory: u64) -> Vec<Found> {
         let grid = Grid::over([[0.0; 3], [4096.0; 3]], Some(1.0)).unwrap();
         let directory = tempfile::tempdir().unwrap();
         let mut sorter = FaceSorter::new(&grid, directory.path(), memory);
@@ -297,12 +300,10 @@ mod tests {
             // Most faces share an edge with the one before, which is the first edge of the ring.
             assert_eq!(points.len(), 3);
         }
-        let follows = |pair: &[(u64, u64, Vec<[i32; 3]>, Vec<String>)]| {
-            pair[1].2[..2].iter().all(|point| pair[0].2.contains(point))
-        };
+        let follows = |pair: &[Found]| pair[1].2[..2].iter().all(|point| pair[0].2.contains(point));
         let count = found.windows(2).filter(|pair| follows(pair)).count();
         assert!(count > 6000, "{count} of 8191 faces follow a neighbour");
-        let vertices = |block: &[(u64, u64, Vec<[i32; 3]>, Vec<String>)]| {
+        let vertices = |block: &[Found]| {
             let mut points: Vec<[i32; 3]> = block.iter().flat_map(|face| face.2.clone()).collect();
             points.sort_unstable();
             points.dedup();
