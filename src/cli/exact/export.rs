@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::brep::{Detail, Faces};
+use spinney::brep::{Detail, DetailLevel, Faces};
 use spinney::export::{GltfOptions, MeshFormat, export_exact, export_model_glb};
 use spinney::import::feature::FeatureFilter;
 use spinney::raw::brep::{ChosenParts, Triangulated};
@@ -41,6 +41,18 @@ pub(crate) fn window(part: &PartOptions) -> Result<Option<[[f64; 3]; 2]>> {
         bail!("--in: expected world: windows of exact models are in their own coordinates");
     }
     Ok(part.corners())
+}
+
+/// Describes the bodies that a surface with an error does not have, if there are any.
+fn left_out(model: &ExactModel, detail: Option<Detail>, error: f64) -> Option<String> {
+    let (levels, width, unit) = (model.levels(), model.grid().width(), unit(model));
+    if let Some(Detail::Level(level)) = detail {
+        let level = levels.get(usize::from(level)).filter(|level| level.vanished > 0)?;
+        let diameter = level.vanished_diameter * width;
+        return Some(format!("{} bodies of a diameter of at most {diameter:.3e}{unit}", level.vanished));
+    }
+    let may_vanish = |level: &DetailLevel| level.vanished > 0 && level.error * width <= error;
+    levels.iter().any(may_vanish).then(|| format!("bodies of a diameter of at most {error:.3e}{unit}"))
 }
 
 /// Writes faces of an exact model unchanged.
@@ -88,13 +100,20 @@ pub(crate) fn export(
     if let Some(coarse) = &coarse {
         let text = format!("at most {:.3e}{} from the surface", coarse.error(), unit(model));
         global.report("error", format_args!("{text}"));
+        if let Some(text) = left_out(model, detail, coarse.error()) {
+            global.report("left out", format_args!("{text}"));
+        }
     }
     if all.value_columns()?.is_empty() && !model.value_columns()?.is_empty() {
         let what = if coarse.is_some() { "coarse levels" } else { "a window" };
         global.report("left out", format_args!("values of faces: those of {what} have none"));
     }
-    if within.is_some() && all.is_empty() {
-        warn(&format!("{}: has no faces: the surface is not in the window", path.display()));
+    if faces.is_empty() && !model.is_empty() {
+        let why = match within {
+            Some(_) => "the surface is not in the window",
+            None => "all bodies are smaller than the error",
+        };
+        warn(&format!("{}: has no faces: {why}", path.display()));
     }
     let (exact, _) = model.exact_faces();
     if exact > 0 {

@@ -43,6 +43,7 @@ pub(super) fn sorted(
     let mut sorter = Sorter::new(directory, memory);
     let mut closures = vec![Closure::new(Seed::new()); parts];
     let mut triangulator = FaceTriangulator::default();
+    let mut item = Vec::with_capacity(ITEM);
     model.each(&mut |face| {
         if face.number.is_multiple_of(1 << 12) {
             progress.check()?;
@@ -54,7 +55,7 @@ pub(super) fn sorted(
             let points = triangle.map(|corner| face.points[corner as usize]);
             let colours =
                 triangle.map(|corner| face.colours.get(corner as usize).copied().unwrap_or_default());
-            let mut item = Vec::with_capacity(ITEM);
+            item.clear();
             item.extend_from_slice(&key.to_le_bytes());
             Triangle { points, colours, part: face.part }.write(&mut item);
             item.push(flags);

@@ -170,13 +170,14 @@ impl TilesWriter<'_> {
         self.summary.levels += 1;
         let mut sorter = Sorter::new(directory_of(self.output.path()), self.memory / 4);
         let bits = self.model.grid().bits;
+        let mut item = Vec::with_capacity(ITEM);
         each_triangle(faces, &mut |face| {
             if face.number.is_multiple_of(1 << 12) {
                 self.progress.check()?;
                 self.progress.advance(1 << 12, self.total);
             }
             let key = curve_position(face, bits);
-            let mut item = Vec::with_capacity(ITEM);
+            item.clear();
             item.extend_from_slice(&key.to_le_bytes());
             face.points.as_flattened().iter().for_each(|at| item.extend_from_slice(&at.to_le_bytes()));
             let colours = [0, 1, 2].map(|corner| face.colours.get(corner).copied().unwrap_or_default());
