@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Octrees as 3D Tiles and binary glTF, as other programs see them: trimesh; in JavaScript
-gltf-validator, 3d-tiles-tools, loaders.gl and CesiumJS.
+"""Octrees and exact models as 3D Tiles and binary glTF, as other programs see them: trimesh; in
+JavaScript gltf-validator, 3d-tiles-tools, loaders.gl and CesiumJS.
 
     tests/referees/gltf.py PATH/TO/spinney
 
@@ -40,6 +40,40 @@ def check_volume(mesh, expected, tolerance, what):
     assert abs(mesh.volume / expected - 1) < tolerance, f"{what}: {mesh.volume}, not {expected}"
 
 
+# From y upwards, as in glTF, to z upwards.
+Z_UP = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
+
+
+def tiles_of(tile, directory, above):
+    """Visits a tile and those below: geometric error, and mesh in the coordinates of the tileset."""
+    transform = above @ np.array(tile.get("transform", np.eye(4).ravel())).reshape(4, 4).T
+    if "content" in tile:
+        mesh = placed(directory / tile["content"]["uri"])
+        mesh.apply_transform(transform @ Z_UP)
+        yield tile["geometricError"], mesh
+    for child in tile.get("children", []):
+        yield from tiles_of(child, directory, transform)
+
+
+def check_models(work, volume, area):
+    """An exact model with levels of detail, as glTF, and as tiles of all levels."""
+    model = work / "model.goblin"
+    spinney("build", work / "bodies.obj", "-o", model, "--brep", "--levels")
+    spinney("export", model, work / "model.glb")
+    check_volume(placed(work / "model.glb"), volume, 1e-4, "exact model")
+    directory = work / "model-tiles"
+    spinney("export", model, directory / "tileset.json")
+    levels = {}
+    for error, mesh in tiles_of(json.loads((directory / "tileset.json").read_text())["root"], directory, np.eye(4)):
+        levels.setdefault(error, []).append(mesh)
+    assert len(levels) > 1 and 0 in levels, levels
+    for error, meshes in levels.items():
+        mesh = trimesh.util.concatenate(meshes)
+        check_volume(mesh, volume, 1e-4 + error * area / volume, f"level with error {error}")
+        assert mesh.is_watertight, f"level with error {error}"
+    print(f"exact model: trimesh finds closed bodies with their volume in each of {len(levels)} levels")
+
+
 def main():
     work = Path(tempfile.mkdtemp())
     # Two solids, of 64 cells and more, so that tile borders cut them.
@@ -69,6 +103,7 @@ def main():
         assert (turned > least).all() and (turned < most).all(), name
     print("binary glTF: trimesh finds both bodies in their place")
 
+    check_models(work, ball.volume + box.volume, ball.area + box.area)
     sets = []
     # A coarse cell of parts is solid if any of its cells is.
     for name, options, tolerance in [("shape", ["--smooth"], 0.02), ("parts", [], 0.05)]:
@@ -82,9 +117,8 @@ def main():
         for level in range(levels):
             files = sorted((directory / "content" / str(level)).glob("*/*/*.glb"))
             mesh = trimesh.util.concatenate([placed(file) for file in files])
-            # From y upwards, as in glTF, to z upwards, and to world coordinates.
-            z_up = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
-            mesh.apply_transform(transform @ z_up)
+            # From z upwards to world coordinates.
+            mesh.apply_transform(transform @ Z_UP)
             check_volume(mesh, volume, tolerance * 2 ** (levels - 1 - level), f"{directory.name}, level {level}")
         print(f"{directory.name}: trimesh finds the bodies' volume in each of {levels} levels")
 
