@@ -31,9 +31,7 @@ const EXAMPLES: &str = "Examples:
 
 /// Write any region at any level of detail as an image or array
 ///
-/// The output's name selects the format: .png, .webp (lossless), .tif, .exr, .npy, .nrrd, .raw; for
-/// points .las, .laz, .csv, .ply, .npy; for lines .geojson, .gpkg, .fgb, .shp, .csv, .svg, .obj,
-/// .ply; for exact models .ply, .obj, .off, .stl, .city.json.
+/// The output's name selects the format: .png, .webp (lossless), .tif, .exr, .npy, .nrrd, .raw.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -44,7 +42,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     part: PartOptions,
     /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the
-    /// original cells; of exact models, the last level (the default) is the exact surface
+    /// original cells
     #[arg(long, conflicts_with = "size")]
     level: Option<u8>,
     /// Columns and rows, or the longer side (keeps the aspect ratio). Continuous values are

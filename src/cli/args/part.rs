@@ -10,8 +10,8 @@ use super::{CoordinatesOption, numbers};
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct PartOptions {
     /// Region of the tree: column, row, width and height in cells, in octrees X,Y,Z and three
-    /// lengths; with --in other than cells, and of exact models: west, south, east, north (minimum
-    /// and maximum coordinates), where west exceeds east across the 180th meridian
+    /// lengths; with --in other than cells: west, south, east, north (minimum and maximum
+    /// coordinates), where west exceeds east across the 180th meridian
     #[arg(long, value_name = "COL,ROW,W,H", value_parser = parse_window)]
     window: Option<Window>,
     #[command(flatten)]

@@ -3,7 +3,7 @@
 use super::{Topic, Topics};
 
 pub(super) const TOPICS: Topics =
-    Topics { heading: "Other trees and outputs", topics: &[ARRAYS, POINTS, LINES], refused: &[] };
+    Topics { heading: "Other trees and outputs", topics: &[ARRAYS, POINTS, LINES, MODELS], refused: &[] };
 
 const ARRAYS: Topic = Topic {
     name: "arrays",
@@ -61,5 +61,21 @@ lines of a file (--crossing).",
     examples: &[
         "spinney get roads.goblin centre.gpkg --window 682000,246000,684000,248000",
         "spinney get roads.goblin bridges.gpkg --crossing rivers.gpkg",
+    ],
+};
+
+const MODELS: Topic = Topic {
+    name: "models",
+    summary: "exact models: .ply, .obj, .off, .stl, .city.json",
+    about: "\
+Write faces of an exact model.
+
+--window is minimum and maximum coordinates: the faces in this box are written, and some that are close to it. \
+--level is a level of detail, from 0, the coarsest, to the exact surface, which is the default. `export` writes all \
+faces, or those for an error.",
+    options: &[],
+    examples: &[
+        "spinney get city.goblin street.obj --window 0,0,0,200,100,50",
+        "spinney get city.goblin rough.ply --window 0,0,0,200,100,50 --level 2",
     ],
 };

@@ -55,6 +55,8 @@ struct Read {
     triangles: Vec<[Point; 3]>,
     /// Row of each triangle's vertices in the table of objects.
     rows: Vec<[usize; 3]>,
+    /// Row of each triangle's vertices in the table of faces, if there is one.
+    faces: Vec<[usize; 3]>,
     /// Linear colours of each triangle's vertices.
     colours: Vec<[Point; 3]>,
     /// Translations of nodes with meshes, with z up.
@@ -86,6 +88,7 @@ impl Read {
             bin: bytes[end + 8..].to_vec(),
             triangles: Vec::new(),
             rows: Vec::new(),
+            faces: Vec::new(),
             colours: Vec::new(),
             origins: Vec::new(),
         }
@@ -109,11 +112,13 @@ impl Read {
             assert_eq!(f64::from(max), all().fold(f64::NEG_INFINITY, f64::max));
         }
         let (rows, colours) = (read("_FEATURE_ID_0").unwrap(), read("COLOR_0"));
+        let faces = read("_FEATURE_ID_1");
         let indices = self.numbers(primitive["indices"].as_u64().unwrap() as usize);
         for corners in indices.chunks_exact(3) {
             let corners = [0, 1, 2].map(|corner: usize| corners[corner][0] as usize);
             self.triangles.push(corners.map(|corner| add(up(&positions[corner]), origin)));
             self.rows.push(corners.map(|corner| rows[corner][0] as usize));
+            self.faces.extend(faces.iter().map(|faces| corners.map(|corner| faces[corner][0] as usize)));
             if let Some(colours) = &colours {
                 self.colours.push(corners.map(|corner| [0, 1, 2].map(|of| colours[corner][of] / 65535.0)));
             }
@@ -153,10 +158,15 @@ impl Read {
 
     /// Returns the columns of the table of objects by name.
     fn table(&self) -> BTreeMap<String, Vec<Json>> {
+        self.table_of(0, "object")
+    }
+
+    fn table_of(&self, number: usize, class: &str) -> BTreeMap<String, Vec<Json>> {
         let root = &self.json["extensions"]["EXT_structural_metadata"];
-        let table = &root["propertyTables"][0];
+        let table = &root["propertyTables"][number];
+        assert_eq!(table["class"], class);
         let count = table["count"].as_u64().unwrap() as usize;
-        let properties = root["schema"]["classes"]["object"]["properties"].as_object().unwrap();
+        let properties = root["schema"]["classes"][class]["properties"].as_object().unwrap();
         let mut columns = BTreeMap::new();
         for (id, about) in properties {
             let column = &table["properties"][id];

@@ -242,3 +242,57 @@ fn surfaces_of_several_nodes_are_closed() {
     let again = rebuilt(&path);
     assert!((volume(&again) / volume(&model) - 1.0).abs() < 1e-6);
 }
+
+/// Values of faces are a second table; faces with different values share no vertices.
+#[test]
+fn values_of_faces_are_features() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    let list = boxes(grid([0; 3], 0.125, 12));
+    let output = Output::create(&at("model.goblin")).unwrap();
+    let mut builder = ModelBuilder::new(output, list.grid().clone(), MEMORY).unwrap();
+    let kind = |normal: [f64; 3]| match normal[2] {
+        up if up > 0.0 => "RoofSurface",
+        up if up < 0.0 => "GroundSurface",
+        _ => "WallSurface",
+    };
+    let add = &mut |face: &spinney::brep::Face<'_>| {
+        builder.push(face)?;
+        if face.part == 2 {
+            return Ok(());
+        }
+        builder.face_value("semantics", &json!({ "type": kind(face.area_vector()) }).to_string())?;
+        builder.face_value("number", &face.part.to_string())
+    };
+    list.each(add).unwrap();
+    for part in list.parts() {
+        builder.part(part, None).unwrap();
+    }
+    builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    let model = ExactModel::open(&at("model.goblin"), &OpenOptions::new()).unwrap();
+    exported(&model, &at("model.glb"), false);
+    let read = Read::of(&at("model.glb"));
+    let sets = &read.json["meshes"][0]["primitives"][0]["extensions"]["EXT_mesh_features"]["featureIds"];
+    assert_eq!((sets[1]["featureCount"].as_u64(), sets[1]["propertyTable"].as_u64()), (Some(7), Some(1)));
+    let table = read.table_of(1, "face");
+    assert_eq!(read.faces.len(), 36);
+    for (triangle, (rows, objects)) in read.triangles.iter().zip(read.faces.iter().zip(&read.rows)) {
+        assert!(rows.iter().all(|row| *row == rows[0]));
+        let [a, b, c] = *triangle;
+        let [u, v] = [b, c].map(|p| [0, 1, 2].map(|axis| p[axis] - a[axis]));
+        let normal = [0.0, 0.0, u[0] * v[1] - u[1] * v[0]];
+        let found = (&table["semantics"][rows[0]], &table["number"][rows[0]]);
+        match objects[0] {
+            2 => assert_eq!(found, (&Json::Null, &Json::Null)),
+            object => {
+                let text = json!({ "type": kind(normal) }).to_string();
+                assert_eq!(found, (&text.into(), &object.into()));
+            }
+        }
+    }
+    // A model without values has no such table.
+    exported(&list, &at("list.glb"), false);
+    let read = Read::of(&at("list.glb"));
+    let tables = &read.json["extensions"]["EXT_structural_metadata"]["propertyTables"];
+    assert!(read.faces.is_empty() && tables.as_array().unwrap().len() == 1);
+}

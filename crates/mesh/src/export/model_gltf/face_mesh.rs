@@ -14,8 +14,11 @@ pub(super) struct FaceMesh {
     pub(super) origin: DVec3,
     pub(super) vertices: Vec<FaceVertex>,
     pub(super) triangles: Vec<[u32; 3]>,
-    known: HashMap<([i32; 3], [u8; 3], u32), u32>,
+    known: HashMap<VertexKey, u32>,
 }
+
+/// What makes a vertex: its grid point, colour, part, and row of values.
+type VertexKey = ([i32; 3], [u8; 3], [u32; 2]);
 
 /// A vertex of a mesh.
 #[derive(Clone, Copy, Debug)]
@@ -24,6 +27,8 @@ pub(super) struct FaceVertex {
     pub(super) at: [f32; 3],
     pub(super) colour: [u8; 3],
     pub(super) part: u32,
+    /// Row of the values of its faces.
+    pub(super) values: u32,
 }
 
 impl FaceMesh {
@@ -31,21 +36,26 @@ impl FaceMesh {
         FaceMesh { origin, ..FaceMesh::default() }
     }
 
-    /// Adds a triangle. `place` returns the position of a grid point in the coordinates of the
+    /// Adds a triangle, with the row of its values. `place` returns the position of a grid point in the coordinates of the
     /// scene or tileset. Triangles whose vertices are equal in single precision are left out.
     ///
     /// # Errors
     /// Those of `place`.
-    pub(super) fn push(&mut self, face: &Face<'_>, place: &dyn Fn([i32; 3]) -> Result<DVec3>) -> Result<()> {
+    pub(super) fn push(
+        &mut self,
+        face: &Face<'_>,
+        values: u32,
+        place: &dyn Fn([i32; 3]) -> Result<DVec3>,
+    ) -> Result<()> {
         let mut corners = [0; 3];
         for (corner, vertex) in corners.iter_mut().enumerate() {
             let colour = face.colours.get(corner).copied().unwrap_or([255; 3]);
             let point = face.points[corner];
             let next = self.vertices.len() as u32;
-            let number = *self.known.entry((point, colour, face.part)).or_insert(next);
+            let number = *self.known.entry((point, colour, [face.part, values])).or_insert(next);
             if number == next {
                 let at = (place(point)? - self.origin).as_vec3().to_array();
-                self.vertices.push(FaceVertex { at, colour, part: face.part });
+                self.vertices.push(FaceVertex { at, colour, part: face.part, values });
             }
             *vertex = number;
         }

@@ -1,6 +1,6 @@
-//! Objects as features: a table with the name and the attributes of each part.
+//! Features: objects, with names and attributes, and faces, by their values.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use serde_json::{Map, Value as Json, json};
 
@@ -8,12 +8,57 @@ use super::super::gltf::buffer::GlbBuffer;
 use spinney_base::Result;
 use spinney_brep::Faces;
 
-/// Rows of parts, and their columns.
-pub(super) struct Features {
+/// A table of the parts of a model.
+pub(super) struct PartTable {
     /// Row of each part.
     pub(super) rows: BTreeMap<u32, u32>,
+    pub(super) table: FeatureTable,
+}
+
+/// A table of features.
+#[derive(Default)]
+pub(super) struct FeatureTable {
+    pub(super) count: usize,
     names: Vec<String>,
     columns: BTreeMap<Column, Vec<Option<Json>>>,
+}
+
+/// Different values of faces, such as `RoofSurface` of the column `semantics`. Rows are numbered in
+/// the order in which they occur.
+#[derive(Default)]
+pub(super) struct FaceValues {
+    columns: Vec<String>,
+    rows: HashMap<Vec<Option<String>>, u32>,
+}
+
+impl FaceValues {
+    pub(super) fn of_columns(columns: Vec<String>) -> FaceValues {
+        FaceValues { columns, ..FaceValues::default() }
+    }
+
+    /// Returns the row of values, which are JSON; adds it if it is new.
+    pub(super) fn row(&mut self, values: &[Option<String>]) -> u32 {
+        if let Some(row) = self.rows.get(values) {
+            return *row;
+        }
+        let row = self.rows.len() as u32;
+        self.rows.insert(values.to_vec(), row);
+        row
+    }
+
+    /// Returns the table.
+    pub(super) fn table(&self) -> FeatureTable {
+        let mut table = FeatureTable { count: self.rows.len(), ..FeatureTable::default() };
+        for (index, name) in self.columns.iter().enumerate() {
+            let mut values = vec![None; table.count];
+            for (row, number) in &self.rows {
+                let value = row[index].as_deref().and_then(|text| serde_json::from_str(text).ok());
+                values[*number as usize] = value;
+            }
+            table.columns.insert(Column { is_attribute: true, name: name.clone() }, values);
+        }
+        table
+    }
 }
 
 /// A column: a member of objects, such as `type`, or one of their attributes.
@@ -23,37 +68,54 @@ struct Column {
     name: String,
 }
 
-impl Features {
+impl PartTable {
     /// Reads names and attributes of parts.
     ///
     /// # Errors
     /// If they cannot be read.
-    pub(super) fn of(faces: &dyn Faces, parts: &BTreeSet<u32>) -> Result<Features> {
+    pub(super) fn of(faces: &dyn Faces, parts: &BTreeSet<u32>) -> Result<PartTable> {
         let rows: BTreeMap<u32, u32> = parts.iter().copied().zip(0..).collect();
-        let mut features = Features { rows, names: Vec::new(), columns: BTreeMap::new() };
+        let mut table = FeatureTable { count: parts.len(), ..FeatureTable::default() };
         for (row, part) in parts.iter().enumerate() {
-            features.names.push(faces.parts().get(*part as usize).cloned().unwrap_or_default());
+            table.names.push(faces.parts().get(*part as usize).cloned().unwrap_or_default());
             let Some(text) = faces.part_attributes(*part)? else { continue };
             let Ok(Json::Object(object)) = serde_json::from_str::<Json>(&text) else { continue };
             for (column, value) in values(object) {
-                let column = features.columns.entry(column).or_insert_with(|| vec![None; parts.len()]);
+                let column = table.columns.entry(column).or_insert_with(|| vec![None; parts.len()]);
                 column[row] = Some(value);
             }
         }
-        Ok(features)
+        Ok(PartTable { rows, table })
     }
+}
 
-    /// Returns the extension of the root, whose columns are added to a buffer.
-    pub(super) fn table(&self, buffer: &mut GlbBuffer) -> Json {
+/// Returns the extension of the root: tables, each with the name of its class. Their columns are
+/// added to a buffer.
+pub(super) fn extension(tables: &[(&str, &FeatureTable)], buffer: &mut GlbBuffer) -> Json {
+    let (mut classes, mut found) = (Map::new(), Vec::new());
+    for (class, table) in tables {
+        let (properties, columns) = table.columns(buffer);
+        classes.insert((*class).into(), json!({ "properties": properties }));
+        found.push(json!({ "class": class, "count": table.count, "properties": columns }));
+    }
+    json!({ "schema": { "id": "features", "classes": classes }, "propertyTables": found })
+}
+
+impl FeatureTable {
+    /// Returns the definitions of the columns, and their views of a buffer, to which they are
+    /// added.
+    fn columns(&self, buffer: &mut GlbBuffer) -> (Map<String, Json>, Map<String, Json>) {
         let (mut properties, mut columns) = (Map::new(), Map::new());
         let mut add = |id: String, name: &str, (mut about, column): (Json, Json)| {
             about["name"] = name.into();
             properties.insert(id.clone(), about);
             columns.insert(id, column);
         };
-        let (mut about, column) = strings(&self.names, buffer);
-        about["semantic"] = "NAME".into();
-        add("name".into(), "name", (about, column));
+        if !self.names.is_empty() {
+            let (mut about, column) = strings(&self.names, buffer);
+            about["semantic"] = "NAME".into();
+            add("name".into(), "name", (about, column));
+        }
         for (number, (Column { is_attribute, name }, values)) in self.columns.iter().enumerate() {
             // (Ids are restricted to letters, digits and underscores, and must differ.)
             let letter = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
@@ -66,10 +128,7 @@ impl Features {
             }
             add(id, name, (about, column));
         }
-        json!({
-            "schema": { "id": "objects", "classes": { "object": { "properties": properties } } },
-            "propertyTables": [{ "class": "object", "count": self.names.len(), "properties": columns }],
-        })
+        (properties, columns)
     }
 }
 

@@ -11,6 +11,7 @@ mod tile_cells;
 use std::io::Write as _;
 
 use self::face_mesh::FaceMesh;
+use self::features::FaceValues;
 use self::model_glb::{ModelGlbOptions, model_glb};
 use self::position::ModelPosition;
 use super::GltfOptions;
@@ -63,7 +64,10 @@ pub fn export_model_glb(
     let place = |point: [i32; 3]| position.at(point);
     let mut meshes: Vec<FaceMesh> = Vec::new();
     let mut is_coloured = false;
-    triangles.each(&mut |face| {
+    let columns = faces.value_columns()?;
+    let mut values = FaceValues::of_columns(columns.clone());
+    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+    triangles.each_with_values(&columns, &mut |face, own| {
         if face.number.is_multiple_of(1 << 12) {
             progress.check()?;
             progress.advance((1 << 12).min(triangles.len() - face.number), triangles.len());
@@ -72,15 +76,16 @@ pub fn export_model_glb(
         if meshes.last().is_none_or(|mesh| mesh.vertices.len() >= NODE_VERTICES) {
             meshes.push(FaceMesh::at(place(face.points[0])?));
         }
-        meshes.last_mut().expect("one was added").push(face, &place)
+        let row = if own.is_empty() { 0 } else { values.row(own) };
+        meshes.last_mut().expect("one was added").push(face, row, &place)
     })?;
     let count = meshes.iter().map(|mesh| mesh.triangles.len() as u64).sum();
     let about = position.about_scene(faces);
     let mut losses = Losses::of(&output);
-    losses.add(!faces.value_columns()?.is_empty(), "values of faces");
     losses.add(!faces.file_attributes()?.is_empty(), "the metadata of source files");
     losses.add_crs(faces.crs().filter(|_| about.is_none()));
-    let options = ModelGlbOptions { is_coloured, meshopt: options.meshopt, about, ..Default::default() };
+    let options =
+        ModelGlbOptions { is_coloured, meshopt: options.meshopt, about, values, ..Default::default() };
     let bytes = model_glb(faces, &meshes, options)?;
     output.write_all(&bytes).map_err(Error::io(output.path(), "write"))?;
     output.commit()?;

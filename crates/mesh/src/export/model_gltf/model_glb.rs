@@ -7,7 +7,7 @@ use serde_json::{Value as Json, json};
 use super::super::gltf::buffer::GlbBuffer;
 use super::super::gltf::glb::{file_of, linear_colour};
 use super::face_mesh::{FaceMesh, FaceVertex};
-use super::features::Features;
+use super::features::{FaceValues, PartTable, extension};
 use spinney_base::Result;
 use spinney_brep::Faces;
 
@@ -26,6 +26,8 @@ pub(super) struct ModelGlbOptions {
     pub(super) origin: glam::DVec3,
     /// A note for the file.
     pub(super) about: Option<Json>,
+    /// Values of faces, if they have any.
+    pub(super) values: FaceValues,
 }
 
 /// Returns a binary glTF file with a node per mesh. Faces have no normals: viewers show them flat.
@@ -35,15 +37,15 @@ pub(super) struct ModelGlbOptions {
 pub(super) fn model_glb(
     faces: &dyn Faces,
     meshes: &[FaceMesh],
-    ModelGlbOptions { is_coloured, meshopt, origin, about }: ModelGlbOptions,
+    ModelGlbOptions { is_coloured, meshopt, origin, about, values }: ModelGlbOptions,
 ) -> Result<Vec<u8>> {
     let parts: BTreeSet<u32> =
         meshes.iter().flat_map(|mesh| mesh.vertices.iter().map(|vertex| vertex.part)).collect();
-    let features = Features::of(faces, &parts)?;
+    let (parts, values) = (PartTable::of(faces, &parts)?, values.table());
     let mut glb = ModelGlb { buffer: GlbBuffer::new(meshopt), accessors: Vec::new() };
     let (mut made, mut nodes) = (Vec::new(), vec![json!({ "name": "model" })]);
     for mesh in meshes.iter().filter(|mesh| !mesh.triangles.is_empty()) {
-        let primitive = glb.primitive(mesh, &features, is_coloured);
+        let primitive = glb.primitive(mesh, (&parts, values.count), is_coloured);
         made.push(json!({ "primitives": [primitive] }));
         let [x, y, z] = (mesh.origin - origin).to_array();
         // (Subtraction from 0.0 avoids negative zeros.)
@@ -68,7 +70,9 @@ pub(super) fn model_glb(
         root["extensionsRequired"] = json!([extension]);
     }
     root["extensionsUsed"] = used.into();
-    root["extensions"] = json!({ "EXT_structural_metadata": features.table(&mut glb.buffer) });
+    let tables = [("object", &parts.table), ("face", &values)];
+    let tables = if values.count == 0 { &tables[..1] } else { &tables };
+    root["extensions"] = json!({ "EXT_structural_metadata": extension(tables, &mut glb.buffer) });
     root["nodes"] = nodes.into();
     root["meshes"] = made.into();
     root["materials"] = json!([{ "doubleSided": true,
@@ -84,7 +88,12 @@ struct ModelGlb {
 }
 
 impl ModelGlb {
-    fn primitive(&mut self, mesh: &FaceMesh, features: &Features, is_coloured: bool) -> Json {
+    fn primitive(
+        &mut self,
+        mesh: &FaceMesh,
+        (parts, values): (&PartTable, usize),
+        is_coloured: bool,
+    ) -> Json {
         let up = |[x, y, z]: [f32; 3]| [x, z, 0.0 - y];
         let vertices = &mesh.vertices;
         let first = vertices.first().map_or([0.0; 3], |vertex| up(vertex.at));
@@ -100,15 +109,14 @@ impl ModelGlb {
             }
             bytes
         });
-        // (The row is a float where 16 bits are not enough: attributes have no integers of 32
-        // bits.)
-        let is_short = features.rows.len() <= usize::from(u16::MAX);
-        let kind = if is_short { UNSIGNED_SHORT } else { FLOAT };
-        let feature = self.vertices(vertices, json!({ "componentType": kind, "type": "SCALAR" }), |vertex| {
-            let row = features.rows[&vertex.part];
-            if is_short { row.to_le_bytes() } else { (row as f32).to_le_bytes() }
-        });
-        let mut attributes = json!({ "POSITION": position, "_FEATURE_ID_0": feature });
+        let objects = self.rows(vertices, parts.table.count, |vertex| parts.rows[&vertex.part]);
+        let mut attributes = json!({ "POSITION": position, "_FEATURE_ID_0": objects });
+        let set = |table: usize, count: usize, label: &str| json!({ "featureCount": count, "attribute": table, "propertyTable": table, "label": label });
+        let mut sets = vec![set(0, parts.table.count, "objects")];
+        if values > 0 {
+            attributes["_FEATURE_ID_1"] = self.rows(vertices, values, |vertex| vertex.values).into();
+            sets.push(set(1, values, "faces"));
+        }
         if is_coloured {
             let colour = json!({ "componentType": UNSIGNED_SHORT, "normalized": true, "type": "VEC4" });
             let colour = self.vertices(vertices, colour, |vertex| {
@@ -131,9 +139,19 @@ impl ModelGlb {
             "material": 0,
             "attributes": attributes,
             "indices": indices,
-            "extensions": { "EXT_mesh_features": { "featureIds": [{
-                "featureCount": features.rows.len(), "attribute": 0, "propertyTable": 0, "label": "objects",
-            }] } },
+            "extensions": { "EXT_mesh_features": { "featureIds": sets } },
+        })
+    }
+
+    /// Adds an accessor to rows of a table with so many rows; returns its index.
+    fn rows(&mut self, vertices: &[FaceVertex], count: usize, row: impl Fn(&FaceVertex) -> u32) -> usize {
+        // (The row is a float where 16 bits are not enough: attributes have no integers of 32
+        // bits.)
+        let is_short = count <= usize::from(u16::MAX);
+        let kind = if is_short { UNSIGNED_SHORT } else { FLOAT };
+        self.vertices(vertices, json!({ "componentType": kind, "type": "SCALAR" }), |vertex| {
+            let row = row(vertex);
+            if is_short { row.to_le_bytes() } else { (row as f32).to_le_bytes() }
         })
     }
 

@@ -233,7 +233,7 @@ impl TilesWriter<'_> {
             let bounds = [low, high].map(|corner| DVec3::from(corner.map(f64::from)) + mesh.origin);
             let (count, origin) = (mesh.triangles.len() as u64, mesh.origin);
             let (is_coloured, meshopt) = (this.is_coloured, this.options.meshopt);
-            let options = ModelGlbOptions { is_coloured, meshopt, origin, about: None };
+            let options = ModelGlbOptions { is_coloured, meshopt, origin, ..Default::default() };
             let glb = model_glb(this.model, &[mesh], options)?;
             this.output.write(&name((level, *cell)), &glb)?;
             Ok((count, TileAbout { origin, bounds, has_content: true, children: Vec::new() }))
@@ -279,7 +279,7 @@ impl TilesWriter<'_> {
             if mesh.is_none() {
                 mesh = Some(FaceMesh::at(place(points[0])?));
             }
-            mesh.as_mut().expect("it was made above").push(&face, &place)?;
+            mesh.as_mut().expect("it was made above").push(&face, 0, &place)?;
         }
         Ok(mesh.unwrap_or_default())
     }
