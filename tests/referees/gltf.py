@@ -45,7 +45,7 @@ Z_UP = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
 
 
 def tiles_of(tile, directory, above):
-    """Visits a tile and those below: geometric error, and mesh in the coordinates of the tileset."""
+    """Visits a tile and those below: geometric error, and mesh in coordinates of the tileset."""
     transform = above @ np.array(tile.get("transform", np.eye(4).ravel())).reshape(4, 4).T
     if "content" in tile:
         mesh = placed(directory / tile["content"]["uri"])

@@ -36,8 +36,9 @@ impl FaceMesh {
         FaceMesh { origin, ..FaceMesh::default() }
     }
 
-    /// Adds a triangle, with the row of its values. `place` returns the position of a grid point in the coordinates of the
-    /// scene or tileset. Triangles whose vertices are equal in single precision are left out.
+    /// Adds a triangle, with the row of its values. `place` returns the position of a grid point in
+    /// the coordinates of the scene or tileset. Triangles whose vertices are equal in single
+    /// precision are left out.
     ///
     /// # Errors
     /// Those of `place`.
