@@ -164,9 +164,9 @@ impl ChunkList {
         // file's size.
         let available = self.end.saturating_sub(HEADER_SIZE as u64);
         if bytes > available {
-            let found = format!("{bytes} bytes in its list");
+            let found = format!("{bytes} bytes of a list, each a {}", self.name());
             let expected = format!("at most the {available} before the lists");
-            return Err(Error::corrupt(path, self.name(), found, expected));
+            return Err(Error::corrupt(path, "lists", found, expected));
         }
         Ok(bytes)
     }
