@@ -203,7 +203,7 @@ pub mod style {
 #[cfg(feature = "brep")]
 pub mod brep {
     pub use spinney_brep::query::{
-        BoxLocation, CuttingPlane, Detail, DetailSurface, Hit, Location, MassProperties, SurfacePoint,
+        BoxLocation, CuttingPlane, Hit, Location, MassProperties, ModelSurface, SurfaceDetail, SurfacePoint,
         Viewpoint,
     };
     pub use spinney_brep::{

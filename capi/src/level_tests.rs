@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::ffi::CString;
 use std::ptr::{null, null_mut};
 
-use engine::brep::{Detail, Face, Faces, Grid, add_levels};
+use engine::brep::{Face, Faces, Grid, SurfaceDetail, add_levels};
 use engine::raw::brep::{ModelBuilder, Triangulated};
 use engine::{Codec, ExactModel, Metadata, Output};
 use tempfile::TempDir;
@@ -139,7 +139,7 @@ fn surfaces_at_levels_of_detail_are_those_of_the_library() {
         assert_eq!(level.vanished_diameter, expected.vanished_diameter * width);
         let detail = spinney_detail { by: SPINNEY_DETAIL_LEVEL, level: number as u32, ..whole() };
         let found = surface(model, &detail).unwrap();
-        check(&found, &library.at_detail(Detail::Level(number as u8), None).unwrap());
+        check(&found, &library.surface(SurfaceDetail::Level(number as u8), None, &()).unwrap());
         assert_eq!((found.corners.len() as u64, found.reported.error), (level.faces, level.error));
         assert!(is_closed(&found) && found.reported.has_colours);
         assert_eq!(found.colours[0], *[COLOUR; 3].as_flattened());
@@ -148,10 +148,10 @@ fn surfaces_at_levels_of_detail_are_those_of_the_library() {
     let most = 1.01 * levels[count - 2].error;
     let error = spinney_detail { by: SPINNEY_DETAIL_ERROR, error: most, ..whole() };
     let found = surface(model, &error).unwrap();
-    check(&found, &library.at_detail(Detail::Error(most), None).unwrap());
+    check(&found, &library.surface(SurfaceDetail::Error(most), None, &()).unwrap());
     assert!(is_closed(&found) && found.reported.error <= most && found.corners.len() < 5120);
     let faces = spinney_detail { by: SPINNEY_DETAIL_FACES, faces: levels[0].faces, ..whole() };
-    check(&surface(model, &faces).unwrap(), &library.at_detail(Detail::Level(0), None).unwrap());
+    check(&surface(model, &faces).unwrap(), &library.surface(SurfaceDetail::Level(0), None, &()).unwrap());
     let exact = surface(model, &whole()).unwrap();
     check(&exact, &library);
     assert_eq!(exact.reported.error, 0.0);
@@ -160,10 +160,10 @@ fn surfaces_at_levels_of_detail_are_those_of_the_library() {
     let half = [low, [0, 1, 2].map(|axis| (low[axis] + high[axis]) / 2.0)];
     let bounds = half.as_flattened().as_ptr();
     let near = surface(model, &spinney_detail { bounds, ..whole() }).unwrap();
-    check(&near, &library.at_detail(Detail::Level(count as u8 - 1), Some(half)).unwrap());
+    check(&near, &library.surface(SurfaceDetail::Exact, Some(half), &()).unwrap());
     assert!((1..5120).contains(&near.corners.len()));
     let near = surface(model, &spinney_detail { bounds, ..error }).unwrap();
-    check(&near, &library.at_detail(Detail::Error(most), Some(half)).unwrap());
+    check(&near, &library.surface(SurfaceDetail::Error(most), Some(half), &()).unwrap());
     unsafe { spinney_model_close(model) };
 }
 

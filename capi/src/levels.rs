@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use engine::brep::{Detail, Faces};
+use engine::brep::{Faces, SurfaceDetail};
 use engine::raw::brep::each_triangle;
 
 use crate::model::{check_size, opened, output, spinney_model};
@@ -50,9 +50,9 @@ pub struct spinney_detail {
     pub faces: u64,
     /// Maximum distance from the exact surface, in the world.
     pub error: f64,
-    /// A box: three minimum and three maximum coordinates in the world. The surface then consists
-    /// of all clusters (of about 500 faces) that touch the box, and is open outside of it. NULL for
-    /// the whole surface.
+    /// A box: three minimum and three maximum coordinates in the world. The exact surface then
+    /// consists of the faces whose own boxes touch it, another one of all clusters (of about 500
+    /// faces) that touch it; it is open outside of the box. NULL for the whole surface.
     pub bounds: *const f64,
 }
 
@@ -125,7 +125,7 @@ pub unsafe extern "C" fn spinney_model_levels(
 ///
 /// A coarse surface is closed where the exact one is, but may intersect itself, within its error:
 /// it is for display. Reads only the clusters that the surface consists of. SPINNEY_UNSUPPORTED if
-/// the file has no levels, unless the detail is the whole exact surface.
+/// the file has no levels, unless the detail is the exact surface.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_triangles(
     model: *const spinney_model,
@@ -151,34 +151,29 @@ pub unsafe extern "C" fn spinney_model_triangles(
             }
             _ => None,
         };
-        let wanted = match detail {
-            Some(detail) => detail.wanted(model.levels().len())?,
-            None => None,
-        };
-        let surface = wanted.map(|wanted| model.at_detail(wanted, bounds)).transpose()?;
-        let faces: &dyn Faces = surface.as_ref().map_or(model, |surface| surface);
+        let wanted = detail.map_or(Ok(SurfaceDetail::Exact), spinney_detail::wanted)?;
+        let surface = model.surface(wanted, bounds, &())?;
         // SAFETY: the caller's struct describes its arrays.
-        unsafe { triangles.fill(faces)? };
+        unsafe { triangles.fill(&surface)? };
         model.check_unchanged()?;
-        triangles.error = surface.map_or(0.0, |surface| surface.error());
+        triangles.error = surface.error();
         Ok(())
     })
 }
 
 impl spinney_detail {
-    /// Returns the detail of a model with a number of levels; `None` for the whole exact surface.
-    fn wanted(&self, levels: usize) -> Result<Option<Detail>, Failure> {
-        Ok(Some(match self.by {
-            SPINNEY_DETAIL_EXACT if self.bounds.is_null() => return Ok(None),
-            SPINNEY_DETAIL_EXACT => Detail::Level(levels.saturating_sub(1) as u8),
-            SPINNEY_DETAIL_ERROR => Detail::Error(self.error),
-            SPINNEY_DETAIL_FACES => Detail::Faces(self.faces),
-            SPINNEY_DETAIL_LEVEL => Detail::Level(self.level.try_into().unwrap_or(u8::MAX)),
+    /// Returns the detail.
+    fn wanted(&self) -> Result<SurfaceDetail, Failure> {
+        Ok(match self.by {
+            SPINNEY_DETAIL_EXACT => SurfaceDetail::Exact,
+            SPINNEY_DETAIL_ERROR => SurfaceDetail::Error(self.error),
+            SPINNEY_DETAIL_FACES => SurfaceDetail::Faces(self.faces),
+            SPINNEY_DETAIL_LEVEL => SurfaceDetail::Level(self.level.try_into().unwrap_or(u8::MAX)),
             other => {
                 let text = format!("by: got {other}, expected one of SPINNEY_DETAIL_*");
                 return Err(Failure::invalid(text));
             }
-        }))
+        })
     }
 }
 

@@ -329,9 +329,8 @@ impl Model {
         })?;
         let made = jobs::run(py, terms, |work| {
             let model = model.as_model("faces")?;
-            let surface = detail.map(|detail| model.at_detail(detail, None)).transpose()?;
-            let faces: &dyn Faces = surface.as_ref().map_or(model, |surface| surface);
-            let made = export_exact(faces, format, work.create(&path)?, work)?;
+            let surface = model.surface(detail, None, work)?;
+            let made = export_exact(&surface, format, work.create(&path)?, work)?;
             model.check_unchanged()?;
             Ok(made)
         })?;

@@ -1,14 +1,13 @@
 //! Faces of exact models as arrays.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::HashMap;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::brep::{Detail, DetailLevel, Face, FaceBuffer, Faces, Grid};
-use spinney::raw::brep::ModelNode;
+use spinney::brep::{DetailLevel, Face, Faces, Grid, ModelSurface, SurfaceDetail};
 use spinney::raw::geometry::{Triangulator, join_rings};
-use spinney::{ExactModel, Progress, Result};
+use spinney::{Progress, Result};
 
 use crate::error::{OrRaise, invalid};
 use crate::jobs::{self, Terms};
@@ -78,73 +77,18 @@ impl Lists {
     }
 }
 
-/// Returns whether two boxes intersect.
-fn meet(a: &WorldBox, b: &WorldBox) -> bool {
-    (0..3).all(|axis| a[0][axis] <= b[1][axis] && b[0][axis] <= a[1][axis])
-}
-
-/// Collects the numbers of the faces in those leaves that a box intersects.
-fn numbers_in(
-    model: &ExactModel,
-    node: &ModelNode<'_>,
-    part: &WorldBox,
-    work: &dyn Progress,
-    numbers: &mut BTreeSet<u64>,
-) -> Result<()> {
-    if !meet(&node.world_box(model.grid()), part) {
-        return Ok(());
-    }
-    work.check()?;
-    numbers.extend(node.faces());
-    for child in model.children(node)?.iter().flatten() {
-        numbers_in(model, child, part, work, numbers)?;
-    }
-    Ok(())
-}
-
-/// Visits all faces of a surface.
-fn each_of(faces: &dyn Faces, work: &dyn Progress, each: &mut dyn FnMut(&Face<'_>)) -> Result<()> {
-    faces.each(&mut |face| {
+/// Visits the faces of a surface. Some faces of the exact surface keep their numbers.
+fn each(surface: &ModelSurface<'_>, work: &dyn Progress, each: &mut dyn FnMut(&Face<'_>)) -> Result<()> {
+    let mut numbers = surface.numbers_of_faces();
+    surface.each(&mut |face| {
         if face.number.is_multiple_of(1024) {
             work.check()?;
-            work.advance(1024.min(faces.len() - face.number), faces.len());
+            work.advance(1024.min(surface.len() - face.number), surface.len());
         }
-        each(face);
+        let number = numbers.as_mut().and_then(Iterator::next).map_or(face.number, u64::from);
+        each(&Face { number, ..*face });
         Ok(())
     })
-}
-
-/// Visits all faces, or those whose own boxes intersect a box.
-fn each(
-    model: &ExactModel,
-    part: Option<&WorldBox>,
-    work: &dyn Progress,
-    each: &mut dyn FnMut(&Face<'_>),
-) -> Result<()> {
-    let Some(part) = part else {
-        each_of(model, work, each)?;
-        return model.check_unchanged();
-    };
-    let mut numbers = BTreeSet::new();
-    numbers_in(model, &model.root()?, part, work, &mut numbers)?;
-    let mut buffer = FaceBuffer::default();
-    for number in numbers {
-        work.check()?;
-        model.face(number, &mut buffer)?;
-        let face = buffer.face();
-        let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for point in face.points {
-            let at = model.grid().to_world(*point);
-            for axis in 0..3 {
-                min[axis] = min[axis].min(at[axis]);
-                max[axis] = max[axis].max(at[axis]);
-            }
-        }
-        if meet(&[min, max], part) {
-            each(&face);
-        }
-    }
-    model.check_unchanged()
 }
 
 /// Level of detail: faces, error, bytes, vanished bodies, and a bound of their diameter.
@@ -153,17 +97,17 @@ type LevelRow = (u64, f64, u64, u64, f64);
 /// Detail of a surface: the maximum error, the maximum number of faces, or the level.
 pub(crate) type DetailChoice = (Option<f64>, Option<i64>, Option<i64>);
 
-/// Returns the detail that is chosen, if there is one.
-pub(crate) fn detail_of(choice: DetailChoice) -> PyResult<Option<Detail>> {
+/// Returns the detail that is chosen.
+pub(crate) fn detail_of(choice: DetailChoice) -> PyResult<SurfaceDetail> {
     Ok(match choice {
-        (None, None, None) => None,
-        (Some(error), None, None) => Some(Detail::Error(error)),
+        (None, None, None) => SurfaceDetail::Exact,
+        (Some(error), None, None) => SurfaceDetail::Error(error),
         (None, Some(faces), None) => match u64::try_from(faces) {
-            Ok(faces) => Some(Detail::Faces(faces)),
+            Ok(faces) => SurfaceDetail::Faces(faces),
             Err(_) => return Err(invalid(format!("faces: got {faces}, expected a number of faces"))),
         },
         (None, None, Some(level)) => match u8::try_from(level) {
-            Ok(level) => Some(Detail::Level(level)),
+            Ok(level) => SurfaceDetail::Level(level),
             Err(_) => return Err(invalid(format!("level: got {level}, expected a level of `levels`"))),
         },
         _ => return Err(invalid("error, faces, level: got several, expected one of them")),
@@ -211,7 +155,9 @@ impl Model {
         let model = self.get()?;
         let lists = jobs::run(py, terms, |work| {
             let (mut lists, model) = (Lists::default(), model.as_model("faces")?);
-            each(model, part.as_ref(), work, &mut |face| lists.push(model.grid(), face))?;
+            let surface = model.surface(SurfaceDetail::Exact, part, work)?;
+            each(&surface, work, &mut |face| lists.push(model.grid(), face))?;
+            model.check_unchanged()?;
             Ok(lists)
         })?;
         let facts = PyDict::new(py);
@@ -241,9 +187,11 @@ impl Model {
         let lists = jobs::run(py, terms, |work| {
             let (mut lists, mut triangulator) = (Lists::default(), Triangulator::new());
             let model = model.as_model("faces")?;
-            each(model, part.as_ref(), work, &mut |face| {
+            let surface = model.surface(SurfaceDetail::Exact, part, work)?;
+            each(&surface, work, &mut |face| {
                 lists.push_triangles(model.grid(), face, &mut triangulator);
             })?;
+            model.check_unchanged()?;
             Ok(lists)
         })?;
         let (vertices, triangles) = (lists.known.len(), lists.numbers.len());
@@ -282,18 +230,10 @@ impl Model {
             let (mut lists, mut triangulator) = (Lists::default(), Triangulator::new());
             let model = view.as_model("faces")?;
             let mut push = |face: &Face<'_>| lists.push_triangles(model.grid(), face, &mut triangulator);
-            let error = match detail {
-                None => {
-                    each(model, part.as_ref(), work, &mut push)?;
-                    0.0
-                }
-                Some(detail) => {
-                    let surface = model.at_detail(detail, part)?;
-                    each_of(&surface, work, &mut push)?;
-                    model.check_unchanged()?;
-                    surface.error()
-                }
-            };
+            let surface = model.surface(detail, part, work)?;
+            each(&surface, work, &mut push)?;
+            model.check_unchanged()?;
+            let error = surface.error();
             Ok((lists, error))
         })?;
         let facts = PyDict::new(py);

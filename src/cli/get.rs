@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
-use spinney::brep::Detail as ModelDetail;
+use spinney::brep::SurfaceDetail;
 use spinney::export::{ArrayRequest, Detail, MeshFormat, WindowRequest, export_array, export_window};
 use spinney::raw::export::export_layers;
 use spinney::raw::export::image::Format;
@@ -108,7 +108,7 @@ fn get_faces(args: &Args, model: &ExactModel, global: &Global) -> Result<()> {
     let contents = exact::MeshContents {
         triangles: false,
         filter: None,
-        detail: args.level.map(ModelDetail::Level),
+        detail: args.level.map_or(SurfaceDetail::Exact, SurfaceDetail::Level),
         within: exact::window(&args.part)?,
     };
     exact::export(model, path, exact::MeshOutput::Mesh(format), contents, global)

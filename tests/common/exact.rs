@@ -133,3 +133,23 @@ pub fn snapped(name: &str, is_wanted: &dyn Fn(u32) -> bool) -> Option<FaceList> 
     .unwrap();
     Some(list)
 }
+
+/// A torus of 2nm triangles with bumps, on a grid of at least 16 bits.
+pub fn bumpy_torus(n: i32, m: i32, grid: Grid) -> FaceList {
+    let at = |i: i32, j: i32| {
+        let [u, v] =
+            [(i, n), (j, m)].map(|(at, of)| f64::from(at % of) / f64::from(of) * std::f64::consts::TAU);
+        let r = 1.0 + 0.05 * (12.0 * u).sin() * (7.0 * v).cos();
+        let wide = 3.0 + r * v.cos();
+        [wide * u.cos(), wide * u.sin(), r * v.sin()].map(|at| ((at + 4.2) * 7000.0) as i32)
+    };
+    let mut list = FaceList::new(grid, vec!["torus".into()]);
+    for i in 0..n {
+        for j in 0..m {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            push(&mut list, &[vec![a, b, c]], 0, None);
+            push(&mut list, &[vec![a, c, d]], 0, None);
+        }
+    }
+    list
+}

@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use spinney::brep::{Detail, DetailSurface, Faces, Grid, Viewpoint, add_levels};
+use spinney::brep::{Faces, Grid, ModelSurface, SurfaceDetail, Viewpoint, add_levels};
 use spinney::raw::brep::FaceList;
 use spinney::{Error, ExactModel, Output};
 
@@ -73,11 +73,11 @@ fn level_fields(file: &[u8], every: usize) -> Vec<Field> {
 /// Reads surfaces of all levels, and for several errors and numbers of faces.
 fn query_levels(file: Vec<u8>) {
     let Ok(model) = ExactModel::from_bytes(file) else { return };
-    let levels = (0..model.levels().len() as u8).map(Detail::Level);
-    let errors = [0.0, 3.0, 25.0, 1e300, f64::INFINITY].map(Detail::Error);
-    let numbers = [0, 100, u64::MAX].map(Detail::Faces);
+    let levels = (0..model.levels().len() as u8).map(SurfaceDetail::Level);
+    let errors = [0.0, 3.0, 25.0, 1e300, f64::INFINITY].map(SurfaceDetail::Error);
+    let numbers = [0, 100, u64::MAX].map(SurfaceDetail::Faces);
     let within = [[30.0, 0.0, 0.0], [90.0, 60.0, 10.0]];
-    let check = |surface: &DetailSurface<'_>| {
+    let check = |surface: &ModelSurface<'_>| {
         assert!(!surface.error().is_nan() && surface.error() >= 0.0);
         let mut faces = 0;
         let read = surface.each(&mut |face| {
@@ -92,7 +92,7 @@ fn query_levels(file: Vec<u8>) {
     };
     for detail in levels.chain(errors).chain(numbers) {
         for within in [None, Some(within)] {
-            model.at_detail(detail, within).iter().for_each(check);
+            model.surface(detail, within, &()).iter().for_each(check);
         }
     }
     let half = vec![[1.0, 0.0, 0.0, -60.0]];

@@ -5,14 +5,15 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use spinney::brep::{
-    Detail, DetailSurface, Faces, Grid, Motion, TransformOptions, add_levels, combine, transform, with_levels,
+    Faces, Grid, ModelSurface, Motion, SurfaceDetail, TransformOptions, add_levels, combine, transform,
+    with_levels,
 };
 use spinney::raw::brep::query::nearest_on_face;
 use spinney::raw::brep::{FaceList, ModelBuilder};
 use spinney::{Codec, Error, ExactModel, Metadata, OpenOptions, Output, Progress, SetOperation};
 
 use crate::common::Random;
-use crate::common::exact::{cuboid, push, turned};
+use crate::common::exact::{bumpy_torus, cuboid, push, turned};
 
 const MEMORY: u64 = 64 << 20;
 
@@ -44,28 +45,8 @@ pub(super) fn unit(random: &mut Random) -> f64 {
     (random.next() >> 11) as f64 / (1u64 << 53) as f64
 }
 
-fn grid(bits: u8) -> Grid {
+pub(super) fn grid(bits: u8) -> Grid {
     Grid { bits, origin: [-100, 0, 5], step: 1.0, divisor: 1000.0 }
-}
-
-/// A torus of 2nm triangles with bumps, on a grid of 2^16.
-pub(super) fn bumpy_torus(n: i32, m: i32) -> FaceList {
-    let at = |i: i32, j: i32| {
-        let [u, v] =
-            [(i, n), (j, m)].map(|(at, of)| f64::from(at % of) / f64::from(of) * std::f64::consts::TAU);
-        let r = 1.0 + 0.05 * (12.0 * u).sin() * (7.0 * v).cos();
-        let wide = 3.0 + r * v.cos();
-        [wide * u.cos(), wide * u.sin(), r * v.sin()].map(|at| ((at + 4.2) * 7000.0) as i32)
-    };
-    let mut list = FaceList::new(grid(16), vec!["torus".into()]);
-    for i in 0..n {
-        for j in 0..m {
-            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            push(&mut list, &[vec![a, b, c]], 0, None);
-            push(&mut list, &[vec![a, c, d]], 0, None);
-        }
-    }
-    list
 }
 
 /// A closed box whose sides are divided into `n` x `n` squares of two triangles, as one part.
@@ -111,7 +92,7 @@ fn by_part(faces: &dyn Faces) -> HashMap<u32, (Surpluses, i128)> {
 }
 
 /// Checks that a surface is closed where the exact one is, part by part, and oriented like it.
-pub(super) fn check_surface(model: &ExactModel, surface: &DetailSurface, what: &str) {
+pub(super) fn check_surface(model: &ExactModel, surface: &ModelSurface, what: &str) {
     let exact = by_part(model);
     let found = by_part(surface);
     let mut count = 0;
@@ -136,11 +117,11 @@ pub(super) fn check_surface(model: &ExactModel, surface: &DetailSurface, what: &
     assert!(open.values().all(|surplus| *surplus == 0), "{what}");
 }
 
-fn check_closed(model: &ExactModel, detail: Detail) {
-    let surface = model.at_detail(detail, None).unwrap();
+fn check_closed(model: &ExactModel, detail: SurfaceDetail) {
+    let surface = model.surface(detail, None, &()).unwrap();
     check_surface(model, &surface, &format!("{detail:?}"));
     let last = model.levels().len() - 1;
-    if detail == Detail::Level(last as u8) || detail == Detail::Error(0.0) {
+    if detail == SurfaceDetail::Level(last as u8) || detail == SurfaceDetail::Error(0.0) {
         assert_eq!(by_part(&surface).len(), by_part(model).len());
         assert!(surface.is_exact() || surface.error() < 0.01);
     }
@@ -149,13 +130,13 @@ fn check_closed(model: &ExactModel, detail: Detail) {
 fn check_all_levels(model: &ExactModel, cuts: usize) {
     let levels = model.levels();
     assert!(levels.len() > 2, "{levels:?}");
-    (0..levels.len()).for_each(|level| check_closed(model, Detail::Level(level as u8)));
+    (0..levels.len()).for_each(|level| check_closed(model, SurfaceDetail::Level(level as u8)));
     let coarsest = levels[0].error * model.grid().width();
     let mut random = Random(7);
     for _ in 0..cuts {
         // (Small errors choose between more groups.)
         let error = coarsest * 1.2 * unit(&mut random).powi(4);
-        check_closed(model, Detail::Error(error));
+        check_closed(model, SurfaceDetail::Error(error));
     }
     assert_eq!(model.verify(MEMORY, &()).unwrap(), []);
 }
@@ -164,7 +145,7 @@ fn check_all_levels(model: &ExactModel, cuts: usize) {
 fn check_distances(model: &ExactModel) {
     let mut random = Random(3);
     for level in 0..model.levels().len() - 1 {
-        let surface = model.at_detail(Detail::Level(level as u8), None).unwrap();
+        let surface = model.surface(SurfaceDetail::Level(level as u8), None, &()).unwrap();
         let coarse = FaceList::of(&surface).unwrap();
         let bound = surface.error();
         let mut farthest: f64 = 0.0;
@@ -201,18 +182,18 @@ fn check_distances(model: &ExactModel) {
 
 #[test]
 fn levels_and_cuts_of_a_scan_are_closed_and_within_their_bounds() {
-    let model = with_levels_of(&bumpy_torus(160, 100));
+    let model = with_levels_of(&bumpy_torus(160, 100, grid(16)));
     let levels = model.levels();
     assert!(levels.is_sorted_by(|coarse, fine| coarse.faces < fine.faces && coarse.error > fine.error));
     assert!(levels[0].faces <= 256 && levels.last().unwrap().error == 0.0, "{levels:?}");
     check_all_levels(&model, 250);
     check_distances(&model);
-    assert!(model.at_detail(Detail::Faces(u64::MAX), None).unwrap().is_exact());
+    assert!(model.surface(SurfaceDetail::Faces(u64::MAX), None, &()).unwrap().is_exact());
     for error in [1e300, f64::MAX, f64::INFINITY] {
-        assert_eq!(model.at_detail(Detail::Error(error), None).unwrap().len(), levels[0].faces);
+        assert_eq!(model.surface(SurfaceDetail::Error(error), None, &()).unwrap().len(), levels[0].faces);
     }
     // A quarter of the faces remain at each level.
-    let half = model.at_detail(Detail::Faces(16_000), None).unwrap();
+    let half = model.surface(SurfaceDetail::Faces(16_000), None, &()).unwrap();
     assert!((2000..=16_000).contains(&half.len()), "{}", half.len());
 }
 
@@ -238,7 +219,7 @@ fn objects_are_simplified_apart_and_disappear_by_size() {
     let coarsest = &levels[0];
     assert!(coarsest.vanished > 0 && coarsest.vanished_diameter <= coarsest.error, "{coarsest:?}");
     // Boxes are divided without need: they become simpler without an error.
-    let flat = model.at_detail(Detail::Error(0.001), None).unwrap();
+    let flat = model.surface(SurfaceDetail::Error(0.001), None, &()).unwrap();
     assert!(flat.len() * 2 < model.len(), "{} of {}", flat.len(), model.len());
 }
 
@@ -262,9 +243,9 @@ pub(super) fn materials_around_a_cavity() -> FaceList {
 #[test]
 fn cavities_and_materials_keep_their_borders() {
     let model = with_levels_of(&materials_around_a_cavity());
-    (0..model.levels().len()).for_each(|level| check_closed(&model, Detail::Level(level as u8)));
+    (0..model.levels().len()).for_each(|level| check_closed(&model, SurfaceDetail::Level(level as u8)));
     assert_eq!(model.verify(MEMORY, &()).unwrap(), []);
-    let coarse = model.at_detail(Detail::Level(0), None).unwrap();
+    let coarse = model.surface(SurfaceDetail::Level(0), None, &()).unwrap();
     assert!(coarse.len() * 8 < model.len(), "{} of {}", coarse.len(), model.len());
     coarse
         .each(&mut |face| {
@@ -278,7 +259,7 @@ fn cavities_and_materials_keep_their_borders() {
 /// Faces without area are in no octree; cuts with exact faces have them nevertheless.
 #[test]
 fn slivers_keep_surfaces_closed() {
-    let mut list = bumpy_torus(60, 40);
+    let mut list = bumpy_torus(60, 40, grid(16));
     let n = list.len() as usize;
     let mut with_slivers = FaceList::new(grid(16), vec!["torus".into()]);
     for number in 0..n {
@@ -303,7 +284,7 @@ fn slivers_keep_surfaces_closed() {
 
 #[test]
 fn bytes_do_not_depend_on_memory_and_threads() {
-    let model = built_model(&bumpy_torus(120, 90));
+    let model = built_model(&bumpy_torus(120, 90, grid(16)));
     let expected = levelled(&model, MEMORY);
     assert!(levelled(&model, 4 << 20) == expected, "less memory");
     for threads in [1, 3] {
@@ -318,12 +299,12 @@ fn bytes_do_not_depend_on_memory_and_threads() {
 /// A box query returns the clusters that touch the box.
 #[test]
 fn a_box_has_the_faces_that_touch_it() {
-    let model = with_levels_of(&bumpy_torus(160, 100));
+    let model = with_levels_of(&bumpy_torus(160, 100, grid(16)));
     let within = [[10.0, 10.0, 0.0], [20.0, 30.0, 60.0]];
     let last = model.levels().len() as u8 - 1;
-    for detail in [Detail::Level(last - 1), Detail::Error(0.01), Detail::Error(0.0)] {
+    for detail in [SurfaceDetail::Level(last - 1), SurfaceDetail::Error(0.01), SurfaceDetail::Error(0.0)] {
         let (all, some) =
-            (model.at_detail(detail, None).unwrap(), model.at_detail(detail, Some(within)).unwrap());
+            (model.surface(detail, None, &()).unwrap(), model.surface(detail, Some(within), &()).unwrap());
         let touching = |faces: &dyn Faces| {
             let mut found = Vec::new();
             let low = model.grid().to_grid(within[0]);
@@ -346,9 +327,68 @@ fn a_box_has_the_faces_that_touch_it() {
     }
 }
 
+/// The exact surface in a box, of files with and without levels, also read at positions: all faces
+/// with a vertex in the box, others only if their boxes touch it; with their numbers and values.
+#[test]
+fn a_box_has_exact_faces_with_their_values() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("model.goblin");
+    let list = bumpy_torus(80, 50, grid(16));
+    let mut builder = ModelBuilder::new(Output::create(&path).unwrap(), list.grid().clone(), MEMORY).unwrap();
+    let add = &mut |face: &spinney::brep::Face<'_>| {
+        builder.push(face)?;
+        builder.face_value("number", &face.number.to_string())
+    };
+    list.each(add).unwrap();
+    builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    let plain = ExactModel::open(&path, &OpenOptions::new().positioned(1 << 16)).unwrap();
+    let levels = ExactModel::from_bytes(levelled(&plain, MEMORY)).unwrap();
+    for model in [&plain, &levels] {
+        for within in
+            [[[10.0, 10.0, 0.0], [20.0, 30.0, 60.0]], [[-1e300; 3], [1e300; 3]], [[900.0; 3], [901.0; 3]]]
+        {
+            let surface = model.surface(SurfaceDetail::Exact, Some(within), &()).unwrap();
+            assert!(surface.is_exact() && surface.error() == 0.0 && surface.numbers().is_empty());
+            assert_eq!(surface.value_columns().unwrap(), ["number"]);
+            let mut expected = surface.numbers_of_faces().unwrap();
+            let mut found = std::collections::BTreeSet::new();
+            let check = &mut |face: &spinney::brep::Face<'_>, values: &[Option<String>]| {
+                assert_eq!(face.number, found.len() as u64);
+                let number = u64::from(expected.next().unwrap());
+                assert_eq!(values, [Some(number.to_string())]);
+                assert_eq!(face.points, list.get(number as usize).points);
+                found.insert(number);
+                Ok(())
+            };
+            surface.each_with_values(&["number"], check).unwrap();
+            assert_eq!(found.len() as u64, surface.len());
+            let world = |point: &[i32; 3]| model.grid().to_world(*point);
+            for number in 0..list.len() {
+                let points: Vec<[f64; 3]> = list.get(number as usize).points.iter().map(world).collect();
+                let is_within = |at: &[f64; 3]| {
+                    (0..3).all(|axis| (within[0][axis]..=within[1][axis]).contains(&at[axis]))
+                };
+                let touches = (0..3).all(|axis| {
+                    points.iter().any(|at| at[axis] >= within[0][axis])
+                        && points.iter().any(|at| at[axis] <= within[1][axis])
+                });
+                let is_found = found.contains(&number);
+                assert!(is_found || !points.iter().any(is_within), "face {number}");
+                assert!(!is_found || touches, "face {number}");
+            }
+        }
+        for wrong in [[[1.0; 3], [0.0; 3]], [[f64::NAN; 3], [1.0; 3]]] {
+            let error = model.surface(SurfaceDetail::Exact, Some(wrong), &()).err().unwrap().to_string();
+            assert!(error.contains("minimum coordinates"), "{error}");
+        }
+        let whole = model.surface(SurfaceDetail::Exact, None, &()).unwrap();
+        assert_eq!((whole.len(), by_part(&whole)), (model.len(), by_part(model)));
+    }
+}
+
 #[test]
 fn packed_files_have_the_same_levels() {
-    let model = built_model(&bumpy_torus(100, 60));
+    let model = built_model(&bumpy_torus(100, 60, grid(16)));
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("packed.goblin");
     add_levels(&model, (Output::create(&path).unwrap(), Codec::Packed), MEMORY, &()).unwrap();
@@ -358,7 +398,7 @@ fn packed_files_have_the_same_levels() {
     assert!(packed.file_size() * 2 < plain.file_size());
     for level in 0..plain.levels().len() {
         let faces = |model: &ExactModel| {
-            let surface = model.at_detail(Detail::Level(level as u8), None).unwrap();
+            let surface = model.surface(SurfaceDetail::Level(level as u8), None, &()).unwrap();
             let mut found = Vec::new();
             surface
                 .each(&mut |face| {
@@ -375,10 +415,10 @@ fn packed_files_have_the_same_levels() {
 /// Corrupt coarse faces are reported where they are used, and leave exact results as they are.
 #[test]
 fn corrupt_levels_are_reported_and_leave_exact_results() {
-    let model = with_levels_of(&bumpy_torus(80, 50));
+    let model = with_levels_of(&bumpy_torus(80, 50, grid(16)));
     let bytes = levelled(&model, MEMORY);
     let exact = FaceList::of(&model).unwrap();
-    let plain = built_model(&bumpy_torus(80, 50)).file_size();
+    let plain = built_model(&bumpy_torus(80, 50, grid(16))).file_size();
     let mut random = Random(1);
     let mut reported = 0;
     for _ in 0..200 {
@@ -390,7 +430,9 @@ fn corrupt_levels_are_reported_and_leave_exact_results() {
         let Ok(model) = ExactModel::from_bytes(bytes) else { continue };
         let read: Vec<_> = (0..model.levels().len() - 1)
             .map(|level| {
-                model.at_detail(Detail::Level(level as u8), None).and_then(|surface| FaceList::of(&surface))
+                model
+                    .surface(SurfaceDetail::Level(level as u8), None, &())
+                    .and_then(|surface| FaceList::of(&surface))
             })
             .collect();
         let failed = read.iter().any(|read| matches!(read, Err(Error::Corrupt { .. })));
@@ -407,18 +449,18 @@ fn corrupt_levels_are_reported_and_leave_exact_results() {
 
 #[test]
 fn files_without_levels_say_how_to_add_them() {
-    let model = built_model(&bumpy_torus(20, 10));
+    let model = built_model(&bumpy_torus(20, 10, grid(16)));
     assert!(model.levels().is_empty());
-    let error = model.at_detail(Detail::Faces(10), None).err().unwrap().to_string();
+    let error = model.surface(SurfaceDetail::Faces(10), None, &()).err().unwrap().to_string();
     assert!(error.contains("without levels of detail") && error.contains("transform FILE levels"), "{error}");
-    let model = with_levels_of(&bumpy_torus(40, 30));
+    let model = with_levels_of(&bumpy_torus(40, 30, grid(16)));
     for (detail, expected) in [
-        (Detail::Level(9), "level: got 9, expected at most"),
-        (Detail::Error(-1.0), "error: got -1"),
-        (Detail::Error(f64::NAN), "error: got NaN"),
-        (Detail::Faces(3), "faces: got 3, expected at least"),
+        (SurfaceDetail::Level(9), "level: got 9, expected at most"),
+        (SurfaceDetail::Error(-1.0), "error: got -1"),
+        (SurfaceDetail::Error(f64::NAN), "error: got NaN"),
+        (SurfaceDetail::Faces(3), "faces: got 3, expected at least"),
     ] {
-        let error = model.at_detail(detail, None).err().unwrap().to_string();
+        let error = model.surface(detail, None, &()).err().unwrap().to_string();
         assert!(error.contains(expected), "{error}");
     }
 }
@@ -460,9 +502,9 @@ fn levels_of_polygons_have_the_faces_that_they_state() {
     let model = with_levels_of(&list);
     assert_eq!(model.verify(MEMORY, &()).unwrap(), []);
     for (number, level) in model.levels().iter().enumerate() {
-        let surface = model.at_detail(Detail::Level(number as u8), None).unwrap();
+        let surface = model.surface(SurfaceDetail::Level(number as u8), None, &()).unwrap();
         assert_eq!(FaceList::of(&surface).unwrap().len(), level.faces);
-        check_closed(&model, Detail::Level(number as u8));
+        check_closed(&model, SurfaceDetail::Level(number as u8));
     }
 }
 
@@ -471,8 +513,8 @@ fn models_without_faces_have_the_exact_level() {
     let model = built_model(&FaceList::new(grid(10), vec![]));
     let model = ExactModel::from_bytes(levelled(&model, MEMORY)).unwrap();
     assert_eq!((model.levels().len(), model.verify(MEMORY, &()).unwrap()), (1, vec![]));
-    for detail in [Detail::Level(0), Detail::Error(1.0), Detail::Faces(0)] {
-        assert_eq!(model.at_detail(detail, None).unwrap().len(), 0);
+    for detail in [SurfaceDetail::Level(0), SurfaceDetail::Error(1.0), SurfaceDetail::Faces(0)] {
+        assert_eq!(model.surface(detail, None, &()).unwrap().len(), 0);
     }
 }
 

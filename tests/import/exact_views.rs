@@ -1,15 +1,15 @@
 //! Surfaces of exact models for viewpoints: closed, fine where the eye is near, and within a number
 //! of faces.
 
-use spinney::brep::{Detail, Faces, Viewpoint};
+use spinney::brep::{Faces, SurfaceDetail, Viewpoint};
 use spinney::raw::brep::FaceList;
 use spinney::{Error, ExactModel};
 
 use super::exact_levels::{
-    boxes_that_touch, built_model, bumpy_torus, check_surface, materials_around_a_cavity, unit,
-    with_levels_of,
+    boxes_that_touch, built_model, check_surface, grid, materials_around_a_cavity, unit, with_levels_of,
 };
 use crate::common::Random;
+use crate::common::exact::bumpy_torus;
 
 /// Returns a viewpoint in or near the model's box that sees everything, at any error.
 fn somewhere(model: &ExactModel, random: &mut Random) -> Viewpoint {
@@ -81,7 +81,7 @@ fn check_views(list: &FaceList, count: usize) -> usize {
 
 #[test]
 fn surfaces_for_viewpoints_are_closed_and_as_fine_as_seen() {
-    let has_several = check_views(&bumpy_torus(160, 100), 90);
+    let has_several = check_views(&bumpy_torus(160, 100, grid(16)), 90);
     assert!(has_several > 20, "{has_several} surfaces of several levels");
 }
 
@@ -98,7 +98,7 @@ fn materials_and_cavities_stay_closed_for_viewpoints() {
 
 #[test]
 fn surfaces_are_coarse_far_away_and_where_nothing_is_seen() {
-    let model = with_levels_of(&bumpy_torus(160, 100));
+    let model = with_levels_of(&bumpy_torus(160, 100, grid(16)));
     let levels = model.levels();
     let [low, high] = world_box(&model);
     let eye = [low[0] - 5.0, (low[1] + high[1]) / 2.0, (low[2] + high[2]) / 2.0];
@@ -123,7 +123,7 @@ fn surfaces_are_coarse_far_away_and_where_nothing_is_seen() {
 
 #[test]
 fn clusters_are_read_by_their_numbers() {
-    let model = with_levels_of(&bumpy_torus(160, 100));
+    let model = with_levels_of(&bumpy_torus(160, 100, grid(16)));
     let faces = |faces: &dyn Faces| {
         let mut found = Vec::new();
         faces
@@ -135,8 +135,8 @@ fn clusters_are_read_by_their_numbers() {
         found.sort();
         found
     };
-    for detail in [Detail::Faces(9000), Detail::Error(0.0), Detail::Level(0)] {
-        let surface = model.at_detail(detail, None).unwrap();
+    for detail in [SurfaceDetail::Faces(9000), SurfaceDetail::Error(0.0), SurfaceDetail::Level(0)] {
+        let surface = model.surface(detail, None, &()).unwrap();
         let again = model.of_clusters(surface.numbers()).unwrap();
         assert_eq!(faces(&again), faces(&surface));
         assert_eq!((again.len(), again.error()), (surface.len(), surface.error()));
@@ -157,7 +157,7 @@ fn clusters_are_read_by_their_numbers() {
 
 #[test]
 fn viewpoints_are_checked() {
-    let list = bumpy_torus(60, 40);
+    let list = bumpy_torus(60, 40, grid(16));
     let model = with_levels_of(&list);
     let view = Viewpoint { eye: [0.0; 3], tolerance: 0.1, half_spaces: Vec::new(), faces: u64::MAX };
     let invalid = [

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use spinney_base::{Error, Result};
-use spinney_brep::query::{CuttingPlane, Detail, DetailSurface, Location, Viewpoint};
+use spinney_brep::query::{CuttingPlane, Location, ModelSurface, SurfaceDetail, Viewpoint};
 use spinney_brep::{DetailLevel, ExactModel, Faces, ModelView, each_triangle};
 use spinney_container::Tag;
 
@@ -143,28 +143,22 @@ pub(crate) fn mesh(view: &ModelView, request: &SurfaceRequest) -> Result<Found> 
     let model = view.as_model("triangles")?;
     let SurfaceRequest { error, faces, level, ref clusters, bounds } = *request;
     let within = bounds.map(|[a, b, c, d, e, f]| [[a, b, c], [d, e, f]]);
-    let at = |detail| model.at_detail(detail, within).map(Some);
+    let at = |detail| model.surface(detail, within, &());
     let surface = match (error, faces, level, clusters) {
-        (None, None, None, None) if bounds.is_none() => None,
-        // (The exact surface is the last level.)
-        (None, None, None, None) => at(Detail::Level(model.levels().len().saturating_sub(1) as u8))?,
-        (Some(error), None, None, None) => at(Detail::Error(error))?,
-        (None, Some(faces), None, None) => at(Detail::Faces(faces))?,
-        (None, None, Some(level), None) => at(Detail::Level(level))?,
-        (None, None, None, Some(numbers)) if bounds.is_none() => Some(model.of_clusters(numbers)?),
+        (None, None, None, None) => at(SurfaceDetail::Exact)?,
+        (Some(error), None, None, None) => at(SurfaceDetail::Error(error))?,
+        (None, Some(faces), None, None) => at(SurfaceDetail::Faces(faces))?,
+        (None, None, Some(level), None) => at(SurfaceDetail::Level(level))?,
+        (None, None, None, Some(numbers)) if bounds.is_none() => model.of_clusters(numbers)?,
         _ => {
             let found = "several of `error`, `faces`, `level` and `clusters`, or `clusters` and `bounds`";
             return Err(Error::invalid("mesh", found, "one of them"));
         }
     };
-    let by_cluster = match (&surface, clusters) {
-        (Some(surface), Some(_)) => Some(surface.by_cluster()?),
-        _ => None,
-    };
-    let sources: Vec<&dyn Faces> = match (&by_cluster, &surface) {
-        (Some(by_cluster), _) => by_cluster.iter().map(|cluster| cluster as &dyn Faces).collect(),
-        (None, Some(surface)) => vec![surface],
-        (None, None) => vec![model],
+    let by_cluster = clusters.as_ref().map(|_| surface.by_cluster()).transpose()?;
+    let sources: Vec<&ModelSurface<'_>> = match &by_cluster {
+        Some(by_cluster) => by_cluster.iter().collect(),
+        None => vec![&surface],
     };
     let ([low, _], grid) = (view.bounds()?, model.grid());
     let mut known: HashMap<[i32; 3], u32> = HashMap::new();
@@ -189,7 +183,7 @@ pub(crate) fn mesh(view: &ModelView, request: &SurfaceRequest) -> Result<Found> 
         ends.push(objects.len());
     }
     let clusters = by_cluster.as_ref().map(|by_cluster| {
-        let end_of = |(cluster, end): (&DetailSurface<'_>, &usize)| json!({ "number": cluster.numbers()[0], "end": end });
+        let end_of = |(cluster, end): (&ModelSurface<'_>, &usize)| json!({ "number": cluster.numbers()[0], "end": end });
         by_cluster.iter().zip(&ends).map(end_of).collect::<Vec<_>>()
     });
     let has_colours = !objects.is_empty() && colours.len() == 9 * objects.len();
@@ -197,7 +191,7 @@ pub(crate) fn mesh(view: &ModelView, request: &SurfaceRequest) -> Result<Found> 
         "origin": low,
         "triangles": objects.len(),
         "names": model.parts(),
-        "error": surface.as_ref().map_or(0.0, |surface| surface.error()),
+        "error": surface.error(),
         "hasColours": has_colours,
         "clusters": clusters,
     });

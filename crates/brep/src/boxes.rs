@@ -1,8 +1,7 @@
 //! An in-memory tree over bounding boxes: a packed R-tree (Kamel and Faloutsos, 1993) whose boxes
 //! are sorted by their centres along a space-filling curve, eight to a node.
 
-use crate::MAX_BITS;
-use spinney_base::space::{Dimension, morton_encode};
+use crate::curve;
 use spinney_base::{Progress, Result, sort};
 
 /// Minimum and maximum coordinates.
@@ -25,7 +24,7 @@ impl BoxTree {
     /// Builds the tree over boxes in ascending order of their numbers.
     pub(crate) fn of(mut boxes: Vec<(u32, Bounds)>) -> BoxTree {
         debug_assert!(boxes.is_sorted_by_key(|(number, _)| *number));
-        sort::by_key(&mut boxes, |(_, bounds)| curve_key(bounds));
+        sort::by_key(&mut boxes, |(_, bounds)| curve::position_of_centre(bounds));
         let numbers = boxes.iter().map(|(number, _)| *number).collect();
         BoxTree::over(numbers, boxes.into_iter().map(|(_, bounds)| bounds).collect())
     }
@@ -35,7 +34,9 @@ impl BoxTree {
     /// # Errors
     /// On cancellation.
     pub(crate) fn watched(boxes: &[(u32, Bounds)], progress: &dyn Progress) -> Result<BoxTree> {
-        let key = |((_, bounds), place): (&(u32, Bounds), u128)| u128::from(curve_key(bounds)) << 64 | place;
+        let key = |((_, bounds), place): (&(u32, Bounds), u128)| {
+            u128::from(curve::position_of_centre(bounds)) << 64 | place
+        };
         let mut keys: Vec<u128> = boxes.iter().zip(0..).map(key).collect();
         sort::watched(&mut keys, progress)?;
         let sorted = || keys.iter().map(|key| boxes[*key as u64 as usize]);
@@ -70,13 +71,6 @@ impl BoxTree {
             }
         }
     }
-}
-
-/// Returns the position of a box's centre along the curve.
-fn curve_key([low, high]: &Bounds) -> u64 {
-    let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MAX_BITS - 21));
-    let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
-    x | y << 1 | z << 2
 }
 
 /// Returns the bounding box of points, grown by `more` on all sides.

@@ -3,7 +3,8 @@
 
 use std::ops::Range;
 
-use crate::Face;
+use crate::boxes::Bounds;
+use crate::{Face, MAX_BITS};
 use spinney_base::space::{Dimension, morton_encode};
 
 /// Bits per axis of positions on the curve.
@@ -21,6 +22,12 @@ pub(crate) fn position(face: &Face<'_>, bits: u8) -> u64 {
 pub(crate) fn positions_in(level: u8, cell: [u32; 3], bits: u8) -> Range<u64> {
     let (first, shift) = (z_order(cell), 3 * (bits.min(CURVE_BITS) - level));
     first << shift..(first + 1) << shift
+}
+
+/// Returns the position of a box's centre, on a grid of the maximum bits.
+pub(crate) fn position_of_centre([low, high]: &Bounds) -> u64 {
+    let shift = MAX_BITS - CURVE_BITS;
+    z_order([0, 1, 2].map(|axis| ((low[axis] + high[axis]) / 2) as u32 >> shift))
 }
 
 fn z_order(at: [u32; 3]) -> u64 {

@@ -22,8 +22,8 @@ pub struct Face<'a> {
     pub colours: &'a [[u8; 3]],
     /// The face's part: an index into [`Faces::parts`].
     pub part: u32,
-    /// Number of the face in the file that the model was built from. Fragments of a split face have
-    /// the same number. Numbers are skipped where the file has faces without area.
+    /// Number that the fragments of a split face have in common. Of a model that was built from
+    /// meshes, the number of the first fragment.
     pub source: u64,
 }
 

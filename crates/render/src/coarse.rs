@@ -9,7 +9,7 @@ use super::scene::{Surface, SurfacePoint};
 use crate::camera::Camera;
 use crate::paint::linear;
 use spinney_base::{Progress, Result};
-use spinney_brep::query::DetailSurface;
+use spinney_brep::query::ModelSurface;
 use spinney_brep::{Faces as _, each_triangle};
 
 /// Pixels along a tile's sides.
@@ -33,10 +33,8 @@ pub(super) struct CoarseSurface {
     triangles: Vec<Triangle>,
     /// Columns and rows of tiles.
     tiles: [usize; 2],
-    /// For each tile, the end of its list in `entries`.
-    ends: Vec<u32>,
     /// Triangles of the tiles.
-    entries: Vec<u32>,
+    of_tiles: Lists,
     /// Linear colour of triangles without colours.
     clay: DVec3,
 }
@@ -54,7 +52,7 @@ impl CoarseSurface {
     /// # Errors
     /// If the surface cannot be read, or on cancellation.
     pub(super) fn of(
-        surface: &DetailSurface<'_>,
+        surface: &ModelSurface<'_>,
         camera: &Camera,
         [width, height]: [u64; 2],
         clay: DVec3,
@@ -89,39 +87,19 @@ impl CoarseSurface {
             (b - a).perp_dot(c - a) < 0.0
         });
         let tiles = [width, height].map(|pixels| (pixels as usize).div_ceil(TILE));
-        let mut ends = vec![0u32; tiles[0] * tiles[1]];
-        let mut total = 0;
-        for triangle in &triangles {
-            for tile in tiles_of(corners(triangle), tiles) {
-                ends[tile] += 1;
-                total += 1;
-            }
-            if total > MAX_ENTRIES {
-                return Ok(None);
-            }
-        }
-        // Starts of the lists; they become the ends while the lists are filled.
-        let mut start = 0;
-        for end in &mut ends {
-            (*end, start) = (start, start + *end);
-        }
-        let mut entries = vec![0; total];
-        for (number, triangle) in (0..).zip(&triangles) {
-            for tile in tiles_of(corners(triangle), tiles) {
-                entries[ends[tile] as usize] = number;
-                ends[tile] += 1;
-            }
-        }
-        Ok(Some(CoarseSurface { vertices, depths, triangles, tiles, ends, entries, clay }))
+        let in_tiles = |triangle: usize| tiles_of(corners(&triangles[triangle]), tiles);
+        let Some(of_tiles) = Lists::of(tiles[0] * tiles[1], triangles.len(), &in_tiles) else {
+            return Ok(None);
+        };
+        Ok(Some(CoarseSurface { vertices, depths, triangles, tiles, of_tiles, clay }))
     }
 
     /// Returns the first triangle at an image position, in pixels, with the weights of its corners.
     fn first_at(&self, at: DVec2) -> Option<(&Triangle, DVec3)> {
         let [column, row] = at.to_array().map(|pixels| (pixels.max(0.0) as usize) / TILE);
         let tile = row.min(self.tiles[1] - 1) * self.tiles[0] + column.min(self.tiles[0] - 1);
-        let start = tile.checked_sub(1).map_or(0, |before| self.ends[before]) as usize;
         let mut found: Option<(f64, &Triangle, DVec3)> = None;
-        for number in &self.entries[start..self.ends[tile] as usize] {
+        for number in self.of_tiles.list(tile) {
             let triangle = &self.triangles[*number as usize];
             let corners = triangle.vertices.map(|vertex| self.vertices[vertex as usize]);
             let Some(weights) = weights(corners.map(|corner| corner.0), at) else { continue };
@@ -149,6 +127,52 @@ impl Surface for &CoarseSurface {
     }
 }
 
+/// Lists of triangles by tile or by vertex, one after the other.
+struct Lists {
+    /// End of each list in `entries`.
+    ends: Vec<u32>,
+    entries: Vec<u32>,
+}
+
+impl Lists {
+    /// Makes `count` lists. `lists_of` returns the lists that have a triangle. Returns `None` if
+    /// there are too many entries.
+    fn of<I: Iterator<Item = usize>>(
+        count: usize,
+        triangles: usize,
+        lists_of: &dyn Fn(usize) -> I,
+    ) -> Option<Lists> {
+        let (mut ends, mut total) = (vec![0u32; count], 0);
+        for triangle in 0..triangles {
+            for list in lists_of(triangle) {
+                ends[list] += 1;
+                total += 1;
+            }
+            if total > MAX_ENTRIES {
+                return None;
+            }
+        }
+        // Starts of the lists; they become the ends while the lists are filled.
+        let mut start = 0;
+        for end in &mut ends {
+            (*end, start) = (start, start + *end);
+        }
+        let mut entries = vec![0; total];
+        for triangle in 0..triangles {
+            for list in lists_of(triangle) {
+                entries[ends[list] as usize] = triangle as u32;
+                ends[list] += 1;
+            }
+        }
+        Some(Lists { ends, entries })
+    }
+
+    fn list(&self, number: usize) -> &[u32] {
+        let start = number.checked_sub(1).map_or(0, |before| self.ends[before]);
+        &self.entries[start as usize..self.ends[number] as usize]
+    }
+}
+
 /// Sets the normals of all corners. Around a vertex, faces whose normals differ by a small angle
 /// form a smooth surface, so that the facets of a coarse surface are not seen.
 fn smooth(points: &[DVec3], triangles: &mut [Triangle]) {
@@ -158,26 +182,12 @@ fn smooth(points: &[DVec3], triangles: &mut [Triangle]) {
     };
     let scale = triangles.iter().map(|triangle| area(triangle).length()).fold(f64::MIN_POSITIVE, f64::max);
     let areas: Vec<Vec3> = triangles.iter().map(|triangle| (area(triangle) / scale).as_vec3()).collect();
-    // The triangles around each vertex.
-    let mut ends = vec![0u32; points.len()];
-    let corners =
-        || (0..).zip(triangles.iter()).flat_map(|(number, it)| it.vertices.map(|vertex| (number, vertex)));
-    corners().for_each(|(_, vertex)| ends[vertex as usize] += 1);
-    let mut start = 0;
-    for end in &mut ends {
-        (*end, start) = (start, start + *end);
-    }
-    let mut around = vec![0u32; start as usize];
-    for (number, vertex) in corners() {
-        around[ends[vertex as usize] as usize] = number;
-        ends[vertex as usize] += 1;
-    }
+    let vertices = |triangle: usize| triangles[triangle].vertices.map(|vertex| vertex as usize).into_iter();
+    let Some(around) = Lists::of(points.len(), triangles.len(), &vertices) else { return };
     for (number, triangle) in triangles.iter_mut().enumerate() {
         let own = areas[number].normalize_or_zero();
         triangle.normals = triangle.vertices.map(|vertex| {
-            let vertex = vertex as usize;
-            let start = vertex.checked_sub(1).map_or(0, |before| ends[before]) as usize;
-            let others = around[start..ends[vertex] as usize].iter().map(|other| areas[*other as usize]);
+            let others = around.list(vertex as usize).iter().map(|other| areas[*other as usize]);
             let sum: Vec3 = others.filter(|other| own.dot(*other) >= SMOOTH * other.length()).sum();
             sum.normalize_or(own)
         });

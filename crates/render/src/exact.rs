@@ -9,7 +9,7 @@ use crate::camera::{Camera, Extent, box_support, farthest};
 use crate::paint::{Paint, linear};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
-use spinney_brep::query::{Detail, ModelRays};
+use spinney_brep::query::{ModelRays, SurfaceDetail};
 use spinney_brep::{ExactModel, Face, FaceBuffer, Faces as _, ModelNode, ModelNodeState};
 use spinney_raster::image::Format;
 
@@ -65,12 +65,12 @@ fn coarse(
     progress: &dyn Progress,
 ) -> Result<Option<(CoarseSurface, f64)>> {
     let detail = match request.level {
-        Some(level) => Detail::Level(level),
+        Some(level) => SurfaceDetail::Level(level),
         // (Only triangles that face the camera are drawn. It is inside of an unbounded body.)
         None if model.levels().is_empty() || model.is_unbounded() => return Ok(None),
-        None => Detail::Error(OFF * camera.footprint),
+        None => SurfaceDetail::Error(OFF * camera.footprint),
     };
-    let surface = model.at_detail(detail, None)?;
+    let surface = model.surface(detail, None, progress)?;
     if surface.is_exact() {
         return Ok(None);
     }

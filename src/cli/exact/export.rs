@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::brep::{Detail, DetailLevel, Faces};
+use spinney::brep::{DetailLevel, Faces, SurfaceDetail};
 use spinney::export::{GltfOptions, MeshFormat, export_exact, export_model_glb};
 use spinney::import::feature::FeatureFilter;
 use spinney::raw::brep::{ChosenParts, Triangulated};
@@ -29,8 +29,8 @@ pub(crate) struct MeshContents<'a> {
     pub(crate) triangles: bool,
     /// Conditions for objects.
     pub(crate) filter: Option<&'a FeatureFilter>,
-    /// How much detail there is; by default, the exact surface.
-    pub(crate) detail: Option<Detail>,
+    /// How much detail there is.
+    pub(crate) detail: SurfaceDetail,
     /// Box of the world in which faces are written.
     pub(crate) within: Option<[[f64; 3]; 2]>,
 }
@@ -44,9 +44,9 @@ pub(crate) fn window(part: &PartOptions) -> Result<Option<[[f64; 3]; 2]>> {
 }
 
 /// Describes the bodies that a surface with an error does not have, if there are any.
-fn left_out(model: &ExactModel, detail: Option<Detail>, error: f64) -> Option<String> {
+fn left_out(model: &ExactModel, detail: SurfaceDetail, error: f64) -> Option<String> {
     let (levels, width, unit) = (model.levels(), model.grid().width(), unit(model));
-    if let Some(Detail::Level(level)) = detail {
+    if let SurfaceDetail::Level(level) = detail {
         let level = levels.get(usize::from(level)).filter(|level| level.vanished > 0)?;
         let diameter = level.vanished_diameter * width;
         return Some(format!("{} bodies of a diameter of at most {diameter:.3e}{unit}", level.vanished));
@@ -66,21 +66,15 @@ pub(crate) fn export(
     let start = Instant::now();
     let MeshContents { triangles, filter, detail, within } = contents;
     check_output([model.path()], path)?;
-    let coarse = detail.map(|detail| model.at_detail(detail, within)).transpose()?;
-    let near = within.filter(|_| coarse.is_none()).map(|within| model.in_box(within)).transpose()?;
-    let all: &dyn Faces = match (&coarse, &near) {
-        (Some(coarse), _) => coarse,
-        (None, Some(near)) => near,
-        (None, None) => model,
-    };
+    let work = Work::start(global, "faces")?;
+    let surface = model.surface(detail, within, &work)?;
     let some = match filter {
-        Some(filter) => Some(ChosenParts::of(all, &chosen(model, filter)?)?),
+        Some(filter) => Some(ChosenParts::of(&surface, &chosen(model, filter)?)?),
         None => None,
     };
-    let whole: &dyn Faces = some.as_ref().map_or(all, |some| some);
+    let whole: &dyn Faces = some.as_ref().map_or(&surface, |some| some);
     let cut = if triangles { Some(Triangulated::of(whole)?) } else { None };
     let faces: &dyn Faces = cut.as_ref().map_or(whole, |cut| cut);
-    let work = Work::start(global, "faces")?;
     let output = global.access().create(path)?;
     let cannot_write = || format!("{}: cannot write", path.display());
     let summary = match format {
@@ -97,16 +91,15 @@ pub(crate) fn export(
         0 => global.report("mesh", format_args!("{} triangles", summary.faces)),
         vertices => global.report("mesh", format_args!("{} faces, {vertices} vertices", summary.faces)),
     }
-    if let Some(coarse) = &coarse {
-        let text = format!("at most {:.3e}{} from the surface", coarse.error(), unit(model));
+    if detail != SurfaceDetail::Exact {
+        let text = format!("at most {:.3e}{} from the surface", surface.error(), unit(model));
         global.report("error", format_args!("{text}"));
-        if let Some(text) = left_out(model, detail, coarse.error()) {
+        if let Some(text) = left_out(model, detail, surface.error()) {
             global.report("left out", format_args!("{text}"));
         }
-    }
-    if all.value_columns()?.is_empty() && !model.value_columns()?.is_empty() {
-        let what = if coarse.is_some() { "coarse levels" } else { "a window" };
-        global.report("left out", format_args!("values of faces: those of {what} have none"));
+        if !model.value_columns()?.is_empty() {
+            global.report("left out", format_args!("values of faces: those of coarse levels have none"));
+        }
     }
     if faces.is_empty() && !model.is_empty() {
         let why = match within {

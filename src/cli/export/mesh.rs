@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use spinney::Dataset;
-use spinney::brep::Detail;
+use spinney::brep::SurfaceDetail;
 use spinney::export::{MeshFormat, MeshRequest, export_mesh};
 use spinney::import::feature::FeatureFilter;
 
@@ -47,9 +47,10 @@ pub(super) struct MeshOptions {
 
 impl MeshOptions {
     /// Returns how much detail of an exact model is written.
-    pub(super) fn detail(&self) -> Option<Detail> {
-        let level = self.level.map(Detail::Level);
-        level.or(self.error.map(Detail::Error)).or(self.faces.map(Detail::Faces))
+    pub(super) fn detail(&self) -> SurfaceDetail {
+        let level = self.level.map(SurfaceDetail::Level);
+        let other = || self.error.map(SurfaceDetail::Error).or(self.faces.map(SurfaceDetail::Faces));
+        level.or_else(other).unwrap_or_default()
     }
 
     /// Returns the first given option.

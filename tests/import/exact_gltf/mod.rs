@@ -8,14 +8,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value as Json;
-use spinney::brep::{Detail, Faces, Grid, Motion, TransformOptions, add_levels, transform};
+use spinney::brep::{Faces, Grid, Motion, SurfaceDetail, TransformOptions, add_levels, transform};
 use spinney::export::{GltfOptions, export_model_glb, export_model_tileset};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 use spinney::raw::brep::{FaceList, ModelBuilder, Triangulated};
 use spinney::raw::io::OutputDirectory;
 use spinney::{Crs, ExactModel, Metadata, OpenOptions, Output};
 
-use crate::common::exact::{cuboid, push};
+use crate::common::exact::{bumpy_torus, cuboid, push};
 
 const MEMORY: u64 = 64 << 20;
 
@@ -280,24 +280,4 @@ fn volume(model: &ExactModel) -> f64 {
 
 fn area(triangles: impl Iterator<Item = [Point; 3]>) -> f64 {
     triangles.map(double_area).sum::<f64>() / 2.0
-}
-
-/// A torus of 2nm triangles with bumps.
-fn bumpy_torus(n: i32, m: i32, grid: Grid) -> FaceList {
-    let at = |i: i32, j: i32| {
-        let [u, v] =
-            [(i, n), (j, m)].map(|(at, of)| f64::from(at % of) / f64::from(of) * std::f64::consts::TAU);
-        let r = 1.0 + 0.05 * (12.0 * u).sin() * (7.0 * v).cos();
-        let wide = 3.0 + r * v.cos();
-        [wide * u.cos(), wide * u.sin(), r * v.sin()].map(|at| ((at + 4.2) * 7000.0) as i32)
-    };
-    let mut list = FaceList::new(grid, vec!["torus".into()]);
-    for i in 0..n {
-        for j in 0..m {
-            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            push(&mut list, &[vec![a, b, c]], 0, None);
-            push(&mut list, &[vec![a, c, d]], 0, None);
-        }
-    }
-    list
 }

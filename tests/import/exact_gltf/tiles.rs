@@ -175,7 +175,7 @@ fn check_tiles(list: &FaceList) -> usize {
     for (depth, level) in levels[first..].iter().enumerate() {
         let here = || tiles.iter().filter(|tile| tile.depth == depth);
         let count: usize = here().map(|tile| tile.triangles.len()).sum();
-        let surface = model.at_detail(Detail::Level((first + depth) as u8), None).unwrap();
+        let surface = model.surface(SurfaceDetail::Level((first + depth) as u8), None, &()).unwrap();
         let surface = Triangulated::of(&surface).unwrap();
         assert_eq!(count as u64, surface.len(), "depth {depth}");
         let mut expected = 0.0;

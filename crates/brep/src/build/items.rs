@@ -5,15 +5,14 @@ use std::sync::Arc;
 
 use super::division::{Division, Reach};
 use super::subtree_faces::{FaceWords, SubtreeFaces, TRIANGLE_WORDS};
-use crate::MAX_BITS;
 use crate::exact::crossing::{FinePoint, Outline};
 use crate::exact::normal::ring_normal;
 use crate::exact::rank::PlaneAt;
 use crate::face_triangle::FaceTriangle;
 use crate::geometry::{Flaw, GridPolygon, Stages, Triangulator};
+use crate::{MAX_BITS, curve};
 use spinney_base::Result;
 use spinney_base::sort;
-use spinney_base::space::{Dimension, morton_encode};
 
 /// Faces in the Z-order of their centres: neighbours in space are neighbours in memory.
 #[derive(Default)]
@@ -105,12 +104,6 @@ impl Items {
     /// Does the same as [`Items::of`], but uses polygons of the cache.
     pub(super) fn with(run: SubtreeFaces, large: &mut LargePolygons) -> Result<Items> {
         let words = run.into_words()?;
-        // Spreading allows 21 bits per coordinate; the lowest bits do not matter for locality.
-        let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MAX_BITS - 21));
-        let code = |[low, high]: [[i32; 3]; 2]| {
-            let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
-            x | y << 1 | z << 2
-        };
         let mut order = Vec::with_capacity(words.len() / TRIANGLE_WORDS);
         let mut offset = 0;
         for face in FaceWords::all(&words) {
@@ -121,7 +114,7 @@ impl Items {
             // Invariant: the sort keys are distinct, since faces with equal codes have different
             // positions. So the order, which cell lists and files depend on, does not depend on the
             // number of threads.
-            order.push(u128::from(code(bounds)) << 32 | offset as u128);
+            order.push(u128::from(curve::position_of_centre(&bounds)) << 32 | offset as u128);
             offset += face.0.len();
         }
         debug_assert!(u32::try_from(offset).is_ok());

@@ -1,91 +1,55 @@
 //! Faces of the exact surface in a box.
 
 use crate::face_set::FaceSet;
-use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState};
-use spinney_base::{Error, Result};
+use crate::store::node::world_box;
+use crate::{ExactModel, Faces};
+use spinney_base::io::batch::run_batched;
+use spinney_base::{Error, Progress, Result};
 
-/// Faces of a model in a box, without values.
-struct FacesInBox<'a> {
-    model: &'a ExactModel,
-    numbers: FaceSet,
-    len: u64,
-}
-
-impl ExactModel {
-    /// Finds the faces in a box of the world, by its minimum and maximum coordinates: all that have
-    /// an area and a point in the box, and some whose own boxes touch it. Reads only nodes that
-    /// meet the box and their faces, and holds a bit per face of the model.
-    ///
-    /// # Errors
-    /// If the box is invalid, or if the file is corrupt or cannot be read.
-    pub fn in_box(&self, corners: [[f64; 3]; 2]) -> Result<impl Faces + '_> {
-        let [low, high] = corners.map(|corner| self.grid().to_grid(corner));
-        check_box(corners)?;
-        let touches = |min: [f64; 3], max: [f64; 3]| {
-            (0..3).all(|axis| min[axis] <= high[axis] && max[axis] >= low[axis])
+/// Finds the faces whose own boxes touch a box of the world, among those in the leaves that meet
+/// it; also returns their number.
+pub(super) fn faces_in_box(
+    model: &ExactModel,
+    corners: [[f64; 3]; 2],
+    progress: &dyn Progress,
+) -> Result<(FaceSet, u64)> {
+    check_box(corners)?;
+    let grid = model.grid();
+    let is_wanted = |level, cell| touch(&world_box(level, cell, grid), &corners);
+    // (A face may be in several leaves.)
+    let mut listed = FaceSet::new(Faces::len(model));
+    run_batched(|| {
+        model.each_leaf(&model.root()?, &is_wanted, &mut |node| {
+            progress.check()?;
+            node.faces().for_each(|number| listed.set(number, true));
+            Ok(())
+        })
+    })?;
+    let (mut found, mut count) = (FaceSet::new(Faces::len(model)), 0);
+    model.each_numbered(listed.numbers(), &mut |face| {
+        progress.check()?;
+        let points = || face.points.iter().map(|point| grid.to_world(*point));
+        let end = |of: fn(f64, f64) -> f64, start: f64| {
+            points().fold([start; 3], |all, at| [0, 1, 2].map(|axis| of(all[axis], at[axis])))
         };
-        let mut found = FacesInBox { model: self, numbers: FaceSet::new(Faces::len(self)), len: 0 };
-        let mut buffer = FaceBuffer::default();
-        let mut pending: Vec<ModelNode<'_>> = vec![self.root()?];
-        while let Some(node) = pending.pop() {
-            let [min, max] = node.bounds(self.grid()).map(|corner| corner.map(|at| at as f64 / 2.0));
-            if !touches(min, max) {
-                continue;
-            }
-            if node.state() == ModelNodeState::Inner {
-                pending.extend(self.children(&node)?.into_iter().flatten());
-                continue;
-            }
-            for number in node.faces().filter(|number| !found.numbers.has(*number)).collect::<Vec<_>>() {
-                self.face(number, &mut buffer)?;
-                let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-                for point in buffer.face().points {
-                    for axis in 0..3 {
-                        min[axis] = min[axis].min(point[axis].into());
-                        max[axis] = max[axis].max(point[axis].into());
-                    }
-                }
-                if touches(min, max) {
-                    found.numbers.set(number, true);
-                    found.len += 1;
-                }
-            }
+        if touch(&[end(f64::min, f64::INFINITY), end(f64::max, f64::NEG_INFINITY)], &corners) {
+            found.set(face.number, true);
+            count += 1;
         }
-        Ok(found)
-    }
+        Ok(())
+    })?;
+    Ok((found, count))
 }
 
-/// Fails for a box without finite corners, or whose minimum is above its maximum.
+fn touch(a: &[[f64; 3]; 2], b: &[[f64; 3]; 2]) -> bool {
+    (0..3).all(|axis| a[0][axis] <= b[1][axis] && b[0][axis] <= a[1][axis])
+}
+
+/// Fails for a box whose minimum is above its maximum, or without numbers.
 pub(super) fn check_box([min, max]: [[f64; 3]; 2]) -> Result<()> {
     if (0..3).all(|axis| min[axis] <= max[axis]) {
         return Ok(());
     }
     let expected = "minimum coordinates, and maximum coordinates that are not smaller";
     Err(Error::invalid("box", format!("{min:?} to {max:?}"), expected))
-}
-
-impl Faces for FacesInBox<'_> {
-    fn grid(&self) -> &Grid {
-        self.model.grid()
-    }
-
-    fn parts(&self) -> &[String] {
-        self.model.parts()
-    }
-
-    fn origin(&self) -> Option<&dyn Faces> {
-        Some(self.model)
-    }
-
-    fn len(&self) -> u64 {
-        self.len
-    }
-
-    fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
-        let mut buffer = FaceBuffer::default();
-        (0..).zip(self.numbers.numbers()).try_for_each(|(number, face)| {
-            self.model.face(face.into(), &mut buffer)?;
-            each(&Face { number, ..buffer.face() })
-        })
-    }
 }

@@ -26,14 +26,15 @@
 
 mod bounds;
 mod cells;
+mod clusters;
 mod contains;
 mod coverage;
-mod detail;
 mod distance;
 mod faces_in_box;
 mod line;
 mod mass;
 mod model_cache;
+mod model_surface;
 mod nearest;
 mod parts;
 mod plane;
@@ -44,6 +45,7 @@ mod section;
 mod simple_rings;
 #[cfg(test)]
 mod testing;
+mod tolerance;
 mod touching_points;
 mod viewpoint;
 mod visited;
@@ -51,10 +53,10 @@ mod visited;
 pub use cells::CellCoverage;
 pub use contains::Location;
 pub use coverage::{Coverage, CoverageSums, Cube};
-pub use detail::{Detail, DetailSurface};
 pub use distance::SurfacePoint;
 pub use line::{Crossing, Line};
 pub use mass::{MassProperties, MassSums};
+pub use model_surface::{ModelSurface, SurfaceDetail};
 pub use nearest::{Nearest, nearest_on_face};
 pub use parts::PartMeasures;
 pub(crate) use ratio::WideSum;

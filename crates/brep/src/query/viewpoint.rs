@@ -1,9 +1,7 @@
 //! Surfaces for a viewpoint: as fine as an eye sees them, coarser with the distance.
 
-use std::collections::HashMap;
-
-use super::detail::{DetailSurface, add_changes, smallest_with};
-use crate::store::levels::{Cluster, NEVER};
+use super::model_surface::ModelSurface;
+use crate::boxes::Bounds;
 use crate::{ExactModel, Faces, Grid};
 use spinney_base::{Error, Result};
 
@@ -21,13 +19,6 @@ pub struct Viewpoint {
     pub faces: u64,
 }
 
-/// Minimum and maximum coordinates.
-type Bounds = [[i32; 3]; 2];
-
-/// Identity of a group: the error of the clusters that replace it, as bits, and their level. Groups
-/// with equal ones are treated as one.
-type GroupKey = (u32, u8);
-
 impl ExactModel {
     /// Chooses the surface for a viewpoint. It is closed, like those of levels, and finer where the
     /// eye is near: a cluster is replaced if the error that results is at most the tolerance, times
@@ -39,85 +30,11 @@ impl ExactModel {
     /// # Errors
     /// If the file has no levels, if the coarsest one has more faces than requested, if the
     /// viewpoint is invalid, or if the file is corrupt or cannot be read.
-    pub fn at_view(&self, view: &Viewpoint) -> Result<DetailSurface<'_>> {
-        let levels = self.count_detail_levels()?;
+    pub fn at_view(&self, view: &Viewpoint) -> Result<ModelSurface<'_>> {
+        self.count_detail_levels()?;
         let eye = Eye::new(view, self.grid())?;
-        let mut finest = 0;
-        loop {
-            let (surface, is_fine) = self.view_to_level(&eye, view.faces, finest)?;
-            finest += 1;
-            if is_fine || finest == levels {
-                return Ok(surface);
-            }
-        }
+        Ok(self.within_tolerance(&|error, bounds| eye.angle(error, bounds), eye.tolerance, view.faces, 0)?.0)
     }
-
-    /// Chooses the surface for a viewpoint as if a level was the finest. Returns it, and whether
-    /// finer levels would not change it.
-    fn view_to_level(&self, eye: &Eye, faces: u64, finest: usize) -> Result<(DetailSurface<'_>, bool)> {
-        let mut clusters: Vec<(u64, Cluster)> = Vec::new();
-        self.each_distinct_cluster(finest, &mut |number, cluster| {
-            if cluster.replaced_at == NEVER || usize::from(cluster.replaced_at) < finest {
-                clusters.push((number, cluster.clone()));
-            }
-            Ok(())
-        })?;
-        // Invariant: the box of a group contains those of the groups that its clusters were made
-        // of, so that a group is replaced only if these are. Otherwise the surface would have two
-        // levels in one position, or none. Clusters ascend from the coarsest level to the finest:
-        // backwards, the box of a group is complete before a cluster made of it follows.
-        let mut boxes: HashMap<GroupKey, Bounds> = HashMap::new();
-        for (_, cluster) in clusters.iter().rev() {
-            let own = boxes
-                .get(&replaced_group(cluster))
-                .map_or(cluster.bounds, |below| joined(below, &cluster.bounds));
-            boxes.entry(own_group(cluster)).and_modify(|all| *all = joined(all, &own)).or_insert(own);
-        }
-        let is_finest = |cluster: &Cluster| cluster.is_in_level(finest as u8);
-        let seen = |error: f32, group: GroupKey, cluster: &Cluster| {
-            eye.angle(error, boxes.get(&group).unwrap_or(&cluster.bounds))
-        };
-        // The tolerances from which on a cluster is shown, and from which on it is replaced.
-        let range = |cluster: &Cluster| {
-            let from = match is_finest(cluster) {
-                true => 0.0,
-                false => seen(cluster.error, replaced_group(cluster), cluster),
-            };
-            let to = match cluster.replaced_at {
-                NEVER => f64::INFINITY,
-                _ => seen(cluster.limit, own_group(cluster), cluster),
-            };
-            let from = from.max(eye.tolerance);
-            from..to.max(from)
-        };
-        let mut changes = Vec::new();
-        for (_, cluster) in &clusters {
-            add_changes(&mut changes, &range(cluster), self.faces_of(cluster));
-        }
-        let tolerance = smallest_with(faces, changes)?;
-        let mut surface = DetailSurface::empty(self);
-        let mut is_fine = true;
-        for (number, cluster) in clusters.iter().filter(|(_, cluster)| range(cluster).contains(&tolerance)) {
-            is_fine &= !is_finest(cluster) || eye.angle(cluster.error, &cluster.bounds) <= tolerance;
-            surface.push(*number, cluster);
-        }
-        Ok((surface, is_fine))
-    }
-}
-
-/// Returns the group that a cluster is a member of.
-fn own_group(cluster: &Cluster) -> GroupKey {
-    (cluster.limit.to_bits(), cluster.replaced_at)
-}
-
-/// Returns the group that a cluster replaces, together with others.
-fn replaced_group(cluster: &Cluster) -> GroupKey {
-    (cluster.error.to_bits(), cluster.level)
-}
-
-fn joined([low, high]: &Bounds, [other_low, other_high]: &Bounds) -> Bounds {
-    let axes = [0, 1, 2];
-    [axes.map(|axis| low[axis].min(other_low[axis])), axes.map(|axis| high[axis].max(other_high[axis]))]
 }
 
 /// A viewpoint in grid units.

@@ -78,6 +78,17 @@ impl Entry {
     }
 }
 
+/// Fails if chunks take more than the bytes before the lists, which end at `end`. They must not
+/// overlap in total, so that the time to read all of them is limited by the file's size.
+pub(super) fn check_total(path: &Path, bytes: u64, end: u64) -> Result<()> {
+    let available = end.saturating_sub(HEADER_SIZE as u64);
+    if bytes <= available {
+        return Ok(());
+    }
+    let found = format!("{bytes} bytes of faces and segments");
+    Err(Error::corrupt(path, "lists", found, format!("at most the {available} before the lists")))
+}
+
 /// Returns the entry of a list with an index.
 #[inline]
 fn entry_of(list: &[u8], index: usize) -> Entry {
@@ -107,7 +118,7 @@ enum ListBytes {
     Mapped(usize),
     /// In a file that is not mapped: read from this offset on when first needed. (Lists of large
     /// models take more bytes than the coarse levels, which need a short one only.)
-    Loaded(u64, OnceLock<Vec<u8>>),
+    Deferred(u64, OnceLock<Vec<u8>>),
 }
 
 impl ChunkList {
@@ -124,7 +135,7 @@ impl ChunkList {
         let checked = (0..len.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
         let list = match is_mapped {
             true => ListBytes::Mapped(offset as usize),
-            false => ListBytes::Loaded(offset, OnceLock::new()),
+            false => ListBytes::Deferred(offset, OnceLock::new()),
         };
         let unpacked = (codec == Codec::Packed).then(|| Unpacked::new(&options.access, PLAIN_BITS));
         ChunkList { kind, list, len, end, checked, check: options.check, unpacked }
@@ -139,12 +150,12 @@ impl ChunkList {
         self.len
     }
 
-    /// Checks that keys ascend, and that the chunks fit into the bytes before the lists; returns
-    /// their total bytes. A list that is read later is checked then, and counts as 0 here.
+    /// Checks that keys ascend; returns the total bytes of the chunks. A list that is read later is
+    /// checked then, and counts as 0 here.
     pub(crate) fn check(&self, path: &Path, backend: &dyn ReadBackend) -> Result<u64> {
         match &self.list {
             ListBytes::Mapped(_) => self.check_entries(path, self.list(path, backend)?),
-            ListBytes::Loaded(..) => Ok(0),
+            ListBytes::Deferred(..) => Ok(0),
         }
     }
 
@@ -160,14 +171,6 @@ impl ChunkList {
             // (The sum of less than 2^61 entries of less than 2^32 bytes each may exceed 64 bits.)
             bytes = bytes.saturating_add(length.into());
         }
-        // Chunks must not overlap in total, so that the time to read all of them is limited by the
-        // file's size.
-        let available = self.end.saturating_sub(HEADER_SIZE as u64);
-        if bytes > available {
-            let found = format!("{bytes} bytes of a list, each a {}", self.name());
-            let expected = format!("at most the {available} before the lists");
-            return Err(Error::corrupt(path, "lists", found, expected));
-        }
         Ok(bytes)
     }
 
@@ -177,11 +180,11 @@ impl ChunkList {
             ListBytes::Mapped(start) => {
                 Ok(backend.bytes().and_then(|all| all.get(*start..)).unwrap_or_default())
             }
-            ListBytes::Loaded(offset, bytes) => match bytes.get() {
+            ListBytes::Deferred(offset, bytes) => match bytes.get() {
                 Some(bytes) => Ok(bytes),
                 None => {
                     let read = backend.read(*offset, self.len * ENTRY)?;
-                    self.check_entries(path, &read)?;
+                    check_total(path, self.check_entries(path, &read)?, self.end)?;
                     Ok(bytes.get_or_init(|| read.into_owned()))
                 }
             },

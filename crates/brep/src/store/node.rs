@@ -35,6 +35,18 @@ pub enum ModelNodeState {
     },
 }
 
+/// Returns the minimum and maximum coordinates of a cell, in half units of the grid.
+fn bounds(level: u8, position: [u32; 3], grid: &Grid) -> [[i64; 3]; 2] {
+    let width = 2i64 << (grid.bits - level);
+    let low = position.map(|at| i64::from(at) * width - 1);
+    [low, low.map(|low| low + width)]
+}
+
+/// Returns the minimum and maximum world coordinates of a cell.
+pub(crate) fn world_box(level: u8, position: [u32; 3], grid: &Grid) -> [[f64; 3]; 2] {
+    bounds(level, position, grid).map(|corner| grid.to_world_between(corner.map(|at| at as f64 / 2.0)))
+}
+
 impl ModelNode<'_> {
     /// Returns the node's level: the root is 0.
     pub fn level(&self) -> u8 {
@@ -49,14 +61,12 @@ impl ModelNode<'_> {
     /// Returns the minimum and maximum coordinates of the node's cell, in half units of the grid.
     /// Walls are at odd multiples of half a unit, so no grid point is on a wall.
     pub fn bounds(&self, grid: &Grid) -> [[i64; 3]; 2] {
-        let width = 2i64 << (grid.bits - self.level);
-        let low = self.position.map(|at| i64::from(at) * width - 1);
-        [low, low.map(|low| low + width)]
+        bounds(self.level, self.position, grid)
     }
 
     /// Returns the minimum and maximum world coordinates of the node's cell.
     pub fn world_box(&self, grid: &Grid) -> [[f64; 3]; 2] {
-        self.bounds(grid).map(|corner| grid.to_world_between(corner.map(|at| at as f64 / 2.0)))
+        world_box(self.level, self.position, grid)
     }
 
     pub(crate) fn begins_segment(&self) -> bool {

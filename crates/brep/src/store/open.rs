@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::chunks::{ChunkList, ENTRY, List};
+use super::chunks::{ChunkList, ENTRY, List, check_total};
 use super::exact::EXACT;
 use super::formula::{FORMULA, MAX_FORMULA};
 use super::levels::{CLUSTERS, DetailLevel, LEVEL_FACES, LEVELS};
@@ -125,21 +125,11 @@ impl ExactModel {
         let no_levels = levels.is_empty().then_some(false);
         let clusters = chunk_list(List::Clusters, trailer.section(CLUSTERS), has_clusters)?;
         let level_faces = chunk_list(List::LevelFaces, trailer.section(LEVEL_FACES), no_levels)?;
-        // (Chunks must not overlap in total; see [`ChunkList::check`].)
         let mut bytes = 0u64;
         for list in [&segments, &blocks, &exact, &objects, &face_values, &clusters, &level_faces] {
             bytes = bytes.saturating_add(list.check(path, &*backend)?);
         }
-        let available = end.saturating_sub(HEADER_SIZE as u64);
-        if bytes > available {
-            let found = format!("{bytes} bytes of faces and segments");
-            return Err(Error::corrupt(
-                path,
-                "lists",
-                found,
-                format!("at most the {available} before the lists"),
-            ));
-        }
+        check_total(path, bytes, end)?;
         if trailer.section(INSTANCES).length > 0 {
             let advice = "replace its templates by their instances with the program that wrote it";
             return Err(Error::unsupported(path, "a model with templates", advice));

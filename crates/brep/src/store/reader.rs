@@ -518,19 +518,7 @@ impl Faces for ExactModel {
     }
 
     fn each_with_values(&self, columns: &[&str], each: &mut AttributedFaceVisitor<'_>) -> Result<()> {
-        let names = self.value_columns()?;
-        let numbers: Vec<Option<usize>> =
-            columns.iter().map(|column| names.iter().position(|name| name == column)).collect();
-        let mut values = vec![None; columns.len()];
-        self.each(&mut |face| {
-            for (value, number) in values.iter_mut().zip(&numbers) {
-                // (Models have less than 2^32 faces and columns.)
-                *value = match number {
-                    Some(number) => self.face_value(*number as u32, face.number as u32)?,
-                    None => None,
-                };
-            }
-            each(face, &values)
-        })
+        let mut values = self.values_of(columns)?;
+        self.each(&mut |face| each(face, values.of(face.number)?))
     }
 }

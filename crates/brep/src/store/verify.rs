@@ -9,7 +9,7 @@ use crate::build::{Checked, OctreeCheck};
 use crate::closure::{Closure, Seed, edges};
 use crate::face_check::{FaceCheck, FaceFlaw};
 use crate::part_sums::SumsOfParts;
-use crate::query::Detail;
+use crate::query::SurfaceDetail;
 use crate::{Face, Faces};
 use spinney_base::io::Sorter;
 use spinney_base::{Error, Progress, Result};
@@ -210,7 +210,7 @@ impl ExactModel {
         // Parts that are closed by themselves in the exact level, which is the first one here.
         let mut is_closed: Option<Vec<bool>> = None;
         for (number, level) in self.levels.iter().enumerate().rev() {
-            let surface = match self.at_detail(Detail::Level(number as u8), None) {
+            let surface = match self.surface(SurfaceDetail::Level(number as u8), None, progress) {
                 Err(error @ Error::Corrupt { .. }) => {
                     findings.push(finding(&format!("level {number}"), &error));
                     break;

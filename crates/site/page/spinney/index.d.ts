@@ -400,7 +400,10 @@ export interface SurfaceRequest extends QueryOptions {
   level?: number;
   /** Numbers of clusters, as `cut` returns them; without `bounds`. */
   clusters?: number[];
-  /** Minimum and maximum coordinates: only clusters of faces that touch this box. */
+  /**
+   * Minimum and maximum coordinates: only faces of the exact surface, or clusters of another one,
+   * that touch this box.
+   */
   bounds?: number[];
 }
 
@@ -543,8 +546,8 @@ export interface Model extends Opened<ModelHeader> {
    */
   triangles(options?: QueryOptions): Promise<{ origin: [number, number, number]; triangles: number; names: string[]; positions: Float32Array; objects: Uint32Array }>;
   /**
-   * The surface as triangles, at a level of detail; by default, the exact one. A detail or bounds
-   * need a file with levels. Coarse surfaces are for display: they are closed where the exact one
+   * The surface as triangles, at a level of detail; by default, the exact one. A detail needs a
+   * file with levels. Coarse surfaces are for display: they are closed where the exact one
    * is, but may intersect themselves, within their error.
    */
   mesh(request?: SurfaceRequest): Promise<Surface>;

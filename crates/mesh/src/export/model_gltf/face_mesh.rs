@@ -17,7 +17,7 @@ pub(super) struct FaceMesh {
     known: HashMap<VertexKey, u32>,
 }
 
-/// What makes a vertex: its grid point, colour, part, and row of values.
+/// Identity of a vertex: its grid point, colour, part, and row of values.
 type VertexKey = ([i32; 3], [u8; 3], [u32; 2]);
 
 /// A vertex of a mesh.

@@ -3,10 +3,10 @@
 
 mod face_mesh;
 mod features;
+mod level_cells;
 mod model_glb;
 mod model_tiles;
 mod position;
-mod tile_cells;
 
 use std::io::Write as _;
 

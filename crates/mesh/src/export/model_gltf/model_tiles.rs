@@ -14,13 +14,13 @@ use serde_json::{Value as Json, json};
 use super::super::GltfOptions;
 use super::super::losses::Losses;
 use super::face_mesh::FaceMesh;
+use super::level_cells::{CellCode, LevelCells, curve_position};
 use super::model_glb::{ModelGlbOptions, model_glb};
 use super::position::ModelPosition;
-use super::tile_cells::{CellCode, TileCells, curve_position};
 use spinney_base::io::{OutputDirectory, Sorter, directory_of};
 use spinney_base::parallel;
 use spinney_base::{Error, Progress, Result};
-use spinney_brep::query::{Detail, DetailSurface};
+use spinney_brep::query::SurfaceDetail;
 use spinney_brep::{ExactModel, Face, Faces, each_triangle};
 
 /// The root is the finest level with at most this many faces.
@@ -88,7 +88,7 @@ pub fn export_model_tileset(
         memory,
         progress,
         is_coloured: model.is_coloured()?,
-        cells: TileCells::default(),
+        cells: LevelCells::default(),
         tiles: BTreeMap::new(),
         errors: Vec::new(),
         total: levels.iter().skip(first).map(|level| level.faces).sum::<u64>().max(faces),
@@ -99,7 +99,7 @@ pub fn export_model_tileset(
         writer.level(model, 0, 0.0)?;
     }
     for (depth, level) in (first..levels.len()).enumerate() {
-        let surface: DetailSurface<'_> = model.at_detail(Detail::Level(level as u8), None)?;
+        let surface = model.surface(SurfaceDetail::Level(level as u8), None, progress)?;
         writer.level(&surface, depth, levels[level].error * model.grid().width())?;
     }
     let mut text = serde_json::to_vec(&writer.tileset()).expect("keys are strings");
@@ -150,7 +150,7 @@ struct TilesWriter<'a> {
     memory: u64,
     progress: &'a dyn Progress,
     is_coloured: bool,
-    cells: TileCells,
+    cells: LevelCells,
     tiles: BTreeMap<TileKey, TileAbout>,
     /// Error of each level of tiles in metres.
     errors: Vec<f64>,
@@ -360,11 +360,15 @@ fn united(a: [DVec3; 2], b: [DVec3; 2]) -> [DVec3; 2] {
     [a[0].min(b[0]), a[1].max(b[1])]
 }
 
+/// Relative error of sums of positions in single precision: above 2^-23, that of a number.
+const ROUNDING: f64 = 1e-6;
+/// Margin of a volume in metres, since one without an extent is not valid: a micrometre.
+const MARGIN: f64 = 1e-6;
+
 /// Returns the bounding volume of a box, relative to an origin.
 fn volume([low, high]: [DVec3; 2], origin: DVec3) -> Json {
     let centre = (low + high) / 2.0 - origin;
-    // (Positions are rounded to single precision.)
-    let half = (high - low) / 2.0 * (1.0 + 1e-6) + DVec3::splat(1e-6);
+    let half = (high - low) / 2.0 * (1.0 + ROUNDING) + DVec3::splat(MARGIN);
     json!({ "box": [centre.x, centre.y, centre.z, half.x, 0.0, 0.0, 0.0, half.y, 0.0, 0.0, 0.0, half.z] })
 }
 

@@ -21,7 +21,7 @@ pub(super) struct MeshUse {
     pub(super) copy: u32,
 }
 
-/// What makes identifiers unique: a table and the number of previous nodes with the same mesh, or a
+/// Scope in which identifiers are unique: a table and the number of previous nodes with the same mesh, or a
 /// node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Scope {
@@ -90,6 +90,7 @@ impl FeatureParts {
         }
         Ok(!is_whole)
     }
+
     /// Numbers the features, and adds their names and attributes: those of tables, or the name of
     /// the node. Returns the number of columns that were not read.
     ///

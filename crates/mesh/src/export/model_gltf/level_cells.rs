@@ -23,12 +23,12 @@ pub(super) fn curve_position(face: &Face<'_>, bits: u8) -> u64 {
 /// The cells of all levels. The only cell of level 0 is the whole space. Those of the next level
 /// are the octants of all cells of a level. Cells with too many triangles are divided further.
 #[derive(Default)]
-pub(super) struct TileCells {
+pub(super) struct LevelCells {
     /// Cells of each level that are divided further.
     divided: Vec<HashSet<CellCode>>,
 }
 
-impl TileCells {
+impl LevelCells {
     /// Adds a level whose cells are not divided yet.
     pub(super) fn add_level(&mut self) {
         self.divided.push(HashSet::new());
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn cells_are_within_those_above() {
-        let mut cells = TileCells::default();
+        let mut cells = LevelCells::default();
         cells.add_level();
         let far = (1 << 63) - 1;
         assert_eq!((cells.cell(0, 0), cells.cell(0, far)), (1, 1));
