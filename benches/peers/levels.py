@@ -2,19 +2,22 @@
 """Levels of detail of exact models: `spinney transform FILE levels` against meshoptimizer's
 clusterlod, which makes all levels in memory, without bounds and without a file; distances that are
 sampled, against the stored bounds; bytes of packed models, against the mesh, gzip and Draco; images
-of a large model.
+of a large model, and coarse surfaces of it from a web server; a city as 3D Tiles, against glTF of
+cjio.
 
     levels.py            all jobs
-    levels.py time       the torus of 5.5 million triangles; also distances, bytes, images
+    levels.py time       the torus of 5.5 million triangles; also distances, bytes, images, remote,
+                         city
 
 clusterlod is that of the crate meshoptimizer-rs, as a program in benches/peers/work. Distances need
-trimesh and rtree, bytes DracoPy, in the Python of exact.py or of PYTHON. The program is
-target/release/spinney, or SPINNEY. One thread.
+trimesh and rtree, bytes DracoPy, the city cjio, triangle and mapbox-earcut, in the Python of
+exact.py or of PYTHON. The program is target/release/spinney, or SPINNEY. One thread.
 """
 
 import gzip
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -22,6 +25,7 @@ os.environ["RAYON_NUM_THREADS"] = "1"
 
 from common import ROOT, SPINNEY, WORK, once, record, row, start, table  # noqa: E402
 from exact import MESH, PYTHON as EXACT_PYTHON, TORUS  # noqa: E402
+from remote import ours, serve  # noqa: E402
 
 PYTHON = os.environ.get("PYTHON", EXACT_PYTHON)
 
@@ -175,13 +179,18 @@ def bytes_of_models():
     record("exact models", [*rows, row("packed armadillo, with levels", "MB", ours["with levels"] / 1e6)])
 
 
+def large():
+    """The torus of 24 million triangles, with levels."""
+    model = WORK / "torus_24.goblin"
+    if not model.exists():
+        once([SPINNEY, "-q", "build", torus(4900, 2450), "-o", model, "--brep", "--levels"])
+    return model
+
+
 def images():
     """Images of a torus of 24 million triangles, at the level that pixels need."""
-    mesh, model = torus(4900, 2450), WORK / "torus_24.goblin"
-    if not model.exists():
-        once([SPINNEY, "-q", "build", mesh, "-o", model, "--brep", "--levels"])
     image = WORK / "torus_24.png"
-    found = once([SPINNEY, "-q", "render", model, image, "--size", "1024x768"])
+    found = once([SPINNEY, "-q", "render", large(), image, "--size", "1024x768"])
     table(["job", "CPU s", "MiB"], [["image of 24 million triangles", f"{found[0]:.2f}", f"{found[2]:.0f}"]])
     record(
         "exact models",
@@ -192,8 +201,35 @@ def images():
     )
 
 
+def remote():
+    """A coarse whole of a file of 0.8 GB on a server with a latency of 50 ms per response."""
+    model, out = large(), WORK / "coarse.ply"
+    with serve(WORK, 0.05) as server:
+        seconds, _, [batches, requests, size] = ours("export", f"{server.url}/{model.name}", out, "--faces", "16000")
+    table(["job", "s", "batches", "requests", "MB"], [["16,000 faces of 24 million", f"{seconds:.2f}", str(batches), str(requests), f"{size / 1e6:.2f}"]])
+    name = "at most 16,000 faces of 24 million, from a server"
+    record("exact models", [row(f"{name}, batches", "", batches), row(f"{name}, bytes", "MB", size / 1e6)])
+
+
+def city():
+    """853 buildings, closed and repaired: the tiles of our model, and glTF of the same buildings."""
+    source = ROOT.parent / "shared" / "data" / "hostile" / "mesh" / "DELFSHAVEN.city.json"
+    if not source.exists():
+        return
+    model, tiles, glb = WORK / "city.goblin", WORK / "city_tiles", WORK / "city.glb"
+    built = once([SPINNEY, "-q", "build", source, "-o", model, "--brep", "--close", "--repair", "--levels"])
+    shutil.rmtree(tiles, ignore_errors=True)
+    mine = once([SPINNEY, "-q", "export", model, tiles / "tileset.json"])
+    theirs = once([PYTHON, "-m", "cjio.cjio", source, "export", "glb", glb])
+    table(
+        ["job", "build, CPU s", "tiles, CPU s", "cjio to glb, CPU s", "ratio"],
+        [["city of 853 buildings", f"{built[0]:.2f}", f"{mine[0]:.2f}", f"{theirs[0]:.1f}", f"{(built[0] + mine[0]) / theirs[0]:.3f}"]],
+    )
+    record("exact models", [row("city of 853 buildings to 3D Tiles, with building, CPU", "s", built[0] + mine[0], "cjio, to glTF", theirs[0])])
+
+
 if __name__ == "__main__":
     start(data=False, peer="cargo")
-    jobs = {"time": time, "distances": distances, "bytes": bytes_of_models, "images": images}
+    jobs = {"time": time, "distances": distances, "bytes": bytes_of_models, "images": images, "remote": remote, "city": city}
     for name in sys.argv[1:] or jobs:
         jobs[name]()

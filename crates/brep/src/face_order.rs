@@ -37,7 +37,8 @@ impl FaceSorter {
     /// # Errors
     /// If a temporary file cannot be written.
     pub fn push(&mut self, face: &Face<'_>, values: &[(&str, &str)]) -> Result<()> {
-        // (Faces with the same source stay together.)
+        // Invariant: faces with the same source are consecutive after the sort, too. They have the
+        // same key, and the sort is stable. So a block must remember one source of the block before.
         let key = match self.last {
             Some((source, key)) if source == face.source => key,
             _ => curve::position(face, self.grid.bits),
@@ -114,6 +115,7 @@ impl BlockFaces {
             }
             false => connected_order(&self.faces),
         };
+        // New sources, by source.
         let mut sources: HashMap<u64, u64, Hasher> = self.last.into_iter().collect();
         let (mut points, mut colours) = (Vec::new(), Vec::new());
         for (number, (index, start)) in (self.first..).zip(order) {

@@ -127,7 +127,7 @@ impl Surface for &CoarseSurface {
     }
 }
 
-/// Lists of triangles by tile or by vertex, one after the other.
+/// Lists of triangles by tile or by vertex.
 struct Lists {
     /// End of each list in `entries`.
     ends: Vec<u32>,

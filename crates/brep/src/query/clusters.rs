@@ -85,24 +85,21 @@ impl ExactModel {
         each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
     ) -> Result<()> {
         let bits = self.grid().bits;
-        self.each_leaf(
-            root,
-            &|level, cell| meet(keys, &curve::positions_in(level, cell, bits)),
-            &mut |node| {
-                // Invariant: each face is visited once. The vertex that decides its position is inside
-                // of one leaf's cell, which lists the face.
-                let own = curve::positions_in(node.level(), node.position(), bits);
-                for number in node.faces() {
-                    self.face(number, buffer)?;
-                    let face = buffer.face();
-                    let key = curve::position(&face, bits);
-                    if keys.contains(&key) && own.contains(&key) {
-                        each(&face)?;
-                    }
+        let is_wanted = |level, cell| meet(keys, &curve::positions_in(level, cell, bits));
+        self.each_leaf(root, &is_wanted, &mut |node| {
+            // Invariant: each face is visited once. The vertex that decides its position is inside
+            // of one leaf's cell, which lists the face.
+            let own = curve::positions_in(node.level(), node.position(), bits);
+            for number in node.faces() {
+                self.face(number, buffer)?;
+                let face = buffer.face();
+                let key = curve::position(&face, bits);
+                if keys.contains(&key) && own.contains(&key) {
+                    each(&face)?;
                 }
-                Ok(())
-            },
-        )
+            }
+            Ok(())
+        })
     }
 
     /// Reads all that [`ExactModel::each_on_curve`] reads.

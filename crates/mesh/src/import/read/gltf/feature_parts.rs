@@ -21,8 +21,8 @@ pub(super) struct MeshUse {
     pub(super) copy: u32,
 }
 
-/// Scope in which identifiers are unique: a table and the number of previous nodes with the same mesh, or a
-/// node.
+/// Scope in which identifiers are unique: a table and the number of previous nodes with the same
+/// mesh, or a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Scope {
     Table(u32, u32),
