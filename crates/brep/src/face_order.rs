@@ -38,7 +38,7 @@ impl FaceSorter {
     /// If a temporary file cannot be written.
     pub fn push(&mut self, face: &Face<'_>, values: &[(&str, &str)]) -> Result<()> {
         // Invariant: faces with the same source are consecutive after the sort, too. They have the
-        // same key, and the sort is stable. So a block must remember one source of the block before.
+        // same key, and the sort is stable. So a block must remember one source of the last block.
         let key = match self.last {
             Some((source, key)) if source == face.source => key,
             _ => curve::position(face, self.grid.bits),
