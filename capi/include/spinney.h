@@ -263,9 +263,9 @@ typedef struct {
   uint64_t faces;
   // Maximum distance from the exact surface, in the world.
   double error;
-  // A box: three minimum and three maximum coordinates in the world. The surface then consists
-  // of all clusters (of about 500 faces) that touch the box, and is open outside of it. NULL for
-  // the whole surface.
+  // A box: three minimum and three maximum coordinates in the world. The exact surface then
+  // consists of the faces whose own boxes touch it, another one of all clusters (of about 500
+  // faces) that touch it; it is open outside of the box. NULL for the whole surface.
   const double *bounds;
 } spinney_detail;
 
@@ -716,7 +716,7 @@ spinney_status spinney_model_levels(const spinney_model *model,
 //
 // A coarse surface is closed where the exact one is, but may intersect itself, within its error:
 // it is for display. Reads only the clusters that the surface consists of. SPINNEY_UNSUPPORTED if
-// the file has no levels, unless the detail is the whole exact surface.
+// the file has no levels, unless the detail is the exact surface.
 spinney_status spinney_model_triangles(const spinney_model *model,
                                        const spinney_detail *detail,
                                        size_t detail_size,
