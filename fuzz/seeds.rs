@@ -501,10 +501,11 @@ fn models(put: Put<'_>, directory: &Path) -> Result<()> {
 /// ones.
 fn line_trees(put: Put<'_>, directory: &Path) -> Result<()> {
     let path = directory.join("lines.goblin");
-    for (name, count) in [("some", 12), ("none", 0)] {
-        let (attributes, features) = line_features::some(count);
+    let (plane, space) = (Dimension::Quad, Dimension::Oct);
+    for (name, dimension, count) in [("some", plane, 12), ("space", space, 12), ("none", plane, 0)] {
+        let (attributes, features) = line_features::some(dimension, count);
         let options = LineBuildOptions { leaf_size: 4, ..LineBuildOptions::default() };
-        let mut source = LinesInMemory::new(attributes, features);
+        let mut source = LinesInMemory::new(dimension, attributes, features);
         spinney::lines::build(&mut source, &options, &Metadata::default(), Output::create(&path)?, &())?;
         put("lines_read", name, &fs::read(&path).unwrap());
         fs::remove_file(&path).unwrap();

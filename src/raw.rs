@@ -200,7 +200,7 @@ pub mod points {
 pub mod lines {
     pub use spinney_lines::{
         LevelTotals, LineAttribute, LineBuildSummary, LineCrossing, LineGrid, LineSchema, LineSource,
-        LineValue, NearLine, NearestLines, ValueKind, is_line_file,
+        LineValue, NearLine, NearestLines, ROUNDED, ValueKind, VertexGrid, VertexSurvey, is_line_file,
     };
     #[cfg(feature = "vector")]
     pub use spinney_vector::{
@@ -291,9 +291,10 @@ pub mod import {
     #[cfg(feature = "mesh")]
     pub mod mesh {
         pub use spinney_mesh::import::{
-            Attribute, DEFAULT_MEMORY, ExactReport, InsideTest, MeshArrays, MeshColours, MeshFace, Model,
-            ModelContact, ModelInfo, SkippedObject, SolidReport, SolidSurvey, SurfaceAtPoint, SurveyedNode,
-            is_model, model_contacts, open, open_all_with, open_with, parts_of, plan_part,
+            Attribute, DEFAULT_MEMORY, EdgeOptions, ExactReport, InsideTest, MeshArrays, MeshColours,
+            MeshEdges, MeshFace, Model, ModelContact, ModelInfo, SkippedObject, SolidReport, SolidSurvey,
+            SurfaceAtPoint, SurveyedNode, is_model, model_contacts, open, open_all_with, open_mesh_edges,
+            open_with, parts_of, plan_part,
         };
     }
 

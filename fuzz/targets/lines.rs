@@ -51,18 +51,22 @@ fn fast_queries(tree: &LineTree) -> Result<()> {
     note(tree.length().map(drop));
     note(tree.levels().map(drop));
     let found = tree.bounds();
-    let [low, high] = found.as_ref().ok().copied().flatten().unwrap_or([grid.to_world([0; 2]); 2]);
+    let [low, high] = found.as_ref().ok().copied().flatten().unwrap_or([grid.to_world([0; 3]); 2]);
     note(found.map(drop));
-    let middle = [0, 1].map(|axis| low[axis] / 2.0 + high[axis] / 2.0);
-    let all = [[f64::NEG_INFINITY; 2], [f64::INFINITY; 2]];
+    let middle = [0, 1, 2].map(|axis| low[axis] / 2.0 + high[axis] / 2.0);
+    let all = [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]];
     for window in [[low, high], [middle, high], [middle; 2], all] {
         note(tree.window(window, &()).map(drop));
     }
-    note(tree.crossings(&[vec![low, high], vec![[low[0], high[1]], middle, high]], &()).map(drop));
+    let flat = |[x, y, _]: [f64; 3]| [x, y, f64::NAN];
+    let lines = [vec![low, high], vec![[low[0], high[1], low[2]], middle, high], vec![flat(low), flat(high)]];
+    for within in [0.0, grid.scale[0]] {
+        note(tree.crossings(&lines, within, &()).map(drop));
+    }
     // (Points too distant for exact comparison are refused.)
     let fits = |error: Error| if matches!(error, Error::Invalid { .. }) { Ok(()) } else { Err(error) };
     let nearest = NearestLines::new(tree, 1 << 16).and_then(|nearest| {
-        nearest.find(&[low, middle, high, middle], 1, f64::INFINITY, &())?;
+        nearest.find(&[low, middle, high, flat(middle)], 1, f64::INFINITY, &())?;
         nearest.find(&[middle, low], 20, 5.0, &()).map(drop)
     });
     note(nearest.or_else(fits));

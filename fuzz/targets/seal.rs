@@ -84,7 +84,7 @@ const CODEC: usize = 4;
 const REFERENCE: u8 = 2;
 /// Sizes of an entry in an exact model's lists, and in lists of blocks of lines, in bytes.
 const MODEL_ENTRY: usize = 24;
-const LINE_ENTRY: usize = 44;
+const LINE_ENTRY: usize = 52;
 
 /// Returns the offset of the section with a tag in a trailer's list, and position and length of its
 /// bytes.

@@ -54,7 +54,9 @@ class LineCrossings:
     lines: npt.NDArray[np.int64]
     """Numbers of the other lines."""
     positions: npt.NDArray[np.float64]
-    """Coordinates of the crossings, of shape (n, 2)."""
+    """Coordinates of the crossings, of shape (n, 2), in a tree with heights (n, 3)."""
+    distances: npt.NDArray[np.float64]
+    """Distances from the other lines; 0 where they cross or touch."""
 
     def __len__(self) -> int:
         return len(self.features)
@@ -79,9 +81,10 @@ def build_lines(
 
         spinney.build_lines("roads.gpkg", "roads.goblin", where="lanes>=2", attributes=["name"])
 
-    Conditions (`where`) select features, and `attributes` selects some of their attributes. Any
-    number of features is built within `memory`. Nodes of up to `leaf_size` segments (1024) are not
-    divided.
+    A mesh file (PLY, OBJ, STL ...) becomes a tree of its edges, with the attributes `object` and
+    `faces`. If all vertices have heights, the tree has three axes. Conditions (`where`) select
+    features, and `attributes` selects some of their attributes. Any number of features is built
+    within `memory`. Nodes of up to `leaf_size` segments (1024) are not divided.
     """
     names = None if attributes is None else names_of(attributes)
     origin = path_of(source) if is_path(source) else "features"
@@ -115,9 +118,14 @@ class LineTree(BlockTree, _native.Lines):
         return list(self._facts()["attributes"])
 
     @property
-    def bounds(self) -> tuple[float, float, float, float] | None:
-        """Minimum and maximum coordinates of all lines; None if there are none."""
-        bounds: tuple[float, float, float, float] | None = self._facts()["bounds"]
+    def axes(self) -> int:
+        """The number of axes: 2, or 3 if the lines have heights."""
+        return int(self._facts()["axes"])
+
+    @property
+    def bounds(self) -> tuple[float, ...] | None:
+        """Minimum and then maximum coordinates along the axes; None if there are no lines."""
+        bounds: tuple[float, ...] | None = self._facts()["bounds"]
         return bounds
 
     @property
@@ -127,7 +135,7 @@ class LineTree(BlockTree, _native.Lines):
 
     @property
     def length(self) -> float:
-        """The length of all lines, in units of the coordinates."""
+        """The length of all lines, in units of the coordinates; in x and y if these are degrees."""
         return float(self._facts()["length"])
 
     def levels(self) -> list[LineLevel]:
@@ -138,11 +146,15 @@ class LineTree(BlockTree, _native.Lines):
         self, window: Sequence[float], *, threads: int | None = None, progress: Progress = None
     ) -> npt.NDArray[np.int64]:
         """Returns the ascending numbers of the features that have a line through a window (minimum
-        and maximum coordinates), its border included.
+        and maximum coordinates), its border included. A window of four numbers has all heights.
         """
         corners = [float(number) for number in window]
-        if len(corners) != 4:
-            raise ValueError(f"window: got {len(corners)} numbers, expected 4: minimum x, y, then maximum x, y")
+        if len(corners) == 4:
+            [west, south, east, north] = corners
+            corners = [west, south, -np.inf, east, north, np.inf]
+        elif len(corners) != 6 or self.axes == 2:
+            numbers = "4" if self.axes == 2 else "4 or 6"
+            raise ValueError(f"window: got {len(corners)} numbers, expected {numbers}: minimum, then maximum coordinates")
         with working(progress, threads) as terms:
             return self._window(corners, terms)
 
@@ -151,15 +163,16 @@ class LineTree(BlockTree, _native.Lines):
         *,
         window: Sequence[float] | None = None,
         crossing: Any = None,
+        radius: float = 0,
         attributes: Sequence[str] | None = None,
         threads: int | None = None,
         progress: Progress = None,
     ) -> list[dict[str, Any]]:
         """Returns whole features as in GeoJSON, with their number as id: all, those that intersect
-        a `window`, or those that other lines cross (`crossing`, as for `crossings`); with all or
-        some `attributes`.
+        a `window`, or those that other lines cross (`crossing` and `radius`, as for `crossings`);
+        with all or some `attributes`.
         """
-        numbers = self._chosen(window, crossing, threads)
+        numbers = self._chosen(window, crossing, radius, threads)
         names = self.attributes
         chosen = range(len(names)) if attributes is None else [_position(names, name) for name in attributes]
         with working(progress, threads) as terms:
@@ -185,28 +198,34 @@ class LineTree(BlockTree, _native.Lines):
         progress: Progress = None,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """Returns for each point the k nearest features, nearest first: their distances, of shape
-        (n, k), their numbers, (n, k), and the nearest positions on them, (n, k, 2). If there are
-        fewer within the `radius`, these are infinity, -1 and NaN. Coordinates are in the file's own
-        system, those of a GeoSeries in its `crs`, or in other `coordinates` ("lonlat", "EPSG:3035",
-        any coordinate system); results are always in the file's own.
+        (n, k), their numbers, (n, k), and the nearest positions on them, (n, k, 2), in a tree with
+        heights (n, k, 3). If there are fewer within the `radius`, these are infinity, -1 and NaN.
+        Distances of rows of x, y and z are those in space; those of rows of x and y, and of lines
+        in degrees, ignore heights. Coordinates are in the file's own system, those of a GeoSeries
+        in its `crs`, or in other `coordinates` ("lonlat", "EPSG:3035", any coordinate system);
+        results are always in the file's own.
         """
         if k < 1:
             raise ValueError(f"k: got {k}, expected 1 or more")
-        given, own = coordinates_of_points(positions, 2)
-        rows = points_of(given, 2, "positions")
+        rows, own = _with_heights(positions, self.axes, "positions")
         if coordinates is None:
             coordinates = "world" if own is None or self.crs is None else definition_of(own)
         with working(progress, threads) as terms:
             distances, features, found = self._nearest(rows, k, float(radius), coordinates, terms)
-        return distances, features, found.reshape(len(rows), k, 2)
+        return distances, features, found.reshape(len(rows), k, self.axes)
 
-    def crossings(self, lines: Any, *, threads: int | None = None, progress: Progress = None) -> LineCrossings:
-        """Returns the points where other lines cross the tree's, or touch them. Lines are one line,
-        as rows of x and y, or several.
+    def crossings(
+        self, lines: Any, *, radius: float = 0, threads: int | None = None, progress: Progress = None
+    ) -> LineCrossings:
+        """Returns the points where other lines cross the tree's, or touch them, or with a `radius`
+        all pairs of segments that are at most so far apart. Lines are one line, as rows of x and y,
+        or several; in a tree with heights also rows of x, y and z. Lines without z cross at any
+        height.
         """
+        axes = self.axes
         with working(progress, threads) as terms:
-            features, numbers, positions = self._crossings(_lines_of(lines), terms)
-        return LineCrossings(features, numbers, positions.reshape(-1, 2))
+            features, numbers, distances, positions = self._crossings(_lines_of(lines, axes), float(radius), terms)
+        return LineCrossings(features, numbers, positions.reshape(-1, axes), distances)
 
     def write(
         self,
@@ -214,6 +233,7 @@ class LineTree(BlockTree, _native.Lines):
         *,
         window: Sequence[float] | None = None,
         crossing: Any = None,
+        radius: float = 0,
         attributes: Sequence[str] | None = None,
         max_bytes: int | str | None = None,
         threads: int | None = None,
@@ -222,18 +242,22 @@ class LineTree(BlockTree, _native.Lines):
         """Writes whole features (.geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply), selected
         as by `features`; returns their number.
         """
-        numbers = self._chosen(window, crossing, threads)
+        numbers = self._chosen(window, crossing, radius, threads)
         names = None if attributes is None else names_of(attributes)
         with working(progress, threads, max_bytes) as terms:
             return self._write(path_of(out), numbers, names, terms)
 
-    def _chosen(self, window: Sequence[float] | None, crossing: Any, threads: int | None) -> list[int] | None:
+    def _chosen(
+        self, window: Sequence[float] | None, crossing: Any, radius: float, threads: int | None
+    ) -> list[int] | None:
+        if radius and crossing is None:
+            raise ValueError("radius: works only with crossing")
         if window is not None and crossing is not None:
             raise ValueError("window, crossing: got both, expected one of them")
         if window is not None:
             return [int(number) for number in self.find(window, threads=threads)]
         if crossing is not None:
-            return [int(number) for number in np.unique(self.crossings(crossing, threads=threads).features)]
+            return [int(number) for number in np.unique(self.crossings(crossing, radius=radius, threads=threads).features)]
         return None
 
 
@@ -253,9 +277,26 @@ def _geometry(lines: list[list[list[float]]]) -> dict[str, Any] | None:
             return {"type": "MultiLineString", "coordinates": lines}
 
 
-def _lines_of(lines: Any) -> list[npt.NDArray[np.float64]]:
-    """Returns one or several lines as arrays."""
+def _lines_of(lines: Any, axes: int) -> list[npt.NDArray[np.float64]]:
+    """Returns one or several lines as arrays of x, y and z."""
     given = list(lines)
-    if given and np.ndim(given[0]) == 1:
-        return [points_of(given, 2, "lines")]
-    return [points_of(line, 2, "lines") for line in given]
+    many = [given] if given and np.ndim(given[0]) == 1 else given
+    return [_with_heights(line, axes, "lines")[0] for line in many]
+
+
+def _with_heights(points: Any, axes: int, name: str) -> tuple[npt.NDArray[np.float64], Any]:
+    """Returns points as rows of x, y and z, with their coordinate system if they have one. z is NaN
+    without heights.
+    """
+    try:
+        given, own = coordinates_of_points(points, axes)
+    except ValueError:
+        # Some points have no height.
+        given, own = coordinates_of_points(points, 2)
+    if not hasattr(given, "__array__"):
+        given = list(given)
+    has_heights = axes == 3 and len(given) > 0 and np.shape(given[0]) == (3,)
+    rows = points_of(given, 3 if has_heights else 2, name)
+    if not has_heights:
+        rows = np.column_stack([rows, np.full(len(rows), np.nan)])
+    return rows, own

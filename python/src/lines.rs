@@ -5,17 +5,19 @@ use std::sync::{Arc, PoisonError, RwLock};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 use spinney::export::VectorFormat;
 use spinney::import::feature::{FeatureFilter, FeatureOptions};
 use spinney::lines::{LineBuildOptions, LineFeature, LineTree, build};
-use spinney::raw::import::feature::open_feature_lines;
-use spinney::raw::lines::{LineSource as _, LineValue, export_lines};
+use spinney::raw::import::feature::{is_feature_file, open_feature_lines};
+use spinney::raw::import::mesh::{EdgeOptions, open_mesh_edges, open_with};
+use spinney::raw::lines::{LineSource, LineValue, export_lines};
+use spinney::raw::space::Up;
 use spinney::{Crs, Metadata, Progress as _, Result};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
-use crate::jobs::{self, Terms};
+use crate::jobs::{self, Terms, access};
 use crate::region::coordinates_of;
 use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
@@ -33,11 +35,17 @@ pub(crate) struct Lines {
 /// Distances and feature numbers, a row per point, and the nearest points, concatenated.
 type Near<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>, Bound<'py, PyArray1<f64>>);
 
-/// Feature numbers, numbers of the lines that cross them, and crossing points, concatenated.
-type Crossed<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
+/// Feature numbers, numbers of the lines that cross them, distances, and crossing points,
+/// concatenated.
+type Crossed<'py> = (
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+);
 
 /// A feature: its number, the vertices of its lines, and the values of its attributes.
-type Row<'py> = (u64, Vec<Vec<[f64; 2]>>, Vec<Bound<'py, PyAny>>);
+type Row<'py> = (u64, Vec<Vec<Vec<f64>>>, Vec<Bound<'py, PyAny>>);
 
 /// Nodes of a level, their segments, the segments' length, and the maximum numbers of segments and
 /// features below a node.
@@ -48,6 +56,12 @@ impl Lines {
         let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
         opened.clone().ok_or_else(|| invalid(format!("{}: is closed", self.path.display())))
     }
+}
+
+/// Coordinates of positions, two or three of each.
+fn coordinates(tree: &LineTree, positions: impl IntoIterator<Item = [f64; 3]>) -> Vec<f64> {
+    let axes = tree.grid().axes();
+    positions.into_iter().flat_map(|position| position.into_iter().take(axes)).collect()
 }
 
 /// Returns a value as a Python object.
@@ -115,9 +129,11 @@ impl Lines {
         facts.set_item("attributes", names)?;
         facts.set_item("segments", tree.segments())?;
         facts.set_item("length", tree.length().or_raise()?)?;
-        facts.set_item("bounds", tree.bounds().or_raise()?.map(|[[a, b], [c, d]]| (a, b, c, d)))?;
+        let bounds = tree.bounds().or_raise()?.map(|bounds| coordinates(&tree, bounds));
+        facts.set_item("axes", tree.grid().axes())?;
+        facts.set_item("bounds", bounds.map(|numbers| PyTuple::new(py, numbers)).transpose()?)?;
         facts.set_item("leaf_size", tree.leaf_size())?;
-        facts.set_item("scale", tree.grid().scale)?;
+        facts.set_item("scale", tree.grid().scale[0])?;
         facts.set_item("crs", tree.metadata().frame.crs.as_ref().map(crs_text))?;
         facts.set_item("tags", tree.metadata().tags.clone())?;
         facts.set_item("provenance", tree.metadata().clean_provenance())?;
@@ -140,12 +156,12 @@ impl Lines {
     fn window<'py>(
         &self,
         py: Python<'py>,
-        window: [f64; 4],
+        window: [f64; 6],
         terms: Terms,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let tree = self.get()?;
-        let [a, b, c, d] = window;
-        let numbers = jobs::run(py, terms, |work| tree.window([[a, b], [c, d]], work))?;
+        let [a, b, c, d, e, f] = window;
+        let numbers = jobs::run(py, terms, |work| tree.window([[a, b, c], [d, e, f]], work))?;
         Ok(PyArray1::from_vec(py, numbers.into_iter().map(|number| number as i64).collect()))
     }
 
@@ -174,16 +190,16 @@ impl Lines {
             Ok(found)
         })?;
         let row = |(number, feature): (u64, LineFeature)| {
-            let line =
-                |line: &Vec<[i32; 2]>| line.iter().map(|vertex| tree.grid().to_world(*vertex)).collect();
+            let vertex = |vertex: &[i32; 3]| coordinates(&tree, [tree.grid().to_world(*vertex)]);
+            let line = |line: &Vec<[i32; 3]>| line.iter().map(vertex).collect();
             let values = feature.values.iter().map(|value| value_of(py, value)).collect::<PyResult<_>>()?;
             Ok((number, feature.lines.iter().map(line).collect(), values))
         };
         found.into_iter().map(row).collect()
     }
 
-    /// Returns distances, features and positions on the lines nearest to points; infinity, -1 and
-    /// NaN where there are fewer.
+    /// Returns distances, features and positions on the lines nearest to points, whose z may be
+    /// NaN; infinity, -1 and NaN where there are fewer.
     #[pyo3(name = "_nearest")]
     fn nearest<'py>(
         &self,
@@ -195,7 +211,7 @@ impl Lines {
         terms: Terms,
     ) -> PyResult<Near<'py>> {
         let tree = self.get()?;
-        let mut positions: Vec<[f64; 2]> = positions.as_slice()?.as_chunks::<2>().0.to_vec();
+        let mut positions: Vec<[f64; 3]> = positions.as_slice()?.as_chunks::<3>().0.to_vec();
         let locator = tree.locator(&coordinates_of(coordinates)?).or_raise()?;
         for point in &mut positions {
             let [x, y] = locator.locate([point[0], point[1]]).or_raise()?;
@@ -210,13 +226,14 @@ impl Lines {
         })?;
         let (distances, features, found) = jobs::run(py, terms, |work| {
             let (mut distances, mut features) = (vec![f64::INFINITY; capacity], vec![-1; capacity]);
-            let mut found = vec![f64::NAN; 2 * capacity];
+            let axes = tree.grid().axes();
+            let mut found = vec![f64::NAN; axes * capacity];
             for (index, lines) in tree.nearest(&positions, max_count, radius, work)?.iter().enumerate() {
                 for (number, line) in lines.iter().enumerate() {
                     let at = index * max_count + number;
                     distances[at] = line.distance;
                     features[at] = line.feature as i64;
-                    found[2 * at..2 * at + 2].copy_from_slice(&line.position);
+                    found[axes * at..axes * (at + 1)].copy_from_slice(&line.position[..axes]);
                 }
             }
             Ok((distances, features, found))
@@ -226,26 +243,30 @@ impl Lines {
         Ok((distances, PyArray1::from_vec(py, features).reshape(shape)?, PyArray1::from_vec(py, found)))
     }
 
-    /// Returns crossings with lines, touching included: feature numbers, line numbers, and points.
+    /// Returns crossings with lines, whose z may be NaN, or lines within a distance of them:
+    /// feature numbers, line numbers, distances, and points.
     #[pyo3(name = "_crossings")]
     fn crossings<'py>(
         &self,
         py: Python<'py>,
         lines: Vec<PyReadonlyArray2<'py, f64>>,
+        within: f64,
         terms: Terms,
     ) -> PyResult<Crossed<'py>> {
         let tree = self.get()?;
-        let mut all: Vec<Vec<[f64; 2]>> = Vec::with_capacity(lines.len());
+        let mut all: Vec<Vec<[f64; 3]>> = Vec::with_capacity(lines.len());
         for line in &lines {
-            all.push(line.as_slice()?.as_chunks::<2>().0.to_vec());
+            all.push(line.as_slice()?.as_chunks::<3>().0.to_vec());
         }
-        let found = jobs::run(py, terms, |work| tree.crossings(&all, work))?;
+        let found = jobs::run(py, terms, |work| tree.crossings(&all, within, work))?;
         let features = found.iter().map(|crossing| crossing.feature as i64).collect();
         let lines = found.iter().map(|crossing| crossing.line as i64).collect();
-        let positions = found.iter().flat_map(|crossing| crossing.position).collect();
+        let distances = found.iter().map(|crossing| crossing.distance).collect();
+        let positions = coordinates(&tree, found.iter().map(|crossing| crossing.position));
         Ok((
             PyArray1::from_vec(py, features),
             PyArray1::from_vec(py, lines),
+            PyArray1::from_vec(py, distances),
             PyArray1::from_vec(py, positions),
         ))
     }
@@ -277,8 +298,8 @@ impl Lines {
 #[derive(FromPyObject)]
 pub(crate) struct LineTerms(Option<usize>, Option<String>, Option<Vec<String>>, u64, Option<String>, String);
 
-/// Builds a line tree from a feature file; returns the number of features and segments, and the
-/// length.
+/// Builds a line tree from a feature file, or from the edges of a mesh; returns the number of
+/// features and segments, and the length.
 #[pyfunction]
 pub(crate) fn build_line_file(
     py: Python<'_>,
@@ -291,23 +312,22 @@ pub(crate) fn build_line_file(
     let built = jobs::run(py, terms, |work| {
         let LineTerms(leaf_size, crs, attributes, memory, filter, from) = &given;
         let filter: FeatureFilter = filter.as_deref().map(str::parse).transpose()?.unwrap_or_default();
-        let (attributes, check_degrees) = (attributes.clone(), crs.is_none());
-        let features = FeatureOptions { filter, attributes, check_degrees, ..FeatureOptions::default() };
-        let mut source = open_feature_lines(&path, &features)?;
-        if source.is_rounded() {
-            work.warn(&path, "vertices have more digits than a grid of 32 bits, and are rounded to it");
-        }
+        let attributes = attributes.clone();
+        let features = FeatureOptions { filter, attributes, ..FeatureOptions::default() };
+        let crs = crs.as_deref().map(Crs::parse).transpose()?;
+        let mut source: Box<dyn LineSource> = if is_feature_file(&path) {
+            Box::new(open_feature_lines(&path, &features, crs.as_ref(), work)?)
+        } else {
+            let edges = EdgeOptions { up: Up::Z, crs, memory: *memory, output: out.clone() };
+            Box::new(open_mesh_edges(&mut *open_with(&path, *memory, access())?, &edges, work)?)
+        };
         let mut options = LineBuildOptions { memory: *memory, ..LineBuildOptions::default() };
         options.leaf_size = leaf_size.unwrap_or(options.leaf_size);
         let mut metadata = Metadata::default();
-        let crs = crs.as_deref().map(Crs::parse).transpose()?;
-        metadata.frame.crs = crs.or(source.schema().crs.clone());
+        metadata.frame.crs = source.schema().crs.clone();
         metadata.provenance = vec![from.clone()];
-        let built = build(&mut source, &options, &metadata, work.create_tree(&out)?, work)?;
-        let count = source.with_heights();
-        if count > 0 {
-            work.warn(&path, &format!("{count} features have heights or measures, which are not stored"));
-        }
+        let built = build(&mut *source, &options, &metadata, work.create_tree(&out)?, work)?;
+        source.remarks().iter().for_each(|remark| work.warn(&path, remark));
         Result::Ok(built)
     })?;
     Ok((built.features, built.segments, built.length))

@@ -63,6 +63,9 @@ pub(crate) struct Args {
     /// Lines are reprojected to the tree's coordinate system
     #[arg(long, value_name = "LINES", conflicts_with_all = ["window", "within", "ball"])]
     crossing: Option<PathBuf>,
+    /// Maximum distance of the lines of --crossing [default: 0, those that cross or touch]
+    #[arg(long, value_name = "DISTANCE", requires = "crossing")]
+    radius: Option<f64>,
     /// Attributes of points or lines to write, as in intensity,classification [default: all]
     #[arg(long, value_name = "NAME,...")]
     attribute: Option<String>,
@@ -124,12 +127,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         return get_faces(args, view.as_model("faces")?, global);
     }
     if let Some(tree) = lines::open(&args.tree.file, global)? {
-        let fitting = ["--output", "--format", "--window", "--in", "--crossing", "--attribute"];
+        let fitting = ["--output", "--format", "--window", "--in", "--crossing", "--radius", "--attribute"];
         global.check_options(&args.tree.file, lines::KIND, &fitting)?;
         ensure!(args.part.is_given() || args.part.coordinates().given().is_none(), IN_IS_FOR);
         let format = args.format.as_deref();
-        let point_selection = (&args.part, args.crossing.as_deref());
-        return lines::get(&tree, point_selection, (path, format), args.attribute.as_deref(), global);
+        let selection = (&args.part, args.crossing.as_deref(), args.radius.unwrap_or(0.0));
+        return lines::get(&tree, selection, (path, format), args.attribute.as_deref(), global);
     }
     ensure!(args.crossing.is_none(), "--crossing: works only with trees of lines");
     if let Some(tree) = points::open(&args.tree.file, global)? {

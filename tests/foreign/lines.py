@@ -16,7 +16,8 @@ from typing import Any, Iterator, NamedTuple, Sequence
 from basics import Bytes, Code, CorruptFile, Header, Unknown, check, crc32c, metadata, spans, trailer
 from tokens import folded, signed, unfolded
 
-DEEPEST = 29
+# Maximum depth, by the number of axes.
+DEEPEST = {2: 29, 3: 19}
 # Maximum number of features in a block.
 MAX_FEATURES = 1 << 12
 # Kinds of values, by their mark.
@@ -24,8 +25,9 @@ NONE, WHOLE, NUMBER, TEXT, FALSE, TRUE, JSON = range(7)
 # Marks that an attribute's values can have, by its kind.
 KINDS = [{WHOLE}, {WHOLE, NUMBER}, {TEXT}, {FALSE, TRUE}, {JSON}, {WHOLE, NUMBER, TEXT, FALSE, TRUE, JSON}]
 
-Vertex = tuple[int, int]
-Box = tuple[int, int, int, int]
+Vertex = tuple[int, ...]
+# Minimum and maximum corner, each with x, y and z.
+Box = tuple[Vertex, Vertex]
 
 
 class Json(str):
@@ -60,8 +62,7 @@ class Segment(NamedTuple):
 
     @property
     def box(self) -> Box:
-        (x, y), (u, v) = self.start, self.end
-        return min(x, u), min(y, v), max(x, u), max(y, v)
+        return around((raised(end), raised(end)) for end in (self.start, self.end))
 
 
 @dataclass
@@ -95,7 +96,8 @@ class Lines:
         self.header = Header.read(data)
         if self.header.content != 4:
             raise Unknown("no tree of lines")
-        check(self.header.axes == 2 and self.header.layers == 0, "axes or layers of a tree of lines")
+        check(self.header.axes in DEEPEST and self.header.layers == 0, "axes or layers of a tree of lines")
+        self.axes = self.header.axes
         self.data, self.sections = data, trailer(data, self.header)
         check(all(tag in self.sections for tag in (b"LINS", b"LBLK", b"LNOD", b"LFEA", b"META")), "sections")
         check(len(self.sections[b"META"]) <= 1 << 24, "metadata are too large")
@@ -108,36 +110,39 @@ class Lines:
         if b.unsigned() != 1:
             raise Unknown("lines of another version")
         self.features, self.segments, self.leaf_size = (b.unsigned() for _ in range(3))
-        self.scale, self.offset = b.get("d"), b.get("2d")
-        self.corner = tuple(b.signed() for _ in range(2))
-        self.bits = b.get("B")
+        self.scale, self.offset = b.get("3d"), b.get("3d")
+        self.corner = tuple(b.signed() for _ in range(3))
+        self.bits, unit = b.get("B"), b.get("B")
+        check(unit <= 1, "the unit of z")
+        self.has_one_unit = bool(unit)
         self.attributes = b.many(lambda: Attribute(b.text(), b.get("B")))
         check(1 <= self.leaf_size <= 1 << 16 and self.bits <= 32, "leaf size or bits")
         check(all(-1 << 31 <= c < 1 << 31 for c in self.corner), "the corner")
-        check(all(map(math.isfinite, (self.scale, *self.offset))) and self.scale > 0, "scale or offset")
+        check(all(map(math.isfinite, (*self.scale, *self.offset))) and min(self.scale) > 0, "scale or offset")
+        check(self.scale[0] == self.scale[1] and (self.scale[0] == self.scale[2] or not self.has_one_unit), "scales of axes")
         if any(attribute.kind >= len(KINDS) for attribute in self.attributes):
             raise Unknown("a kind of an attribute")
-        check(self.header.depth == min(self.bits, DEEPEST), "the depth of the header")
+        check(self.header.depth == min(self.bits, DEEPEST[self.axes]), "the depth of the header")
 
     def _read_nodes(self, b: Bytes) -> None:
-        check(len(b.data) % 48 == 0, "bytes of nodes")
+        check(len(b.data) % 56 == 0, "bytes of nodes")
         self.nodes: dict[Code, Node] = {}
         last = -1
         while b.at < len(b.data):
-            code, segments, features, length, *box = b.get("QQQd4i")
-            at = Code.of(code, 2)
+            code, segments, features, length, *box = b.get("QQQd6i")
+            at = Code.of(code, self.axes)
             check(code > last and at.level <= self.header.depth, "nodes")
             check(not at.level or at.up(1) in self.nodes, "a node without the one above it")
             check(1 <= features <= segments and features <= self.features and 0 <= length < math.inf, "counts of a node")
             self.nodes[at] = Node(at, segments, features, length, box_of(box))
             last = code
-        root = self.nodes.get(Code(0, (0, 0)))
+        root = self.nodes.get(Code(0, (0,) * self.axes))
         check((root.segments if root else 0) == self.segments, "segments of the root")
 
     def _read_blocks(self, end: int) -> None:
         blocks = self._blocks(self.sections[b"LBLK"], end, 1 << 16)
         for key, block in blocks:
-            node = self.nodes.get(Code.of(key, 2))
+            node = self.nodes.get(Code.of(key, self.axes))
             check(node, "a block of no node")
             if node:
                 node.blocks.append(block)
@@ -155,9 +160,9 @@ class Lines:
         check(whole <= end - 24, "blocks have more bytes than there are")
 
     def _blocks(self, data: bytes, end: int, most: int) -> list[tuple[int, Block]]:
-        check(len(data) % 44 == 0, "bytes of blocks")
+        check(len(data) % 52 == 0, "bytes of blocks")
         found = []
-        for key, at, size, crc, count, *box in struct.iter_unpack("<QQIII4i", data):
+        for key, at, size, crc, count, *box in struct.iter_unpack("<QQIII6i", data):
             check(24 <= at and at + size <= end, "a block is out of bounds")
             check(1 <= count <= most, "how much a block has")
             # Entries of features have zeros, which readers ignore.
@@ -170,17 +175,11 @@ class Lines:
         check(crc32c(data) == block.crc, "checksum of a block")
         return Bytes(data)
 
-    @property
-    def divisor(self) -> float | None:
-        """Returns the integer of which the scale is the reciprocal."""
-        n = round(1 / self.scale)
-        return float(n) if n and 1 / n == self.scale else None
-
-    def world(self, vertex: Vertex) -> tuple[float, float]:
+    def world(self, vertex: Vertex) -> tuple[float, ...]:
         """Returns the world position of a vertex."""
-        n = self.divisor
-        coordinates = [(x + offset * n) / n if n else x * self.scale + offset for x, offset in zip(vertex, self.offset)]
-        return coordinates[0], coordinates[1]
+        divisors = map(divisor, self.scale)
+        numbers = zip(vertex, self.scale, self.offset, divisors)
+        return tuple((x + offset * n) / n if n else x * scale + offset for x, scale, offset, n in numbers)
 
     def segments_of(self, block: Block) -> list[Segment]:
         """Returns the line segments of a block."""
@@ -193,16 +192,16 @@ class Lines:
         for i in range(count):
             positions.append(more[i] + (positions[-1] if i and same[i] else 0))
         contexts = [int(same[i] and more[i] == 1) for i in range(count)]
-        starts = [read_column(b, contexts) for _ in range(2)]
-        ends = [read_column(b, [0] * count) for _ in range(2)]
+        starts = [read_column(b, contexts) for _ in range(self.axes)]
+        ends = [read_column(b, [0] * count) for _ in range(self.axes)]
         firsts = read_column(b, [0] * count)
         check(b.at == len(b.data), "something is left of a block")
         found: list[Segment] = []
-        x = y = 0
+        end: Vertex = (0,) * self.axes
         for i in range(count):
-            start = x + starts[0][i], y + starts[1][i]
-            x, y = start[0] + ends[0][i], start[1] + ends[1][i]
-            found.append(Segment(features[i], positions[i], start, (x, y), firsts[i]))
+            start = tuple(x + column[i] for x, column in zip(end, starts))
+            end = tuple(x + column[i] for x, column in zip(start, ends))
+            found.append(Segment(features[i], positions[i], start, end, firsts[i]))
         check(all(self.inside(p) for segment in found for p in (segment.start, segment.end)), "a vertex is not inside")
         check(all(0 <= f < self.features for f in features) and min(positions) >= 0, "features of segments")
         check(found == sorted(found, key=lambda segment: segment[:2]), "the order of segments")
@@ -220,7 +219,7 @@ class Lines:
         sizes = read_column(b, [0] * sum(lines))
         check(min(sizes, default=2) >= 2 and sum(sizes) <= 1 << 24, "vertices of lines")
         contexts = [int(i == 0) for size in sizes for i in range(size)]
-        vertices = list(zip(*[accumulate(read_column(b, contexts)) for _ in range(2)]))
+        vertices = list(zip(*[accumulate(read_column(b, contexts)) for _ in range(self.axes)]))
         check(all(map(self.inside, vertices)), "a vertex is not inside")
         at = iter(vertices)
         rows = iter([[next(at) for _ in range(size)] for size in sizes])
@@ -278,10 +277,10 @@ class Lines:
 
     def code(self, segment: Segment) -> Code:
         """Returns the node of a line segment, before nodes are merged."""
-        (x, y), (u, v) = [(p[0] - self.corner[0], p[1] - self.corner[1]) for p in (segment.start, segment.end)]
-        size = max(abs(x - u), abs(y - v))
+        ends = [tuple(x - corner for x, corner in zip(end, self.corner)) for end in (segment.start, segment.end)]
+        size = max(abs(x - u) for x, u in zip(*ends))
         level = next(l for l in range(self.header.depth, -1, -1) if 1 << self.bits - l >= size)
-        return Code(level, ((x + u) // 2 >> self.bits - level, (y + v) // 2 >> self.bits - level))
+        return Code(level, tuple((x + u) // 2 >> self.bits - level for x, u in zip(*ends)))
 
     def verify(self) -> None:
         """Checks that line segments match the features, that nodes and blocks are as specified, and
@@ -347,22 +346,34 @@ class Lines:
 
     def length(self, segment: Segment) -> float:
         """Returns the length of a line segment in world units."""
-        x, y = float(segment.start[0] - segment.end[0]), float(segment.start[1] - segment.end[1])
-        steps = math.sqrt(x * x + y * y)
-        n = self.divisor
-        return steps / n if n else steps * self.scale
+        x, y, z = [float(a - e) for a, e in zip(raised(segment.start), raised(segment.end))]
+        z = z if self.has_one_unit else 0.0
+        steps = math.sqrt(x * x + y * y + z * z)
+        n = divisor(self.scale[0])
+        return steps / n if n else steps * self.scale[0]
+
+
+def divisor(scale: float) -> float | None:
+    """Returns the integer of which a scale is the reciprocal."""
+    n = round(1 / scale)
+    return float(n) if n and 1 / n == scale else None
+
+
+def raised(vertex: Vertex) -> Vertex:
+    """Returns a vertex with a z of 0 if it has none."""
+    return (*vertex, 0)[:3]
 
 
 def box_of(numbers: Sequence[int]) -> Box:
-    west, south, east, north = numbers
-    check(west <= east and south <= north, "extremes")
-    return west, south, east, north
+    low, high = tuple(numbers[:3]), tuple(numbers[3:])
+    check(all(a <= e for a, e in zip(low, high)), "extremes")
+    return low, high
 
 
 def around(boxes: Iterator[Box]) -> Box:
     """Returns the bounding box of all boxes."""
-    west, south, east, north = zip(*boxes)
-    return min(west), min(south), max(east), max(north)
+    low, high = zip(*boxes)
+    return tuple(map(min, zip(*low))), tuple(map(max, zip(*high)))
 
 
 def added(numbers: list[float]) -> float:
@@ -388,5 +399,5 @@ if __name__ == "__main__":
     tree = Lines(Path(sys.argv[1]).read_bytes())
     print(*(attribute.name for attribute in tree.attributes), "wkt", sep="\t")
     for feature in tree.each_feature():
-        lines = ", ".join("(" + ", ".join("%r %r" % tree.world(vertex) for vertex in line) + ")" for line in feature.lines)
-        print(*feature.values, f"MULTILINESTRING ({lines})", sep="\t")
+        lines = ", ".join("(" + ", ".join(" ".join(map(repr, tree.world(vertex))) for vertex in line) + ")" for line in feature.lines)
+        print(*feature.values, f"MULTILINESTRING {'Z ' if tree.axes == 3 else ''}({lines})", sep="\t")

@@ -9,7 +9,7 @@ from basics import Header, crc32c, spans
 
 # Sections with an entry per block, and the entry size; offset, length and checksum of the block are
 # at the same offsets in all.
-BLOCKS = {b"PBLK": 52, b"LBLK": 44, b"LFEA": 44, b"LEVC": 24, b"LEVF": 24}
+BLOCKS = {b"PBLK": 52, b"LBLK": 52, b"LFEA": 52, b"LEVC": 24, b"LEVF": 24}
 
 
 def resealed(changed: bytearray, was: bytes) -> bytes:

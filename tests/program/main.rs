@@ -35,6 +35,8 @@ mod cli_layers;
 mod cli_levels;
 #[cfg(feature = "cli")]
 mod cli_lines;
+#[cfg(feature = "cli")]
+mod cli_lines_space;
 mod cli_meshes;
 mod cli_octree_combine;
 mod cli_octree_transform;

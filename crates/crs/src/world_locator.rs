@@ -116,23 +116,25 @@ impl WorldLocator {
     }
 
     /// Converts a line to the tree's system. Edges are straight in the input system, and are
-    /// approximated where they are curves in the tree's. Returns several lines if some of the line
-    /// cannot be represented there, or if it crosses the seam of longitudes.
-    pub fn lines(&self, line: Vec<[f64; 2]>) -> Vec<Vec<[f64; 2]>> {
+    /// approximated where they are curves in the tree's. Heights are kept. Returns several lines if
+    /// some of the line cannot be represented there, or if it crosses the seam of longitudes.
+    pub fn lines(&self, line: Vec<[f64; 3]>) -> Vec<Vec<[f64; 3]>> {
         if self.is_identity() {
             return vec![line];
         }
-        let between =
-            |a: [f64; 2], b: [f64; 2], share: f64| [0, 1].map(|axis| a[axis] + (b[axis] - a[axis]) * share);
+        let between = |a: [f64; 3], b: [f64; 3], share: f64| {
+            [0, 1, 2].map(|axis| a[axis] + (b[axis] - a[axis]) * share)
+        };
+        let located = |[x, y, z]: [f64; 3]| self.position([x, y]).map(|[x, y]| [x, y, z]);
         let mut found = vec![Vec::new()];
         let is_one =
-            |a: [f64; 2], b: [f64; 2]| self.seam.is_none_or(|[_, turn]| (a[0] - b[0]).abs() <= turn / 2.0);
+            |a: [f64; 3], b: [f64; 3]| self.seam.is_none_or(|[_, turn]| (a[0] - b[0]).abs() <= turn / 2.0);
         for ends in line.windows(2) {
             // Pending fragments of the edge, the next one last: ends, and number of halvings.
             let mut pending = vec![(ends[0], ends[1], 0)];
             while let Some((a, b, halvings)) = pending.pop() {
-                let (start, end) = (self.position(a), self.position(b));
-                let is_close = |share: f64| match (start, end, self.position(between(a, b, share))) {
+                let (start, end) = (located(a), located(b));
+                let is_close = |share: f64| match (start, end, located(between(a, b, share))) {
                     (Some(start), Some(end), Some(found)) => {
                         let straight = between(start, end, share);
                         let away = (straight[0] - found[0]).abs().max((straight[1] - found[1]).abs());
@@ -201,12 +203,14 @@ mod tests {
         assert!(locator.position([8.0, 95.0]).is_none() && locator.locate([8.0, 95.0]).is_err());
         // A line to the north-east is a curve: each vertex is on it, and the middle of each edge is
         // within the tolerance.
-        let [line] = &locator.lines(vec![[0.0, 0.0], [8.0, 8.0]])[..] else { panic!("one line") };
+        let [line] = &locator.lines(vec![[0.0, 0.0, 3.0], [8.0, 8.0, 7.0]])[..] else { panic!("one line") };
         assert!(line.len() > 10, "{}", line.len());
-        let on_curve = |[x, y]: [f64; 2]| y - formula([0.0, (x / radius).to_degrees()])[1];
+        let on_curve = |[x, y, _]: [f64; 3]| y - formula([0.0, (x / radius).to_degrees()])[1];
+        assert_eq!([line[0][2], line[line.len() - 1][2]], [3.0, 7.0]);
         for edge in line.windows(2) {
+            assert!(edge[0][2] < edge[1][2]);
             assert!(on_curve(edge[0]).abs() < 1e-6);
-            let middle = [0, 1].map(|axis| (edge[0][axis] + edge[1][axis]) / 2.0);
+            let middle = [0, 1, 2].map(|axis| (edge[0][axis] + edge[1][axis]) / 2.0);
             assert!(on_curve(middle).abs() < 2.0 * locator.tolerance, "{middle:?}");
         }
         let ring = vec![[1.0, 1.0], [3.0, 1.0], [3.0, 2.0], [1.0, 2.0]];

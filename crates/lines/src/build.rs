@@ -16,7 +16,7 @@ use crate::source::{LineFeature, LineSource};
 use crate::statistics::Statistics;
 use crate::store::{LineWriter, Summary};
 use spinney_base::io::{Output, Sorter, directory_of};
-use spinney_base::space::{Code, Dimension};
+use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result, parallel, sort};
 use spinney_container::Metadata;
 
@@ -50,7 +50,7 @@ pub struct LineBuildSummary {
 }
 
 /// Bytes of a segment in the sorter: its ends, feature, vertex and level.
-const ROW: usize = 29;
+const ROW: usize = 37;
 /// Approximate bytes of features per block.
 const FEATURE_BYTES: usize = 1 << 20;
 /// Blocks of features per parallel batch, and segments per parallel batch.
@@ -68,12 +68,12 @@ fn to_row(segment: &LineSegment) -> Vec<u8> {
 
 fn from_row(row: &[u8]) -> LineSegment {
     let four = |at: usize| std::array::from_fn(|byte| row[at + byte]);
-    let end = |at: usize| [i32::from_le_bytes(four(at)), i32::from_le_bytes(four(at + 4))];
+    let end = |at: usize| std::array::from_fn(|axis| i32::from_le_bytes(four(at + 4 * axis)));
     LineSegment {
-        ends: [end(0), end(8)],
-        feature: u64::from_le_bytes(std::array::from_fn(|byte| row[16 + byte])),
-        vertex: u32::from_le_bytes(four(24)),
-        first: row[28],
+        ends: [end(0), end(12)],
+        feature: u64::from_le_bytes(std::array::from_fn(|byte| row[24 + byte])),
+        vertex: u32::from_le_bytes(four(32)),
+        first: row[36],
     }
 }
 
@@ -141,7 +141,11 @@ pub fn build(
         return Err(Error::invalid("leaf size", options.leaf_size.to_string(), expected));
     }
     let schema = source.schema().clone();
-    let grid = LineGrid::around(schema.scale, schema.offset, schema.bounds);
+    let grid = LineGrid::around(
+        (schema.scale, schema.offset),
+        schema.bounds,
+        (schema.dimension, schema.has_one_unit),
+    );
     let temporary: PathBuf = directory_of(output.path()).to_path_buf();
     let mut writer = LineWriter::new(output, &grid, options.memory / 16)?;
     let mut rows = Sorter::new(&temporary, options.memory / 2);
@@ -152,7 +156,7 @@ pub fn build(
     let mut totals = Totals { grid: &grid, writer, open: Vec::new(), closed: Vec::new() };
     rows.finish(&mut |row| {
         let segment = from_row(row);
-        let code = grid.code(segment.ends).unwrap_or(Code::root(Dimension::Quad));
+        let code = grid.code(segment.ends).unwrap_or(Code::root(grid.dimension));
         assembler.add(code, segment);
         if assembler.rows > TOGETHER {
             progress.check()?;
@@ -176,11 +180,11 @@ fn read(
     (writer, rows): (&mut LineWriter, &mut Sorter),
     progress: &dyn Progress,
 ) -> Result<u64> {
-    let attributes = source.schema().attributes.len();
+    let (attributes, axes) = (source.schema().attributes.len(), grid.axes());
     let (mut number, mut bytes, mut vertices) = (0u64, 0, 0);
     let mut blocks: Vec<(u64, Vec<LineFeature>)> = vec![(0, Vec::new())];
     let write = |blocks: Vec<(u64, Vec<LineFeature>)>, writer: &mut LineWriter| {
-        let encoded = parallel::map(&blocks, |(_, features)| encode_features(features, attributes));
+        let encoded = parallel::map(&blocks, |(_, features)| encode_features(features, attributes, axes));
         for ((first, features), bytes) in blocks.iter().zip(encoded) {
             if !features.is_empty() {
                 writer.features(*first, &bytes, features.len())?;
@@ -191,7 +195,7 @@ fn read(
     while let Some(feature) = source.next()? {
         let own: usize = feature.lines.iter().map(Vec::len).sum();
         let text = text_bytes(&feature);
-        let limits = [("vertices", own, MAX_VERTICES, 8), ("bytes of text", text, MAX_TEXT, 1)];
+        let limits = [("vertices", own, MAX_VERTICES, 12), ("bytes of text", text, MAX_TEXT, 1)];
         for (what, found, most, bytes) in limits {
             if found > most {
                 return Err(Error::TooLarge {
@@ -372,7 +376,7 @@ impl Totals<'_> {
             BuiltItem::Node(_) => (Vec::new(), Statistics::NONE),
             BuiltItem::Block(_, segments) => {
                 let mut segments = segments.clone();
-                let bytes = encode_segments(&mut segments);
+                let bytes = encode_segments(&mut segments, self.grid.axes());
                 (bytes, statistics_of(self.grid, &segments))
             }
         });

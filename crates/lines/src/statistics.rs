@@ -13,12 +13,12 @@ pub(crate) struct Statistics {
     /// Total length.
     pub length: f64,
     /// Minimum and maximum coordinates; the minimum exceeds the maximum if there are no segments.
-    pub bounds: [[i32; 2]; 2],
+    pub bounds: [[i32; 3]; 2],
 }
 
 impl Statistics {
     pub(crate) const NONE: Statistics =
-        Statistics { segments: 0, firsts: [0; LEVELS], length: 0.0, bounds: [[i32::MAX; 2], [i32::MIN; 2]] };
+        Statistics { segments: 0, firsts: [0; LEVELS], length: 0.0, bounds: [[i32::MAX; 3], [i32::MIN; 3]] };
 
     pub(crate) fn add(&mut self, other: &Statistics) {
         self.segments += other.segments;
@@ -27,8 +27,8 @@ impl Statistics {
         self.reach(other.bounds);
     }
 
-    pub(crate) fn reach(&mut self, [least, most]: [[i32; 2]; 2]) {
-        for axis in 0..2 {
+    pub(crate) fn reach(&mut self, [least, most]: [[i32; 3]; 2]) {
+        for axis in 0..3 {
             self.bounds[0][axis] = self.bounds[0][axis].min(least[axis]);
             self.bounds[1][axis] = self.bounds[1][axis].max(most[axis]);
         }

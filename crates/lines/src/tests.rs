@@ -1,16 +1,19 @@
 //! Trees of lines, compared with a search of all lines in memory.
 
-use crate::geometry::{FRACTION, ends, meet, meets_box, square_distance};
+use crate::geometry::{FRACTION, FixedPosition, between, ends, meet, meets_box, square_distance};
 use crate::source::{LineFeature, LinesInMemory};
 use crate::store::LineTree;
-use crate::{LineAttribute, LineBuildOptions, LineBuildSummary, LineValue, NearLine, ValueKind, build};
+use crate::{
+    LineAttribute, LineBuildOptions, LineBuildSummary, LineCrossing, LineValue, NearLine, ValueKind, build,
+};
 use spinney_base::Result;
 use spinney_base::io::Output;
+use spinney_base::space::Dimension;
 use spinney_container::Metadata;
 use std::collections::BTreeSet;
 
 /// Pseudo-random numbers with a fixed seed.
-fn random(seed: u64) -> impl FnMut(u64) -> u64 {
+pub(crate) fn random(seed: u64) -> impl FnMut(u64) -> u64 {
     let mut state = seed;
     move |below| {
         state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -30,9 +33,21 @@ fn attributes() -> Vec<LineAttribute> {
     .to_vec()
 }
 
+const BOTH: [Dimension; 2] = [Dimension::Quad, Dimension::Oct];
+
+/// Position with a z of its own in three axes. (Equal positions in x and y have equal ones.)
+fn raised(dimension: Dimension, [x, y]: [i32; 2]) -> [i32; 3] {
+    let z = if dimension == Dimension::Oct { (x.wrapping_mul(31) ^ y.wrapping_mul(17)) % 5000 } else { 0 };
+    [x, y, z]
+}
+
+fn raised_line(dimension: Dimension, line: Vec<[i32; 2]>) -> Vec<[i32; 3]> {
+    line.into_iter().map(|at| raised(dimension, at)).collect()
+}
+
 /// Features of all kinds: random walks, long lines, equal lines, points, lines along axes and
 /// across the middle, several lines, none.
-fn features(count: usize, seed: u64) -> Vec<LineFeature> {
+fn features(dimension: Dimension, count: usize, seed: u64) -> Vec<LineFeature> {
     let mut random = random(seed);
     let side = 1 << 16;
     (0..count)
@@ -68,34 +83,48 @@ fn features(count: usize, seed: u64) -> Vec<LineFeature> {
                     _ => LineValue::Integer(i64::MIN),
                 },
             ];
+            let lines = lines.into_iter().map(|line| raised_line(dimension, line)).collect();
             LineFeature { lines, values }
         })
         .collect()
 }
 
-fn bytes_of(features: &[LineFeature], options: &LineBuildOptions) -> Result<(Vec<u8>, LineBuildSummary)> {
+fn bytes_of(
+    dimension: Dimension,
+    features: &[LineFeature],
+    options: &LineBuildOptions,
+) -> Result<(Vec<u8>, LineBuildSummary)> {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("l.goblin");
-    let mut source = LinesInMemory::new(attributes(), features.to_vec());
+    let mut source = LinesInMemory::new(dimension, attributes(), features.to_vec());
     let built = build(&mut source, options, &Metadata::default(), Output::create(&path)?, &())?;
     Ok((std::fs::read(&path).unwrap(), built))
 }
 
-fn tree_of(features: &[LineFeature], leaf_size: usize) -> LineTree {
-    let (bytes, _) =
-        bytes_of(features, &LineBuildOptions { leaf_size, ..LineBuildOptions::default() }).unwrap();
-    LineTree::from_bytes(bytes).unwrap()
+fn tree_of(dimension: Dimension, features: &[LineFeature], leaf_size: usize) -> LineTree {
+    let options = LineBuildOptions { leaf_size, ..LineBuildOptions::default() };
+    LineTree::from_bytes(bytes_of(dimension, features, &options).unwrap().0).unwrap()
 }
 
-fn segments(feature: &LineFeature) -> impl Iterator<Item = [[i32; 2]; 2]> {
+fn fixed(position: [f64; 3]) -> FixedPosition {
+    position.map(|number| (number * FRACTION as f64).round() as i64)
+}
+
+/// Position in two axes.
+fn flat([x, y]: [f64; 2]) -> [f64; 3] {
+    [x, y, 0.0]
+}
+
+fn segments(feature: &LineFeature) -> impl Iterator<Item = [[i32; 3]; 2]> {
     feature.lines.iter().flat_map(|line| line.windows(2).map(|pair| [pair[0], pair[1]]))
 }
 
 #[test]
 fn features_are_read_as_written() {
-    for (count, leaf_size) in [(0, 10), (1, 1), (7, 1), (500, 1), (500, 40), (9000, 1000), (500, 65_536)] {
-        let features = features(count, 3);
-        let tree = tree_of(&features, leaf_size);
+    let cases = [(0, 10), (1, 1), (7, 1), (500, 1), (500, 40), (9000, 1000), (500, 65_536)];
+    for (dimension, (count, leaf_size)) in BOTH.into_iter().flat_map(|own| cases.map(|case| (own, case))) {
+        let features = features(dimension, count, 3);
+        let tree = tree_of(dimension, &features, leaf_size);
         assert_eq!(tree.len(), count as u64);
         assert_eq!(
             tree.segments(),
@@ -124,120 +153,121 @@ fn features_are_read_as_written() {
 
 #[test]
 fn windows_contain_the_features_that_intersect_them() {
-    let features = features(800, 9);
-    let tree = tree_of(&features, 16);
-    let mut random = random(4);
-    for query in 0..300 {
-        let mut at =
-            || random(70_000) as f64 - 22_000.0 + if query % 3 == 0 { 0.0 } else { random(8) as f64 / 8.0 };
-        let corner = [at(), at()];
-        let side = [3.0, 100.0, 20_000.0, 0.0, 0.25][query % 5];
-        let window = [corner, [corner[0] + side, corner[1] + side]];
-        let fixed = window.map(|corner| corner.map(|number| (number * FRACTION as f64) as i64));
-        let expected = (0..)
-            .zip(&features)
-            .filter(|(_, feature)| segments(feature).any(|segment| meets_box(ends(segment), fixed)));
-        assert_eq!(
-            tree.window(window, &()).unwrap(),
-            expected.map(|(number, _)| number).collect::<Vec<u64>>()
-        );
-    }
-    assert_eq!(tree.window([[f64::NEG_INFINITY; 2], [f64::INFINITY; 2]], &()).unwrap().len(), 750);
-    assert!(tree.window([[5.0; 2], [4.0; 2]], &()).unwrap().is_empty());
-    assert!(tree.window([[f64::NAN; 2], [4.0; 2]], &()).is_err());
-}
-
-#[test]
-fn boxes_intersect_lines_that_have_a_point_inside() {
-    // Compared with Liang-Barsky clipping in floating point. For small coordinates, the tolerance
-    // is below the gap between touching and missing.
-    let mut random = random(8);
-    for _ in 0..20_000 {
-        let mut position = || [random(7) as i64, random(7) as i64];
-        let (line, low, high) = ([position(), position()], position(), position());
-        let [low, high] = crate::geometry::box_of([low, high]);
-        let mut shares = [0f64, 1.0];
-        // Range of the line's parameter within the box, by clipping.
-        let mut is_met = true;
-        for axis in 0..2 {
-            let along = line[1][axis] - line[0][axis];
-            let (to_low, to_high) = (low[axis] - line[0][axis], high[axis] - line[0][axis]);
-            if along == 0 {
-                is_met &= to_low <= 0 && to_high >= 0;
-            } else {
-                let (first, last) = (to_low as f64 / along as f64, to_high as f64 / along as f64);
-                shares = [shares[0].max(first.min(last)), shares[1].min(first.max(last))];
-            }
+    for dimension in BOTH {
+        let features = features(dimension, 800, 9);
+        let tree = tree_of(dimension, &features, 16);
+        let mut random = random(4);
+        for query in 0..300 {
+            let mut at = |middle: f64| {
+                random(70_000) as f64 - middle + if query % 3 == 0 { 0.0 } else { random(8) as f64 / 8.0 }
+            };
+            let corner = [at(22_000.0), at(22_000.0), at(35_000.0) / 7.0];
+            let side = [3.0, 100.0, 20_000.0, 0.0, 0.25][query % 5];
+            let height = if query % 7 == 0 { f64::INFINITY } else { 1000.0 };
+            let window = [corner, [corner[0] + side, corner[1] + side, corner[2] + height]];
+            let mut limits = window.map(fixed);
+            limits.iter_mut().for_each(|corner| match dimension {
+                Dimension::Quad => corner[2] = 0,
+                Dimension::Oct => corner[2] = corner[2].min(1 << 50),
+            });
+            let expected = (0..)
+                .zip(&features)
+                .filter(|(_, feature)| segments(feature).any(|segment| meets_box(ends(segment), limits)));
+            assert_eq!(
+                tree.window(window, &()).unwrap(),
+                expected.map(|(number, _)| number).collect::<Vec<u64>>()
+            );
         }
-        is_met &= shares[0] <= shares[1] + 1e-12;
-        assert_eq!(meets_box(line, [low, high]), is_met, "{line:?} {low:?} {high:?}");
+        assert_eq!(tree.window([[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]], &()).unwrap().len(), 750);
+        assert!(tree.window([[5.0; 3], [4.0; 3]], &()).unwrap().is_empty());
+        assert!(tree.window([[f64::NAN; 3], [4.0; 3]], &()).is_err());
     }
 }
 
 #[test]
 fn crossings_equal_those_of_a_full_scan() {
-    let features = features(600, 5);
-    let tree = tree_of(&features, 8);
-    let mut random = random(6);
-    for query in 0..100 {
-        let mut at = || random(66_000) as f64 - 20_000.0;
-        let line: Vec<[f64; 2]> = match query {
-            0 => vec![[5.0, -100.0], [5.0, 2000.0]],
-            1 => vec![[12_768.0, 0.0], [12_768.0, 0.0]],
-            2 => vec![],
-            _ => (0..2 + query % 3).map(|_| [at(), at()]).collect(),
-        };
-        let fixed: Vec<[i64; 2]> =
-            line.iter().map(|position| position.map(|number| number as i64 * FRACTION)).collect();
-        let mut expected = Vec::new();
-        for (number, segment) in fixed.windows(2).enumerate() {
-            for (feature, own) in (0u64..).zip(&features) {
-                let mut vertex = 0u32;
-                for line in &own.lines {
-                    for pair in line.windows(2) {
-                        if meet(ends([pair[0], pair[1]]), [segment[0], segment[1]]) {
-                            expected.push((number, feature, vertex));
+    for dimension in BOTH {
+        let features = features(dimension, 600, 5);
+        let tree = tree_of(dimension, &features, 8);
+        let mut random = random(6);
+        let mut count = 0;
+        for query in 0..100usize {
+            let mut at = || random(66_000) as i32 - 20_000;
+            let line: Vec<[i32; 3]> = match query {
+                0 => vec![[5, -100, -3], [5, 2000, 9]],
+                1 => vec![[12_768, 0, 0], [12_768, 0, 0]],
+                2 => vec![],
+                // Lines of features, which they meet in their vertices.
+                _ if query % 4 == 0 => features[query].lines.first().cloned().unwrap_or_default(),
+                _ => (0..2 + query % 3).map(|_| raised(dimension, [at(), at()])).collect(),
+            };
+            let line: Vec<[f64; 3]> = line.into_iter().map(|at| at.map(f64::from)).collect();
+            let mut limits: Vec<FixedPosition> = line.iter().copied().map(fixed).collect();
+            if dimension == Dimension::Quad {
+                limits.iter_mut().for_each(|at| at[2] = 0);
+            }
+            for within in [0.0, 400.5] {
+                let mut expected = Vec::new();
+                for (number, segment) in limits.windows(2).enumerate() {
+                    let segment = [segment[0], segment[1]];
+                    for (feature, own) in (0u64..).zip(&features) {
+                        let mut vertex = 0u32;
+                        for line in &own.lines {
+                            for pair in line.windows(2) {
+                                let own = ends([pair[0], pair[1]]);
+                                let limit = (within * FRACTION as f64).powi(2);
+                                if meet(own, segment) || within > 0.0 && between(segment, own).0 <= limit {
+                                    expected.push((number, feature, vertex));
+                                }
+                                vertex += 1;
+                            }
+                            vertex += 1;
                         }
-                        vertex += 1;
                     }
-                    vertex += 1;
+                }
+                let found = tree.crossings(std::slice::from_ref(&line), within, &()).unwrap();
+                let found_keys: Vec<_> =
+                    found.iter().map(|found| (found.segment, found.feature, found.vertex)).collect();
+                assert_eq!(found_keys, expected, "{line:?}");
+                count += found.len();
+                // Positions are on the line, and as far from the tree's segment as they say.
+                for crossing in &found {
+                    let at = fixed(crossing.position);
+                    let [a, b] = [limits[crossing.segment], limits[crossing.segment + 1]];
+                    assert!(square_distance([a, b], at).sqrt() < 4.0, "{crossing:?}");
+                    let own = vertices(&features[crossing.feature as usize]);
+                    let vertex = crossing.vertex as usize;
+                    let away = square_distance(ends([own[vertex], own[vertex + 1]]), at).sqrt();
+                    assert!((away - crossing.distance * FRACTION as f64).abs() < 4.0, "{crossing:?}");
                 }
             }
         }
-        let found = tree.crossings(std::slice::from_ref(&line), &()).unwrap();
-        let found_keys: Vec<_> =
-            found.iter().map(|found| (found.segment, found.feature, found.vertex)).collect();
-        assert_eq!(found_keys, expected, "{line:?}");
-        // Intersection points are on both lines.
-        for crossing in &found {
-            let at = crossing.position.map(|number| (number * FRACTION as f64).round() as i64);
-            let [a, b] = [fixed[crossing.segment], fixed[crossing.segment + 1]];
-            assert!(square_distance([a, b], at).sqrt() < 4.0, "{crossing:?}");
-            let own = vertices(&features[crossing.feature as usize]);
-            let vertex = crossing.vertex as usize;
-            assert!(square_distance(ends([own[vertex], own[vertex + 1]]), at).sqrt() < 4.0, "{crossing:?}");
+        assert!(count > 2000, "{count}");
+        for within in [-1.0, f64::NAN, f64::INFINITY] {
+            assert!(tree.crossings(&[], within, &()).is_err());
         }
     }
 }
 
-fn vertices(feature: &LineFeature) -> Vec<[i32; 2]> {
+fn vertices(feature: &LineFeature) -> Vec<[i32; 3]> {
     feature.lines.iter().flatten().copied().collect()
 }
 
 #[test]
 fn nearest_lines_equal_those_of_a_full_scan() {
-    let features = features(500, 11);
-    for leaf_size in [4, 100] {
-        let tree = tree_of(&features, leaf_size);
+    for (dimension, leaf_size) in [(Dimension::Quad, 4), (Dimension::Oct, 4), (Dimension::Oct, 100)] {
+        let features = features(dimension, 250, 11);
+        let tree = tree_of(dimension, &features, leaf_size);
         let mut random = random(12);
-        let positions: Vec<[f64; 2]> = (0..400)
+        let height = if dimension == Dimension::Quad { 0.0 } else { 1.0 };
+        let positions: Vec<[f64; 3]> = (0..400)
             .map(|number| {
                 let mut at = || random(80_000) as f64 - 30_000.0 + if number % 2 == 0 { 0.5 } else { 0.0 };
                 match number % 4 {
-                    0 | 1 => [at(), at()],
+                    0 | 1 => [at(), at(), height * at() / 16.0],
                     // Vertices, where many lines have equal distances, and distant points.
-                    2 => [5.0, 5.0],
-                    _ => [1e6 + at(), -3e5],
+                    2 => [5.0, 5.0, f64::from(raised(dimension, [5, 5])[2])],
+                    _ => [1e6 + at(), -3e5, height * 7.0],
                 }
             })
             .collect();
@@ -246,7 +276,7 @@ fn nearest_lines_equal_those_of_a_full_scan() {
         {
             let found = tree.nearest(&positions, most, within, &()).unwrap();
             for (position, found) in positions.iter().zip(found) {
-                let from = position.map(|number| (number * FRACTION as f64) as i64);
+                let from = fixed(*position);
                 let mut all: Vec<(f64, u64)> = (0..)
                     .zip(&features)
                     .filter_map(|(number, feature)| {
@@ -265,53 +295,63 @@ fn nearest_lines_equal_those_of_a_full_scan() {
                     .collect();
                 assert_eq!(distances, expected);
                 for near in found {
-                    let away = (near.position[0] - position[0]).hypot(near.position[1] - position[1]);
+                    let squares = (0..3).map(|axis| (near.position[axis] - position[axis]).powi(2));
+                    let away = squares.sum::<f64>().sqrt();
                     assert!((away - near.distance).abs() <= 1e-9 * away.max(1.0), "{near:?}");
                 }
             }
         }
     }
-    let empty = tree_of(&[], 5);
-    assert_eq!(empty.nearest(&[[0.0; 2]], 1, f64::INFINITY, &()).unwrap(), [vec![]]);
-    assert!(empty.nearest(&[[f64::NAN; 2]], 1, f64::INFINITY, &()).is_err());
-    assert!(empty.nearest(&[[1e300, 0.0]], 1, f64::INFINITY, &()).is_err());
+    let empty = tree_of(Dimension::Oct, &[], 5);
+    assert_eq!(empty.nearest(&[[0.0; 3]], 1, f64::INFINITY, &()).unwrap(), [vec![]]);
+    assert!(empty.nearest(&[[f64::NAN; 3]], 1, f64::INFINITY, &()).is_err());
+    assert!(empty.nearest(&[[1e300, 0.0, 0.0]], 1, f64::INFINITY, &()).is_err());
 }
 
 #[test]
 fn equal_lines_are_found_by_their_features() {
     // Features 0 to 999 are equal, each with two equal segments. Another feature is slightly nearer
     // to some points, with a reversed segment.
+    let line = |line: &[[i32; 2]]| raised_line(Dimension::Quad, line.to_vec());
     let equal =
-        || LineFeature { lines: vec![vec![[0, 0], [8, 8]], vec![[0, 0], [8, 8]]], values: Vec::new() };
+        || LineFeature { lines: vec![line(&[[0, 0], [8, 8]]), line(&[[0, 0], [8, 8]])], values: Vec::new() };
     let mut features: Vec<LineFeature> = (0..1000).map(|_| equal()).collect();
-    features.push(LineFeature { lines: vec![vec![[8, 8], [0, 0], [0, 9]]], values: Vec::new() });
+    features.push(LineFeature { lines: vec![line(&[[8, 8], [0, 0], [0, 9]])], values: Vec::new() });
     for leaf_size in [7, 4096] {
-        let tree = tree_of(&features, leaf_size);
-        let found = tree.nearest(&[[0.0, 4.0], [9.0, 9.0], [4.0, 3.0]], 20, f64::INFINITY, &()).unwrap();
+        let tree = tree_of(Dimension::Quad, &features, leaf_size);
+        let found =
+            tree.nearest(&[[0.0, 4.0], [9.0, 9.0], [4.0, 3.0]].map(flat), 20, f64::INFINITY, &()).unwrap();
         let numbers = |found: &[NearLine]| found.iter().map(|near| near.feature).collect::<Vec<_>>();
         assert_eq!(numbers(&found[0]), std::iter::once(1000).chain(0..19).collect::<Vec<u64>>());
         for found in &found[1..] {
             assert_eq!(numbers(found), (0..20).collect::<Vec<u64>>());
             assert!(found.iter().all(|near| near.vertex == 0));
         }
-        let found = tree.nearest(&[[9.0, 9.0]], 2000, f64::INFINITY, &()).unwrap();
+        let found = tree.nearest(&[[9.0, 9.0, 0.0]], 2000, f64::INFINITY, &()).unwrap();
         assert_eq!(numbers(&found[0]), (0..1001).collect::<Vec<u64>>());
         let lines = [vec![], vec![[1.0, 3.0]], vec![[3.0, -1.0], [1.0, 1.0]], vec![[-1.0, 5.0], [1.0, 5.0]]];
-        let found = tree.crossings(&lines, &()).unwrap();
+        let lines = lines.map(|line| line.into_iter().map(flat).collect());
+        let found = tree.crossings(&lines, 0.0, &()).unwrap();
         assert_eq!(found.len(), 2001 + 1);
         assert!(
-            found[..2001].iter().all(|found| (found.line, found.segment, found.position) == (2, 0, [1.0; 2]))
+            found[..2001]
+                .iter()
+                .all(|found| (found.line, found.segment, found.position) == (2, 0, [1.0, 1.0, 0.0]))
         );
         assert_eq!((found[2001].line, found[2001].feature, found[2001].vertex), (3, 1000, 1));
-        assert!(tree.crossings(&[vec![[f64::NAN; 2]; 2]], &()).is_err());
+        assert!(tree.crossings(&[vec![[f64::NAN; 3]; 2]], 0.0, &()).is_err());
     }
 }
 
 #[test]
 fn nodes_store_counts_and_lengths() {
-    let features = features(700, 21);
-    let (bytes, built) =
-        bytes_of(&features, &LineBuildOptions { leaf_size: 20, ..LineBuildOptions::default() }).unwrap();
+    BOTH.into_iter().for_each(check_nodes);
+}
+
+fn check_nodes(dimension: Dimension) {
+    let features = features(dimension, 700, 21);
+    let options = LineBuildOptions { leaf_size: 20, ..LineBuildOptions::default() };
+    let (bytes, built) = bytes_of(dimension, &features, &options).unwrap();
     let tree = LineTree::from_bytes(bytes).unwrap();
     let length: f64 = features.iter().flat_map(segments).map(|segment| tree.grid().length(segment)).sum();
     assert!((tree.length().unwrap() - length).abs() < 1e-6 * length);
@@ -348,25 +388,29 @@ fn nodes_store_counts_and_lengths() {
 
 #[test]
 fn bytes_do_not_depend_on_memory_and_threads() {
-    let features = features(4000, 2);
+    let features = features(Dimension::Oct, 4000, 2);
     let options = LineBuildOptions { leaf_size: 50, ..LineBuildOptions::default() };
-    let (expected, _) = bytes_of(&features, &options).unwrap();
+    let (expected, _) = bytes_of(Dimension::Oct, &features, &options).unwrap();
     for threads in [1, 3] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let little = LineBuildOptions { memory: 1, ..options.clone() };
-        let (found, _) = pool.install(|| bytes_of(&features, &little)).unwrap();
+        let (found, _) = pool.install(|| bytes_of(Dimension::Oct, &features, &little)).unwrap();
         assert!(found == expected, "{threads} threads");
     }
-    assert!(bytes_of(&features, &LineBuildOptions { leaf_size: 0, ..options }).is_err());
+    assert!(bytes_of(Dimension::Oct, &features, &LineBuildOptions { leaf_size: 0, ..options }).is_err());
 }
 
 #[test]
 fn corruption_is_detected() {
-    let features = features(300, 2);
-    let (bytes, _) =
-        bytes_of(&features, &LineBuildOptions { leaf_size: 20, ..LineBuildOptions::default() }).unwrap();
+    BOTH.into_iter().for_each(check_corruption);
+}
+
+fn check_corruption(dimension: Dimension) {
+    let features = features(dimension, 300, 2);
+    let options = LineBuildOptions { leaf_size: 20, ..LineBuildOptions::default() };
+    let (bytes, _) = bytes_of(dimension, &features, &options).unwrap();
     let mut detected = 0;
-    for offset in (0..bytes.len()).step_by(31) {
+    for offset in (0..bytes.len()).step_by(61) {
         let mut corrupted = bytes.clone();
         corrupted[offset] ^= 1 << (offset % 8);
         let Ok(tree) = LineTree::from_bytes(corrupted) else {
@@ -375,11 +419,11 @@ fn corruption_is_detected() {
         };
         let findings = tree.verify(1 << 20, &()).unwrap();
         assert!(!findings.is_empty(), "byte {offset}");
-        let _ = tree.window([[0.0; 2], [500.0; 2]], &());
-        let _ = tree.nearest(&[[0.0; 2]], 1, f64::INFINITY, &());
+        let _ = tree.window([[0.0; 3], [500.0; 3]], &());
+        let _ = tree.nearest(&[[0.0; 3]], 1, f64::INFINITY, &());
         detected += 1;
     }
-    assert_eq!(detected, bytes.len().div_ceil(31));
+    assert_eq!(detected, bytes.len().div_ceil(61));
     for length in [0, 10, 24, 100, bytes.len() / 2, bytes.len() - 1] {
         assert!(LineTree::from_bytes(bytes[..length].to_vec()).is_err());
     }
@@ -387,25 +431,76 @@ fn corruption_is_detected() {
 
 #[test]
 fn lines_of_one_vertex_are_refused_and_extreme_lines_are_read() {
-    let one = LineFeature { lines: vec![vec![[0, 0]]], values: Vec::new() };
+    let one = LineFeature { lines: vec![vec![[0; 3]]], values: Vec::new() };
     assert!(
-        bytes_of(&[one], &LineBuildOptions::default())
+        bytes_of(Dimension::Quad, &[one], &LineBuildOptions::default())
             .unwrap_err()
             .to_string()
             .contains("a line of 1 vertices")
     );
-    let far = LineFeature { lines: vec![vec![[i32::MIN; 2], [i32::MAX; 2]]], values: Vec::new() };
-    let tree = tree_of(&[far], 5);
-    assert_eq!(tree.window([[0.25; 2], [0.5; 2]], &()).unwrap(), [0]);
-    assert_eq!(tree.window([[0.25, 0.5], [0.3, 0.6]], &()).unwrap(), [0u64; 0]);
-    assert_eq!(tree.nearest(&[[3.0, 1.0]], 1, 2.0, &()).unwrap()[0][0].distance, 2f64.sqrt());
+    for dimension in BOTH {
+        let [least, most] = [i32::MIN, i32::MAX].map(|end| {
+            let z = if dimension == Dimension::Oct { end } else { 0 };
+            [end, end, z]
+        });
+        let far = LineFeature { lines: vec![vec![least, most]], values: Vec::new() };
+        let tree = tree_of(dimension, &[far], 5);
+        assert_eq!(tree.window([[0.25; 3], [0.5; 3]], &()).unwrap(), [0]);
+        assert_eq!(tree.window([[0.25, 0.5, 0.25], [0.3, 0.6, 0.5]], &()).unwrap(), [0u64; 0]);
+        let near = tree.nearest(&[[3.0, 1.0, 2.0]], 1, 2.0, &()).unwrap()[0][0];
+        assert_eq!((near.distance, near.vertex), (2f64.sqrt(), 0));
+    }
 }
 
 #[test]
 fn values_of_wrong_types_are_reported() {
-    let mut features = features(40, 4);
+    let mut features = features(Dimension::Quad, 40, 4);
     features[7].values[1] = LineValue::Text("four".into());
-    let findings = tree_of(&features, 10).verify(1 << 20, &()).unwrap();
+    let findings = tree_of(Dimension::Quad, &features, 10).verify(1 << 20, &()).unwrap();
     let [finding] = &findings[..] else { panic!("{findings:?}") };
     assert!(finding.place == "feature 7" && finding.problem.contains("`lanes`"), "{finding:?}");
+}
+
+#[test]
+fn queries_in_the_plane_are_those_of_lines_without_heights() {
+    let (flat_features, raised_features) =
+        (features(Dimension::Quad, 400, 31), features(Dimension::Oct, 400, 31));
+    let (plane, space) =
+        (tree_of(Dimension::Quad, &flat_features, 10), tree_of(Dimension::Oct, &raised_features, 10));
+    let mut random = random(2);
+    let mut at = || [random(60_000) as f64 - 20_000.0, random(60_000) as f64 - 20_000.0, f64::NAN];
+    let positions: Vec<[f64; 3]> = (0..200).map(|_| at()).collect();
+    let lines: Vec<Vec<[f64; 3]>> = (0..40).map(|_| vec![at(), at()]).collect();
+    let height = |crossing: &LineCrossing| {
+        let own = vertices(&raised_features[crossing.feature as usize]);
+        let [a, b] = [0, 1].map(|next| own[crossing.vertex as usize + next].map(f64::from));
+        let [x, y] = [0, 1].map(|axis| b[axis] - a[axis]);
+        let [to_x, to_y] = [0, 1].map(|axis| crossing.position[axis] - a[axis]);
+        a[2] + (x * to_x + y * to_y) / (x * x + y * y) * (b[2] - a[2])
+    };
+    let numbers = |found: Vec<Vec<NearLine>>| -> Vec<Vec<(u64, f64)>> {
+        found
+            .into_iter()
+            .map(|near| near.into_iter().map(|near| (near.feature, near.distance)).collect())
+            .collect()
+    };
+    let [expected, found] = [&plane, &space].map(|tree| tree.nearest(&positions, 3, 5000.0, &()).unwrap());
+    assert_eq!(numbers(found), numbers(expected));
+    for within in [0.0, 300.0] {
+        let [expected, found] = [&plane, &space].map(|tree| tree.crossings(&lines, within, &()).unwrap());
+        assert!(expected.len() > 100);
+        for (expected, found) in expected.iter().zip(&found) {
+            assert_eq!(
+                (expected.feature, expected.vertex, expected.line),
+                (found.feature, found.vertex, found.line)
+            );
+            assert_eq!(expected.distance, found.distance);
+            assert_eq!(expected.position[..2], found.position[..2]);
+            if within == 0.0 {
+                let z = height(found);
+                assert!(z.is_nan() || (z - found.position[2]).abs() < 0.1, "{z} {found:?}");
+            }
+        }
+        assert_eq!(expected.len(), found.len());
+    }
 }

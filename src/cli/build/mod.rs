@@ -335,7 +335,7 @@ impl Args {
         check_output(inputs.iter().map(PathBuf::as_path), output)?;
         check_tree_name(output)?;
         if features.index == Some(Index::Lines) {
-            let import = lines::plan(inputs, (common, rasters, solids, features))?;
+            let import = lines::plan(inputs, (common, rasters, solids, features), output)?;
             return Ok(Import::Lines(Box::new(import)));
         }
         if surfaces.tin.is_some() {

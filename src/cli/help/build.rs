@@ -226,16 +226,22 @@ Each point is stored once; coarse levels have an evenly spread subset.",
 
 const LINES: Topic = Topic {
     name: "lines",
-    summary: "with --index lines: features (lines and polygons)",
-    about: "Build a tree of lines: features with their attributes, for the nearest line and for crossings.",
+    summary: "with --index lines: features (lines), or the edges of a mesh",
+    about: "\
+Build a tree of lines: features with their attributes, for the nearest line and for crossings. If all vertices have \
+heights, the tree has three axes. Edges of a mesh have the attributes `object` and `faces`, the number of their faces.",
     options: &[
         ("index", "With `lines`: a tree of the features' lines, unchanged"),
+        ("up", "Axis that points up in a mesh, y or z [default: z]"),
         ("attribute", "Attributes to store, as in name,class [default: all]"),
         ("where", "Only features for which all conditions hold, as in 'class=river'"),
         ("leaf-size", "Line segments in a leaf node [default: 1024]"),
         ("layer", "Layer of a GeoPackage"),
     ],
-    examples: &["spinney build roads.gpkg -o roads.goblin --index lines"],
+    examples: &[
+        "spinney build roads.gpkg -o roads.goblin --index lines",
+        "spinney build hall.ply -o edges.goblin --index lines",
+    ],
 };
 
 const SURFACES: Topic = Topic {

@@ -53,14 +53,16 @@ const LINES: Topic = Topic {
     summary: "trees of lines: .geojson, .gpkg, .fgb, .shp, .csv, .svg, .obj, .ply",
     about: "\
 Write features of a tree of lines: the whole features of which a line passes through --window, or crosses the \
-lines of a file (--crossing).",
+lines of a file (--crossing), or is near them (--radius). Lines without heights cross at any height.",
     options: &[
         ("crossing", ""),
+        ("radius", ""),
         ("attribute", "Attributes of lines to write, as in name,class [default: all]"),
     ],
     examples: &[
         "spinney get roads.goblin centre.gpkg --window 682000,246000,684000,248000",
         "spinney get roads.goblin bridges.gpkg --crossing rivers.gpkg",
+        "spinney get pipes.goblin near.gpkg --crossing drillings.gpkg --radius 2.5",
     ],
 };
 

@@ -96,7 +96,8 @@ const LINES: Topic = Topic {
 Join points to the nearest lines of a tree of lines, or count crossings with other lines.
 
 Files in another coordinate system are reprojected to the tree's; --radius and distances are in its units. Points \
-that --nearest writes keep their own coordinates, those of --crossing have the tree's.",
+that --nearest writes keep their own coordinates, those of --crossing have the tree's. In a tree with heights, \
+distances are those in space; points and lines without heights are compared in x and y.",
     options: &[
         ("nearest", ""),
         ("radius", ""),

@@ -12,10 +12,10 @@ use super::super::args::{PartOptions, check_output, vector_format};
 use super::super::report::{Work, report_output, warn};
 
 /// Writes whole features: all, those with a line that passes through a window, or those that lines
-/// of a file cross.
+/// of a file cross, or have within a distance.
 pub(crate) fn get(
     tree: &LineTree,
-    (part, crossing): (&PartOptions, Option<&Path>),
+    (part, crossing, within): (&PartOptions, Option<&Path>, f64),
     (path, format): (&Path, Option<&str>),
     attributes: Option<&str>,
     global: &Global,
@@ -23,7 +23,7 @@ pub(crate) fn get(
     let start = Instant::now();
     let format = vector_format(format, path)?;
     check_output([tree.path()].into_iter().chain(crossing), path)?;
-    let window = super::window(part)?;
+    let window = super::window(tree, part)?;
     let names = super::names(attributes);
     let output = global.access().create(path)?;
     let numbers = match (window, crossing) {
@@ -33,7 +33,7 @@ pub(crate) fn get(
         }
         (None, Some(lines)) => {
             let work = Work::start(global, "lines")?;
-            let found = join_crossing_lines(tree, lines, None, None, &work)
+            let found = join_crossing_lines(tree, (lines, within), None, None, &work)
                 .with_context(|| format!("{}: cannot find crossings", lines.display()))?;
             Some(found.features)
         }

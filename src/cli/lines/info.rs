@@ -10,6 +10,7 @@ use spinney::raw::lines::LevelTotals;
 
 use super::super::report::quantity::counted;
 use super::super::report::{print_json, print_text};
+use super::coordinates;
 
 /// Prints the contents of a tree of lines; with `levels` also the nodes of each level.
 pub(crate) fn info(tree: &LineTree, levels: bool, is_json: bool) -> Result<()> {
@@ -33,18 +34,18 @@ fn as_json(tree: &LineTree, levels: &[LevelTotals]) -> Result<serde_json::Value>
     Ok(json!({
         "file": shown(tree.path()),
         "format": "Goblin",
-        "tree": "quadtree of lines",
+        "tree": kind(tree),
         "features": tree.len(),
         "segments": tree.segments(),
         "length": tree.length()?,
-        "bounds": tree.bounds()?,
+        "bounds": tree.bounds()?.map(|bounds| bounds.map(|corner| coordinates(tree, &corner).to_vec())),
         "leaf_size": tree.leaf_size(),
         "nodes": nodes,
         "blocks": blocks,
         "feature_blocks": feature_blocks,
         "levels": levels.iter().map(level).collect::<Vec<_>>(),
-        "scale": tree.grid().scale,
-        "offset": tree.grid().offset,
+        "scale": coordinates(tree, &tree.grid().scale),
+        "offset": coordinates(tree, &tree.grid().offset),
         "attributes": names,
         "epsg": metadata.frame.crs.as_ref().and_then(|crs| crs.numbers()).map(|numbers| numbers.horizontal),
         "provenance": metadata.clean_provenance(),
@@ -53,19 +54,36 @@ fn as_json(tree: &LineTree, levels: &[LevelTotals]) -> Result<serde_json::Value>
     }))
 }
 
+fn kind(tree: &LineTree) -> &'static str {
+    if tree.grid().axes() == 3 { "octree of lines" } else { "quadtree of lines" }
+}
+
+/// Whether there are heights that do not count in lengths.
+fn is_in_plane(tree: &LineTree) -> bool {
+    tree.grid().axes() == 3 && !tree.grid().measures_space()
+}
+
+fn joined(numbers: &[f64]) -> String {
+    numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(", ")
+}
+
 fn as_text(tree: &LineTree, levels: &[LevelTotals], with_levels: bool) -> Result<String> {
     let mut text = String::new();
     writeln!(text, "{}", shown(tree.path()))?;
-    writeln!(text, "format      Goblin, quadtree of lines")?;
+    writeln!(text, "format      Goblin, {}", kind(tree))?;
     writeln!(text, "features    {}", tree.len())?;
-    writeln!(text, "lines       {} segments, length {}", tree.segments(), tree.length()?)?;
-    if let Some([[west, south], [east, north]]) = tree.bounds()? {
-        writeln!(text, "bounds      {west}, {south} to {east}, {north}")?;
+    let plane = if is_in_plane(tree) { " in x and y" } else { "" };
+    writeln!(text, "lines       {} segments, length {}{plane}", tree.segments(), tree.length()?)?;
+    if let Some(bounds) = tree.bounds()? {
+        let [low, high] = bounds.map(|corner| joined(coordinates(tree, &corner)));
+        writeln!(text, "bounds      {low} to {high}")?;
     }
     let (nodes, blocks, _) = tree.counts();
     let (count, leaf) = (counted(levels.len() as u64, "level"), tree.leaf_size());
     writeln!(text, "nodes       {nodes} in {count}, {blocks} blocks of at most {leaf} segments")?;
-    writeln!(text, "grid        units of {}", tree.grid().scale)?;
+    let [scale, _, height] = tree.grid().scale;
+    let height = if is_in_plane(tree) { format!(", {height} of height") } else { String::new() };
+    writeln!(text, "grid        units of {scale}{height}")?;
     if let Some(crs) = &tree.metadata().frame.crs {
         writeln!(text, "crs         {crs}")?;
     }

@@ -33,15 +33,20 @@ pub(super) fn open(path: &Path, global: &Global) -> Result<Option<LineTree>> {
 /// Name of trees of lines in messages.
 pub(super) const KIND: &str = "a tree of lines";
 
-/// Returns the window, if one was given.
-pub(super) fn window(part: &PartOptions) -> Result<Option<[[f64; 2]; 2]>> {
+/// Returns the window, if one was given; a window of four numbers has all heights.
+pub(super) fn window(tree: &LineTree, part: &PartOptions) -> Result<Option<[[f64; 3]; 2]>> {
     if !matches!(part.coordinates().given(), None | Some(Coordinates::World)) {
         bail!("--in: expected world: windows of trees of lines are in their own coordinates");
     }
-    if part.is_solid() {
-        bail!("--window: got 6 numbers, expected 4 for a tree of lines");
+    if part.is_solid() && tree.grid().axes() == 2 {
+        bail!("--window: got 6 numbers, expected 4 for a tree of lines without heights");
     }
-    Ok(part.corners().map(|corners| corners.map(|[x, y, _]| [x, y])))
+    Ok(part.corners())
+}
+
+/// Coordinates of a position: x and y, and z in a tree with heights.
+fn coordinates<'a>(tree: &LineTree, position: &'a [f64; 3]) -> &'a [f64] {
+    &position[..tree.grid().axes()]
 }
 
 /// Splits a comma-separated list of names.

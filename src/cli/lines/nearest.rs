@@ -2,7 +2,7 @@
 
 use std::io::{self, Write as _};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use spinney::lines::LineTree;
 
 use super::super::Global;
@@ -11,11 +11,15 @@ use super::super::point::Near;
 use super::super::report::Work;
 
 /// Prints the lines nearest to each position, one output line each: the position's number, the
-/// distance, the nearest point, and the feature's number.
+/// distance, the nearest point, and the feature's number. Distances from positions without a height
+/// are those in x and y.
 pub(crate) fn nearest(tree: &LineTree, positions: &[String], near: &Near, global: &Global) -> Result<()> {
-    let mut positions: Vec<[f64; 2]> = args::positions(positions)?;
-    for (number, point) in positions.iter_mut().enumerate() {
-        *point = near.locator.locate(*point).with_context(|| format!("point {}", number + 1))?;
+    let mut positions: Vec<[f64; 3]> = args::positions(positions)?;
+    for (number, [x, y, z]) in positions.iter_mut().enumerate() {
+        if !z.is_nan() && tree.grid().axes() == 2 {
+            bail!("point {}: got 3 coordinates, expected 2 for a tree of lines without heights", number + 1);
+        }
+        [*x, *y] = near.locator.locate([*x, *y]).with_context(|| format!("point {}", number + 1))?;
     }
     let work = Work::start(global, "positions")?;
     let found = tree.nearest(&positions, near.most, near.within, &work)?;
@@ -26,8 +30,9 @@ pub(crate) fn nearest(tree: &LineTree, positions: &[String], near: &Near, global
             writeln!(out, "{}\tnone", number + 1)?;
         }
         for line in found {
-            let [x, y] = line.position;
-            writeln!(out, "{}\t{}\t{x},{y}\t{}", number + 1, line.distance, line.feature)?;
+            let position: Vec<String> =
+                super::coordinates(tree, &line.position).iter().map(f64::to_string).collect();
+            writeln!(out, "{}\t{}\t{}\t{}", number + 1, line.distance, position.join(","), line.feature)?;
         }
     }
     Ok(out.flush()?)

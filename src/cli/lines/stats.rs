@@ -16,7 +16,7 @@ use super::super::report::{Work, print_json, print_text, report_output};
 /// pass through it.
 pub(crate) fn stats(
     tree: &LineTree,
-    window: Option<[[f64; 2]; 2]>,
+    window: Option<[[f64; 3]; 2]>,
     is_json: bool,
     global: &Global,
 ) -> Result<()> {
@@ -42,8 +42,8 @@ pub(crate) fn stats(
 pub(crate) enum Join<'a> {
     /// Points of a file, within a distance.
     Nearest(&'a Path, f64),
-    /// Lines of a file.
-    Crossing(&'a Path),
+    /// Lines of a file, within a distance.
+    Crossing(&'a Path, f64),
 }
 
 /// Joins points with their nearest lines, or lines with the lines that they cross.
@@ -55,7 +55,7 @@ pub(crate) fn join(
     (is_json, global): (bool, &Global),
 ) -> Result<()> {
     let start = Instant::now();
-    let (Join::Nearest(input, _) | Join::Crossing(input)) = request;
+    let (Join::Nearest(input, _) | Join::Crossing(input, _)) = request;
     let target = match output {
         None => None,
         Some(path) => {
@@ -80,9 +80,10 @@ pub(crate) fn join(
                 json!({ "points": points, "joined": joined, "mean_distance": mean, "max_distance": most }),
             )
         }
-        Join::Crossing(lines) => {
+        Join::Crossing(lines, within) => {
             let work = Work::start(global, "lines")?;
-            let found = join_crossing_lines(tree, lines, names, target, &work).with_context(failed)?;
+            let found =
+                join_crossing_lines(tree, (lines, within), names, target, &work).with_context(failed)?;
             work.finish();
             let (lines, features, crossings) = (found.lines, found.features.len(), found.crossings);
             (

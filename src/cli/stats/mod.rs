@@ -71,8 +71,9 @@ pub(crate) struct Args {
     /// the tree's (`line`, from 0), and its attributes
     #[arg(long, value_name = "LINES", group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels", "each", "nearest"])]
     crossing: Option<PathBuf>,
-    /// Maximum distance of the nearest line [default: any]
-    #[arg(long, value_name = "DISTANCE", requires = "nearest")]
+    /// Maximum distance of the nearest line [default: any], or of the lines of --crossing [default:
+    /// 0, those that cross or touch]
+    #[arg(long, value_name = "DISTANCE")]
     radius: Option<f64>,
     #[command(flatten)]
     zone_options: zones::ZoneOptions,
@@ -106,23 +107,22 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if let Some(tree) = lines::open(&args.tree.file, global)? {
         let fitting: &[&str] = match (&args.nearest, &args.crossing) {
             (Some(_), _) => &["--nearest", "--radius", "--attribute", "--output", "--json"],
-            (None, Some(_)) => &["--crossing", "--attribute", "--output", "--json"],
+            (None, Some(_)) => &["--crossing", "--radius", "--attribute", "--output", "--json"],
             (None, None) => &["--window", "--in", "--json"],
         };
         global.check_options(&args.tree.file, lines::KIND, fitting)?;
-        let within = args.radius.unwrap_or(f64::INFINITY);
         let request = match (&args.nearest, &args.crossing) {
-            (Some(points), _) => lines::Join::Nearest(points, within),
-            (None, Some(lines)) => lines::Join::Crossing(lines),
-            (None, None) => return lines::stats(&tree, lines::window(&args.part)?, args.json, global),
+            (Some(points), _) => lines::Join::Nearest(points, args.radius.unwrap_or(f64::INFINITY)),
+            (None, Some(lines)) => lines::Join::Crossing(lines, args.radius.unwrap_or(0.0)),
+            (None, None) => return lines::stats(&tree, lines::window(&tree, &args.part)?, args.json, global),
         };
         let names = args.zone_options.attribute.as_deref();
         let output = args.label_options.output.as_deref();
         return lines::join(&tree, request, names, output, (args.json, global));
     }
     ensure!(
-        args.nearest.is_none() && args.crossing.is_none(),
-        "--nearest and --crossing: work only with trees of lines"
+        args.nearest.is_none() && args.crossing.is_none() && args.radius.is_none(),
+        "--nearest, --crossing and --radius: work only with trees of lines"
     );
     if let Some(tree) = points::open(&args.tree.file, global)? {
         global.check_options(&args.tree.file, points::KIND, &["--window", "--in", "--level", "--json"])?;

@@ -25,7 +25,7 @@ pub(crate) fn text_bytes(feature: &LineFeature) -> usize {
 
 /// Approximate bytes of memory of a feature.
 pub(crate) fn weight(feature: &LineFeature) -> usize {
-    let vertices: usize = feature.lines.iter().map(|line| 8 * line.len() + 24).sum();
+    let vertices: usize = feature.lines.iter().map(|line| 12 * line.len() + 24).sum();
     vertices + 32 * feature.values.len() + text_bytes(feature)
 }
 
@@ -38,8 +38,8 @@ const FALSE: i64 = 4;
 const TRUE: i64 = 5;
 const JSON: i64 = 6;
 
-/// Encodes features, each with a value for each of `attributes` attributes.
-pub(crate) fn encode_features(features: &[LineFeature], attributes: usize) -> Vec<u8> {
+/// Encodes features of two or three axes, each with a value for each of `attributes` attributes.
+pub(crate) fn encode_features(features: &[LineFeature], attributes: usize, axes: usize) -> Vec<u8> {
     let mut bytes = Vec::new();
     let lines = features.iter().map(|feature| feature.lines.len() as i64).collect::<Vec<_>>();
     let all = || features.iter().flat_map(|feature| &feature.lines);
@@ -50,7 +50,7 @@ pub(crate) fn encode_features(features: &[LineFeature], attributes: usize) -> Ve
     // context of its own.
     let contexts: Vec<u8> =
         all().flat_map(|line| (0..line.len()).map(|vertex| u8::from(vertex == 0))).collect();
-    for axis in 0..2 {
+    for axis in 0..axes {
         let mut before = 0;
         let steps = all().flatten().map(|vertex| {
             let here = i64::from(vertex[axis]);
@@ -116,8 +116,14 @@ fn write_values(values: &[&LineValue], bytes: &mut Vec<u8>) {
     write(&letters, &[], bytes);
 }
 
-/// Decodes `count` features with `attributes` attributes; `None` if the bytes are invalid.
-pub(crate) fn decode_features(bytes: &[u8], count: usize, attributes: usize) -> Option<Vec<LineFeature>> {
+/// Decodes `count` features of two or three axes with `attributes` attributes; `None` if the bytes
+/// are invalid.
+pub(crate) fn decode_features(
+    bytes: &[u8],
+    count: usize,
+    attributes: usize,
+    axes: usize,
+) -> Option<Vec<LineFeature>> {
     if count > MAX_FEATURES {
         return None;
     }
@@ -138,16 +144,16 @@ pub(crate) fn decode_features(bytes: &[u8], count: usize, attributes: usize) -> 
         contexts.push(1);
         contexts.resize(contexts.len() + *vertices as usize - 1, 0);
     }
-    let steps = [reader.numbers(all, &contexts)?, reader.numbers(all, &contexts)?];
+    let steps = (0..axes).map(|_| reader.numbers(all, &contexts)).collect::<Option<Vec<_>>>()?;
     let mut features = vec![LineFeature::default(); count];
-    let (mut line, mut vertex, mut here) = (0, 0, [0i64; 2]);
+    let (mut line, mut vertex, mut here) = (0, 0, [0i64; 3]);
     for (feature, lines) in features.iter_mut().zip(&lines) {
         for vertices in &vertices[line..line + *lines as usize] {
             let mut own = Vec::with_capacity(*vertices as usize);
             for _ in 0..*vertices {
-                let mut position = [0; 2];
-                for axis in 0..2 {
-                    here[axis] = here[axis].checked_add(steps[axis][vertex])?;
+                let mut position = [0; 3];
+                for (axis, steps) in steps.iter().enumerate() {
+                    here[axis] = here[axis].checked_add(steps[vertex])?;
                     position[axis] = i32::try_from(here[axis]).ok()?;
                 }
                 own.push(position);

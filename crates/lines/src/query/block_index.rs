@@ -7,13 +7,13 @@ use crate::codec::LineSegment;
 use crate::geometry::{
     FixedPosition, bounds_of, boxes_meet, ends, fixed_box, square_distance, square_to_box,
 };
-use crate::grid::LineGrid;
+use crate::grid::{LineAxes, LineGrid};
 use spinney_base::sort;
 
 /// Fan-out: runs of equal segments, or boxes, per box.
 const TOGETHER: usize = 8;
 
-type Bounds = [[i32; 2]; 2];
+type Bounds = [[i32; 3]; 2];
 
 /// Packed tree of bounding boxes without pointers. Segments are sorted by the codes of their
 /// midpoints; each box bounds a few consecutive segments, or a few boxes of the level below. Equal
@@ -37,7 +37,7 @@ fn mixed(segment: &LineSegment) -> u64 {
 }
 
 fn around(boxes: impl Iterator<Item = Bounds>) -> Bounds {
-    boxes.fold([[i32::MAX; 2], [i32::MIN; 2]], |[low, high], [least, most]| {
+    boxes.fold([[i32::MAX; 3], [i32::MIN; 3]], |[low, high], [least, most]| {
         let low = std::array::from_fn(|axis| i32::min(low[axis], least[axis]));
         [low, std::array::from_fn(|axis| i32::max(high[axis], most[axis]))]
     })
@@ -77,26 +77,33 @@ impl BlockIndex {
         (size_of_val(&self.segments[..]) + size_of_val(&self.runs[..]) + boxes * size_of::<Bounds>()) as u64
     }
 
-    /// Offers segments to `best`, skipping boxes that are too distant.
-    pub(super) fn search(&self, from: FixedPosition, best: &mut Best) {
+    /// Offers segments to `best`, skipping boxes that are too distant along the axes.
+    pub(super) fn search(&self, from: FixedPosition, axes: LineAxes, best: &mut Best) {
         let top = self.levels.len() - 1;
-        self.search_level(top, 0..self.levels[top].len(), from, best);
+        self.search_level(top, 0..self.levels[top].len(), (from, axes), best);
     }
 
-    fn search_level(&self, level: usize, range: Range<usize>, from: FixedPosition, best: &mut Best) {
+    fn search_level(
+        &self,
+        level: usize,
+        range: Range<usize>,
+        (from, axes): (FixedPosition, LineAxes),
+        best: &mut Best,
+    ) {
+        let square = |bounds| square_to_box(axes.of(fixed_box(bounds)), from);
         for index in range {
-            if square_to_box(fixed_box(self.levels[level][index]), from) > best.limit() {
+            if square(self.levels[level][index]) > best.limit() {
                 continue;
             }
             if let Some(next) = level.checked_sub(1) {
-                self.search_level(next, below(index, self.levels[next].len()), from, best);
+                self.search_level(next, below(index, self.levels[next].len()), (from, axes), best);
                 continue;
             }
             for run in below(index, self.runs.len() - 1) {
                 let run = self.run(run);
                 let Some(first) = run.first() else { continue };
-                if square_to_box(fixed_box(bounds_of(first.ends)), from) <= best.limit() {
-                    best.offer_equal(square_distance(ends(first.ends), from), run);
+                if square(bounds_of(first.ends)) <= best.limit() {
+                    best.offer_equal(square_distance(axes.of(ends(first.ends)), from), run);
                 }
             }
         }

@@ -6,7 +6,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::best::Best;
 use super::block_index::BlockIndex;
 use crate::codec::LineSegment;
-use crate::geometry::{FRACTION, FixedPosition, ends, fixed_box, square_distance, square_to_box};
+use crate::geometry::{
+    FRACTION, FixedPosition, ends, fixed_box, nearest_point, square_distance, square_to_box,
+};
+use crate::grid::LineAxes;
 use crate::store::LineTree;
 use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result, parallel, sort};
@@ -20,8 +23,8 @@ pub struct NearLine {
     pub vertex: u32,
     /// Distance in the world.
     pub distance: f64,
-    /// Nearest point on the line.
-    pub position: [f64; 2],
+    /// Nearest point on the line, with its height; z is 0 in a tree of two axes.
+    pub position: [f64; 3],
 }
 
 /// Node in memory, for searches.
@@ -31,7 +34,7 @@ struct NearNode {
     /// Range of the blocks with its own segments.
     blocks: (u32, u32),
     /// Minimum and maximum corner of all segments in its subtree.
-    corners: [[i32; 2]; 2],
+    corners: [[i32; 3]; 2],
 }
 
 /// Cache of block indexes for further queries.
@@ -45,7 +48,7 @@ struct BlockIndexCache {
 pub struct NearestLines<'t> {
     tree: &'t LineTree,
     nodes: Vec<NearNode>,
-    block_corners: Vec<[[i32; 2]; 2]>,
+    block_corners: Vec<[[i32; 3]; 2]>,
     max_bytes: u64,
     cache: Mutex<BlockIndexCache>,
 }
@@ -64,7 +67,7 @@ impl LineTree {
     /// Those of [`NearestLines::new`] and [`NearestLines::find`].
     pub fn nearest(
         &self,
-        positions: &[[f64; 2]],
+        positions: &[[f64; 3]],
         most: usize,
         within: f64,
         progress: &dyn Progress,
@@ -99,7 +102,8 @@ impl<'t> NearestLines<'t> {
 
     /// Finds the lines nearest to each of several points: at most `most` features, none farther
     /// than `within`, nearest first. On equal distances, the feature with the lower number comes
-    /// first.
+    /// first. Distances are those in x and y if z is NaN, or is not in their unit:
+    /// [`LineGrid::measures_space`](crate::LineGrid::measures_space).
     ///
     /// Points are rounded to 2^-16 of a grid unit. Whether a vertex or an interior point of a
     /// segment is nearest is decided exactly, and lines that share the nearest vertex have equal
@@ -111,14 +115,16 @@ impl<'t> NearestLines<'t> {
     /// be read.
     pub fn find(
         &self,
-        positions: &[[f64; 2]],
+        positions: &[[f64; 3]],
         most: usize,
         within: f64,
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearLine>>> {
         let grid = self.tree.grid();
-        let is_wrong = |position: &&[f64; 2]| {
-            !position.iter().all(|number| number.is_finite()) || grid.is_far(**position)
+        let is_wrong = |position: &&[f64; 3]| {
+            let [x, y, z] = **position;
+            !(x.is_finite() && y.is_finite() && !z.is_infinite())
+                || grid.is_far(**position, grid.axes_for(&[**position]))
         };
         if let Some(position) = positions.iter().find(is_wrong) {
             let expected = "finite coordinates in the coordinate system of the lines, and near them";
@@ -128,7 +134,7 @@ impl<'t> NearestLines<'t> {
         if most == 0 || within.is_nan() || within < 0.0 {
             return Ok(found);
         }
-        let steps = within / grid.scale * FRACTION as f64;
+        let steps = within / grid.scale[0] * FRACTION as f64;
         let order = self.order(positions);
         let batches: Vec<&[u32]> = order.chunks(TOGETHER).collect();
         for batch in batches.chunks(8 * parallel::threads()) {
@@ -146,11 +152,11 @@ impl<'t> NearestLines<'t> {
     }
 
     /// Indices of points, sorted by the codes of their cells, clamped to the root.
-    fn order(&self, positions: &[[f64; 2]]) -> Vec<u32> {
+    fn order(&self, positions: &[[f64; 3]]) -> Vec<u32> {
         let grid = self.tree.grid();
         let far = (1i64 << grid.bits) - 1;
-        let key = |position: &[f64; 2]| {
-            let fixed = grid.fixed(*position);
+        let key = |position: &[f64; 3]| {
+            let fixed = grid.fixed(*position, grid.axes_for(&[*position]));
             let step = std::array::from_fn(|axis| {
                 let corner = i64::from(grid.corner[axis]);
                 let step = (fixed[axis] / FRACTION - corner).clamp(0, far) + corner;
@@ -169,7 +175,7 @@ impl<'t> NearestLines<'t> {
     fn run(
         &self,
         queries: &[u32],
-        positions: &[[f64; 2]],
+        positions: &[[f64; 3]],
         (most, limit): (usize, f64),
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearLine>>> {
@@ -182,20 +188,23 @@ impl<'t> NearestLines<'t> {
             if number % CHECKED == 0 {
                 progress.check()?;
             }
-            let from = grid.fixed(positions[*query as usize]);
+            let position = positions[*query as usize];
+            let axes = grid.axes_for(&[position]);
+            let from = grid.fixed(position, axes);
             let mut best = Best::new(most, limit);
             for (_, segment) in &before {
-                best.offer(square_distance(ends(segment.ends), from), segment);
+                best.offer(square_distance(axes.of(ends(segment.ends)), from), segment);
             }
             if !self.nodes.is_empty() {
-                self.search_node(0, from, &mut best, &mut at_hand)?;
+                self.search_node(0, (from, axes), &mut best, &mut at_hand)?;
             }
             before = best.finish();
             let near = |(square, segment): &(f64, LineSegment)| NearLine {
                 feature: segment.feature,
                 vertex: segment.vertex,
                 distance: grid.units(square.sqrt() / FRACTION as f64),
-                position: grid.world(nearest_point(ends(segment.ends), from).map(|at| at / FRACTION as f64)),
+                position: grid
+                    .world(nearest_point(ends(segment.ends), from, axes).map(|at| at / FRACTION as f64)),
             };
             results.push(before.iter().map(near).collect());
         }
@@ -207,18 +216,18 @@ impl<'t> NearestLines<'t> {
     fn search_node(
         &self,
         index: usize,
-        from: FixedPosition,
+        (from, axes): (FixedPosition, LineAxes),
         best: &mut Best,
         at_hand: &mut HashMap<u32, Arc<BlockIndex>>,
     ) -> Result<()> {
         let node = &self.nodes[index];
-        let square = |corners: [[i32; 2]; 2]| square_to_box(fixed_box(corners), from);
-        let mut children = [(0.0, 0usize); 4];
+        let square = |corners: [[i32; 3]; 2]| square_to_box(axes.of(fixed_box(corners)), from);
+        let mut children = [(0.0, 0usize); 8];
         let mut count = 0;
         let mut child = index + 1;
         while child < node.end as usize {
             // In an untrusted file, nodes may lack parents, so that a node seems to have more than
-            // four children. The excess is ignored.
+            // eight children. The excess is ignored.
             let Some(slot) = children.get_mut(count) else { break };
             *slot = (square(self.nodes[child].corners), child);
             count += 1;
@@ -228,7 +237,7 @@ impl<'t> NearestLines<'t> {
         children.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         for (square, child) in children {
             if *square <= best.limit() {
-                self.search_node(*child, from, best, at_hand)?;
+                self.search_node(*child, (from, axes), best, at_hand)?;
             }
         }
         for block in node.blocks.0..node.blocks.1 {
@@ -240,7 +249,7 @@ impl<'t> NearestLines<'t> {
                         at_hand.entry(block).or_insert(index)
                     }
                 };
-                index.search(from, best);
+                index.search(from, axes, best);
             }
         }
         Ok(())
@@ -264,14 +273,4 @@ impl<'t> NearestLines<'t> {
         cache.blocks.insert(block, index.clone());
         Ok(index)
     }
-}
-
-/// Point of a line segment that is nearest to another point.
-fn nearest_point([a, b]: [FixedPosition; 2], from: FixedPosition) -> [f64; 2] {
-    let along = [0, 1].map(|axis| (b[axis] - a[axis]) as f64);
-    let to = [0, 1].map(|axis| (from[axis] - a[axis]) as f64);
-    let square = along[0] * along[0] + along[1] * along[1];
-    let share = ((along[0] * to[0] + along[1] * to[1]) / square).clamp(0.0, 1.0);
-    let share = if share.is_nan() { 0.0 } else { share };
-    std::array::from_fn(|axis| a[axis] as f64 + share * along[axis])
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use crate::codec::LineSegment;
 use crate::geometry::{FixedPosition, box_of, boxes_meet, ends, fixed_box, meets_box};
+use crate::grid::LineAxes;
 use crate::store::{LineNode, LineTree};
 use spinney_base::{Error, Progress, Result, parallel};
 
@@ -22,29 +23,24 @@ pub struct LevelTotals {
     pub most_features: u64,
 }
 
-pub(super) fn check_numbers(what: &str, positions: &[[f64; 2]]) -> Result<()> {
-    match positions.iter().flatten().any(|number| number.is_nan()) {
-        true => Err(Error::invalid(what, format!("{positions:?}"), "coordinates without NaN")),
-        false => Ok(()),
-    }
-}
-
 impl LineTree {
     /// Returns the numbers of the features with a line that intersects a window, including its
-    /// border, in ascending order. The window's corners are rounded to 2^-16 of a grid unit; tests
-    /// are exact from there on.
+    /// border, in ascending order. The window's corners, which may be infinite, are rounded to
+    /// 2^-16 of a grid unit; tests are exact from there on. In a tree of two axes, z is ignored.
     ///
     /// # Errors
     /// If a coordinate is NaN, the file is corrupt or cannot be read.
-    pub fn window(&self, [least, most]: [[f64; 2]; 2], progress: &dyn Progress) -> Result<Vec<u64>> {
-        check_numbers("window", &[least, most])?;
-        let window = [self.grid().fixed(least), self.grid().fixed(most)];
+    pub fn window(&self, [least, most]: [[f64; 3]; 2], progress: &dyn Progress) -> Result<Vec<u64>> {
+        if least.iter().chain(&most).any(|number| number.is_nan()) {
+            return Err(Error::invalid("window", format!("{least:?} {most:?}"), "coordinates without NaN"));
+        }
+        let window = [least, most].map(|corner| self.grid().fixed(corner, LineAxes::Space));
         let mut found = BTreeSet::new();
-        if (0..2).any(|axis| least[axis] > most[axis]) {
+        if (0..self.grid().axes()).any(|axis| least[axis] > most[axis]) {
             return Ok(Vec::new());
         }
         let is_inside = |[low, high]: [FixedPosition; 2]| {
-            (0..2).all(|axis| window[0][axis] <= low[axis] && high[axis] <= window[1][axis])
+            (0..3).all(|axis| window[0][axis] <= low[axis] && high[axis] <= window[1][axis])
         };
         self.each_block(
             &|bounds| boxes_meet(bounds, window),

@@ -10,7 +10,7 @@ use crate::grid::LineGrid;
 use crate::source::LineFeature;
 use spinney_base::Result;
 use spinney_base::io::{FileAccess, ReadBackend};
-use spinney_base::space::{Code, Dimension};
+use spinney_base::space::Code;
 use spinney_container::{BlockFile, BlockLocation, Content, List, Metadata, OpenOptions};
 use spinney_crs::{Coordinates, WorldLocator};
 
@@ -43,7 +43,7 @@ pub(crate) struct LineNode {
     pub segments: u64,
     pub features: u64,
     pub length: f64,
-    pub bounds: [[i32; 2]; 2],
+    pub bounds: [[i32; 3]; 2],
 }
 
 impl LineTree {
@@ -73,14 +73,13 @@ impl LineTree {
         options: &OpenOptions,
     ) -> Result<LineTree> {
         let file = BlockFile::open(path, backend, (Content::Lines, "a tree of lines"), options)?;
-        if file.header().dimension != Dimension::Quad {
-            return Err(file.corrupt("header", "an octree of lines", "a quadtree"));
-        }
-        let (summary, grid, attributes) = Summary::from_bytes(path, &file.section(SUMMARY, "lines")?)?;
+        let dimension = file.header().dimension;
+        let (summary, grid, attributes) =
+            Summary::from_bytes(path, &file.section(SUMMARY, "lines")?, dimension)?;
         let blocks = file.list(BLOCKS, "list of blocks", Entry::BYTES)?;
         let nodes = file.list(NODES, "list of nodes", NODE_ENTRY)?;
         let features = file.list(FEATURES, "list of features", Entry::BYTES)?;
-        file.check_nodes(&nodes, (Dimension::Quad, grid.deepest()))?;
+        file.check_nodes(&nodes, (dimension, grid.deepest()))?;
         file.check_keys(&blocks, &nodes)?;
         let lists = [("block", &blocks, MAX_SEGMENTS), ("block of features", &features, MAX_FEATURES)];
         file.check_blocks(&lists, file.end(BLOCKS))?;
@@ -158,11 +157,11 @@ impl LineTree {
     }
 
     /// Returns the minimum and maximum corner of all lines, in the world; `None` if there are no
-    /// lines.
+    /// lines. With two axes, z is 0.
     ///
     /// # Errors
     /// If the file is corrupt.
-    pub fn bounds(&self) -> Result<Option<[[f64; 2]; 2]>> {
+    pub fn bounds(&self) -> Result<Option<[[f64; 3]; 2]>> {
         let root = self.root()?;
         Ok(root.map(|root| root.bounds.map(|corner| self.grid.to_world(corner))))
     }
@@ -172,8 +171,8 @@ impl LineTree {
     /// # Errors
     /// Those of [`WorldLocator::new`], or if the file is corrupt.
     pub fn locator(&self, coordinates: &Coordinates) -> Result<WorldLocator> {
-        let bounds = self.bounds()?.unwrap_or_default();
-        WorldLocator::new(coordinates, self.metadata().frame.crs.as_ref(), bounds, self.grid.scale)
+        let bounds = self.bounds()?.unwrap_or_default().map(|[x, y, _]| [x, y]);
+        WorldLocator::new(coordinates, self.metadata().frame.crs.as_ref(), bounds, self.grid.scale[0])
     }
 
     /// Node at an index of the list.
@@ -185,14 +184,15 @@ impl LineTree {
         let four = |at: usize| {
             entry.map_or(0, |bytes| i32::from_le_bytes(std::array::from_fn(|byte| bytes[at + byte])))
         };
-        let code = eight(0).and_then(|code| Code::from_bits(Dimension::Quad, code));
+        let code = eight(0).and_then(|code| Code::from_bits(self.grid.dimension, code));
         let (Some(code), Some(segments), Some(features), Some(length)) =
             (code, eight(8), eight(16), eight(24))
         else {
             let place = format!("node {index}");
             return Err(self.file.corrupt(place, "the end of the file", "a node"));
         };
-        let bounds = [[four(32), four(36)], [four(40), four(44)]];
+        let corner = |at: usize| std::array::from_fn(|axis| four(at + 4 * axis));
+        let bounds = [corner(32), corner(44)];
         Ok(LineNode { index, code, segments, features, length: f64::from_bits(length), bounds })
     }
 
@@ -232,7 +232,7 @@ impl LineTree {
         let entry = self.block_entry(index);
         let place = format!("block {index}");
         let bytes = self.file.block(&place, &entry.block)?;
-        decode_segments(&bytes, entry.block.count as usize)
+        decode_segments(&bytes, entry.block.count as usize, self.grid.axes())
             .ok_or_else(|| self.file.corrupt(place, "bytes that do not decode", "compressed segments"))
     }
 
@@ -241,7 +241,7 @@ impl LineTree {
         let entry = self.feature_entry(index);
         let place = format!("block of features {index}");
         let bytes = self.file.block(&place, &entry.block)?;
-        decode_features(&bytes, entry.block.count as usize, self.attributes.len())
+        decode_features(&bytes, entry.block.count as usize, self.attributes.len(), self.grid.axes())
             .ok_or_else(|| self.file.corrupt(place, "bytes that do not decode", "compressed features"))
     }
 

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::attribute::{LineAttribute, ValueKind};
 use crate::codec::MAX_SEGMENTS;
 use crate::grid::LineGrid;
+use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_container::VersionedSection;
 
@@ -25,10 +26,11 @@ pub(crate) struct Summary {
     /// Maximum number of segments in a leaf node, and in a block.
     pub leaf_size: u32,
     /// Grid: see [`LineGrid`].
-    pub scale: f64,
-    pub offset: [f64; 2],
-    pub corner: [i32; 2],
+    pub scale: [f64; 3],
+    pub offset: [f64; 3],
+    pub corner: [i32; 3],
     pub bits: u8,
+    pub(crate) has_one_unit: bool,
     /// Names of attributes, and the numbers of their kinds.
     pub attributes: Vec<(String, u8)>,
 }
@@ -40,10 +42,11 @@ impl Summary {
         (features, segments): (u64, u64),
         leaf_size: usize,
     ) -> Summary {
-        let LineGrid { scale, offset, corner, bits } = grid.clone();
+        let LineGrid { scale, offset, corner, bits, has_one_unit, dimension: _ } = grid.clone();
         let attribute = |attribute: &LineAttribute| (attribute.name.clone(), attribute.kind as u8);
         let attributes = attributes.iter().map(attribute).collect();
-        Summary { features, segments, leaf_size: leaf_size as u32, scale, offset, corner, bits, attributes }
+        let leaf_size = leaf_size as u32;
+        Summary { features, segments, leaf_size, scale, offset, corner, bits, has_one_unit, attributes }
     }
 
     /// Encodes the section.
@@ -58,14 +61,23 @@ impl Summary {
         })
     }
 
-    /// Decodes and validates the section.
-    pub(crate) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<(Summary, LineGrid, Vec<LineAttribute>)> {
+    /// Decodes and validates the section of a tree of two or three axes.
+    pub(crate) fn from_bytes(
+        path: &Path,
+        bytes: &[u8],
+        dimension: Dimension,
+    ) -> Result<(Summary, LineGrid, Vec<LineAttribute>)> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "lines", found, expected);
         let (summary, _): (Summary, usize) = SECTION.decode(path, bytes)?;
-        let Summary { scale, offset, corner, bits, leaf_size, .. } = summary;
-        if !(scale.is_finite() && scale > 0.0 && offset.iter().all(|number| number.is_finite())) {
-            let found = format!("scale {scale}, offset {offset:?}");
-            return Err(corrupt(found, "finite numbers, and a scale above 0"));
+        let Summary { scale, offset, corner, bits, has_one_unit, leaf_size, .. } = summary;
+        let is_scale = |scale: &f64| scale.is_finite() && *scale > 0.0;
+        let are_equal = scale[0] == scale[1] && (!has_one_unit || scale[0] == scale[2]);
+        if !(scale.iter().all(is_scale) && are_equal && offset.iter().all(|at| at.is_finite())) {
+            let found = format!("scale {scale:?}, offset {offset:?}");
+            return Err(corrupt(
+                found,
+                "finite numbers, and scales above 0 that are equal along axes of one unit",
+            ));
         }
         if bits > 32 || summary.attributes.len() > MAX_ATTRIBUTES {
             let found = format!("{bits} bits, {} attributes", summary.attributes.len());
@@ -82,6 +94,6 @@ impl Summary {
             Ok(LineAttribute { name: name.clone(), kind })
         };
         let attributes = summary.attributes.iter().map(attribute).collect::<Result<Vec<_>>>()?;
-        Ok((summary, LineGrid { scale, offset, corner, bits }, attributes))
+        Ok((summary, LineGrid { scale, offset, corner, bits, dimension, has_one_unit }, attributes))
     }
 }

@@ -5,7 +5,7 @@ use crate::build::{segments_of, statistics_of};
 use crate::codec::LineSegment;
 use crate::statistics::Statistics;
 use spinney_base::io::Sorter;
-use spinney_base::space::{Code, Dimension};
+use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result, parallel};
 use spinney_container::{Finding, MAX_FINDINGS};
 
@@ -74,7 +74,7 @@ impl LineTree {
                         format!("found bounds {:?}, expected {:?}", entry.bounds, statistics.bounds);
                     findings.report(location(), problem);
                 }
-                let code = Code::from_bits(Dimension::Quad, entry.block.key);
+                let code = Code::from_bits(self.grid().dimension, entry.block.key);
                 let is_here = |segment: &LineSegment| {
                     self.grid().code(segment.ends).zip(code).is_some_and(|(own, code)| code.contains(own))
                 };

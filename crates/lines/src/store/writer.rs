@@ -6,7 +6,7 @@ use crate::grid::LineGrid;
 use crate::statistics::Statistics;
 use spinney_base::Result;
 use spinney_base::io::{Output, Sorter, directory_of};
-use spinney_base::space::{Code, Dimension};
+use spinney_base::space::Code;
 use spinney_container::{BlockEntry, BlockWriter, Content, FileHeader, Metadata, TreeFormat};
 
 /// Tag of the list of blocks of segments.
@@ -20,10 +20,10 @@ pub(crate) const SUMMARY: [u8; 4] = *b"LINS";
 
 /// Entry of a list of blocks. The key is the node's code for segments, the first feature's number
 /// for features.
-pub(crate) type Entry = BlockEntry<2>;
+pub(crate) type Entry = BlockEntry<3>;
 
 /// Bytes of an entry of the list of nodes.
-pub(crate) const NODE_ENTRY: usize = 48;
+pub(crate) const NODE_ENTRY: usize = 56;
 
 /// Append-only output file.
 pub(crate) struct LineWriter {
@@ -37,7 +37,7 @@ impl LineWriter {
     /// Starts a file. Each list of entries uses about `memory` bytes before it goes to a temporary
     /// file.
     pub(crate) fn new(out: Output, grid: &LineGrid, memory: u64) -> Result<LineWriter> {
-        let (format, content, dimension) = (TreeFormat::Goblin, Content::Lines, Dimension::Quad);
+        let (format, content, dimension) = (TreeFormat::Goblin, Content::Lines, grid.dimension);
         let header = FileHeader { format, content, dimension, depth: grid.deepest(), layers: 0 };
         let file = BlockWriter::new(out, header, "lines")?;
         let list = || Sorter::new(directory_of(file.path()), memory);
@@ -54,7 +54,7 @@ impl LineWriter {
     /// Writes a block of features; `first` is the first one's number.
     pub(crate) fn features(&mut self, first: u64, bytes: &[u8], count: usize) -> Result<()> {
         let block = self.file.block(first, bytes, count as u32)?;
-        self.features.push(first, &Entry { block, bounds: [[0; 2]; 2] }.to_bytes())
+        self.features.push(first, &Entry { block, bounds: [[0; 3]; 2] }.to_bytes())
     }
 
     /// Adds a node with the statistics of its subtree.

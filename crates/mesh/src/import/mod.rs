@@ -1,11 +1,13 @@
 //! Solid importers: boundary representations are read face by face and become octrees of cells or
 //! exact models.
 
+mod edges;
 mod exact;
 mod model;
 mod read;
 mod solid;
 
+pub use edges::{EdgeOptions, MeshEdges, open_mesh_edges};
 pub use exact::{ExactOptions, ExactReport, ModelContact, SkippedObject, import_exact, model_contacts};
 pub use model::{MeshFace, Model, ModelInfo, parts_of};
 pub(crate) use read::city_semantics;

@@ -47,6 +47,20 @@ impl Geometry for [Vec<[f64; 3]>] {
     }
 }
 
+impl Geometry for Vec<Vec<[f64; 3]>> {
+    fn parts(&self) -> usize {
+        self.len()
+    }
+
+    fn count(&self, part: usize) -> u64 {
+        self[..].count(part)
+    }
+
+    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
+        self[..].points(part, each)
+    }
+}
+
 impl<const PARTS: usize> Geometry for [Vec<[f64; 3]>; PARTS] {
     fn parts(&self) -> usize {
         PARTS

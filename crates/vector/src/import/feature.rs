@@ -50,6 +50,23 @@ pub struct Feature {
 }
 
 impl Feature {
+    /// Takes the lines out of the geometry; z is NaN unless all vertices have heights. If they are
+    /// not lines, returns what they are.
+    pub(crate) fn take_lines(&mut self) -> Result<Vec<Vec<[f64; 3]>>, &'static str> {
+        let lines = match self.geometry.take() {
+            None => Vec::new(),
+            Some(FeatureGeometry::Lines(lines)) => lines,
+            Some(FeatureGeometry::Points(_)) => return Err("points"),
+            Some(FeatureGeometry::Polygons(_)) => return Err("a polygon"),
+            Some(FeatureGeometry::Collection(_)) => return Err("a collection of geometries"),
+        };
+        let heights = &self.heights.of_points;
+        let have_heights = heights.len() == lines.iter().map(Vec::len).sum::<usize>();
+        let mut heights = heights.iter().filter(|_| have_heights);
+        let mut vertex = |[x, y]: [f64; 2]| [x, y, heights.next().copied().unwrap_or(f64::NAN)];
+        Ok(lines.into_iter().map(|line| line.into_iter().map(&mut vertex).collect()).collect())
+    }
+
     /// Returns the id as an attribute: an integer, or else a string.
     pub(crate) fn id_attribute(&self) -> FeatureAttribute {
         match &self.id {

@@ -5,10 +5,10 @@ use std::path::Path;
 
 use super::{chosen_of, layer_name, type_of, value_of};
 use crate::export::{
-    AttributeType, AttributeValue, FeatureParts, GeometryKind, VectorFeature, VectorFormat, VectorLayer,
-    VectorWriter, push_attribute,
+    AttributeType, AttributeValue, GeometryKind, VectorFeature, VectorFormat, VectorLayer, VectorWriter,
+    push_attribute,
 };
-use crate::import::feature::{Feature, FeatureGeometry, FeatureReader, FeatureSchema};
+use crate::import::feature::{Feature, FeatureReader, FeatureSchema};
 use crate::zonal::{coordinates_in, in_file};
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result, sort};
@@ -35,7 +35,8 @@ pub(super) struct JoinedLayer<'t> {
 pub(super) struct JoinedPoint<'f> {
     pub(super) id: Option<&'f serde_json::Value>,
     pub(super) feature: &'f Feature,
-    pub(super) geometry: Option<FeatureGeometry>,
+    /// Position; z is written if the layer has heights.
+    pub(super) position: Option<[f64; 3]>,
     /// Number of the tree's feature, if there is one.
     pub(super) line: Option<u64>,
     /// Its own attributes, in number those of the layer.
@@ -43,14 +44,15 @@ pub(super) struct JoinedPoint<'f> {
 }
 
 impl<'t> JoinedLayer<'t> {
-    /// Starts a layer in a coordinate system. Its own attributes come after those of the file and
-    /// before the chosen ones of the tree. Without an output, only the names are checked.
+    /// Starts a layer in a coordinate system, with or without heights. Its own attributes come
+    /// after those of the file and before the chosen ones of the tree. Without an output, only the
+    /// names are checked.
     pub(super) fn new(
         tree: &'t LineTree,
         names: Option<&[String]>,
         (schema, own): (&FeatureSchema, &[(&str, AttributeType)]),
         output: Option<(Output, VectorFormat)>,
-        (crs, bounds): (Option<Crs>, LayerBounds<'_>),
+        (crs, has_z, bounds): (Option<Crs>, bool, LayerBounds<'_>),
     ) -> Result<JoinedLayer<'t>> {
         let chosen = chosen_of(tree, names)?;
         let mut attributes = schema.attributes.clone();
@@ -63,7 +65,7 @@ impl<'t> JoinedLayer<'t> {
         if let Some((output, format)) = output {
             let bounds = if format.wants_bounds() { bounds()? } else { [[0.0; 2]; 2] };
             let (kind, name) = (Some(GeometryKind::Point), layer_name(output.path()));
-            let layer = VectorLayer { name, kind, is_multi: false, has_z: false, attributes, crs, bounds };
+            let layer = VectorLayer { name, kind, is_multi: false, has_z, attributes, crs, bounds };
             writer = Some(VectorWriter::create(output, format, layer)?);
         }
         Ok(JoinedLayer { tree, chosen, writer, known: HashMap::new() })
@@ -77,7 +79,7 @@ impl<'t> JoinedLayer<'t> {
         self.read(points.iter().filter_map(|point| point.line).collect())?;
         let JoinedLayer { chosen, writer: Some(writer), known, .. } = self else { return Ok(()) };
         for point in points {
-            let JoinedPoint { id, feature, geometry, line, own } = point;
+            let JoinedPoint { id, feature, position, line, own } = point;
             let mut values: Vec<AttributeValue<'_>> =
                 feature.attributes.iter().map(AttributeValue::from).collect();
             values.extend(own);
@@ -85,10 +87,10 @@ impl<'t> JoinedLayer<'t> {
                 Some(line) => values.extend(line.iter().map(value_of)),
                 None => values.extend(chosen.iter().map(|_| AttributeValue::None)),
             }
-            let parts = geometry.as_ref().map(FeatureParts::of);
+            let geometry = position.map(|position| [vec![position]]);
             writer.write_feature(&VectorFeature {
                 id,
-                geometry: parts.as_ref().map(|parts| (GeometryKind::Point, parts as _)),
+                geometry: geometry.as_ref().map(|geometry| (GeometryKind::Point, geometry as _)),
                 attributes: &values,
             })?;
         }
@@ -114,9 +116,9 @@ impl<'t> JoinedLayer<'t> {
         })
     }
 
-    /// Completes the layer.
-    pub(super) fn finish(self, progress: &dyn Progress) -> Result<()> {
-        self.writer.map_or(Ok(()), |writer| writer.finish(progress))
+    /// Completes the layer; returns whether there is an output.
+    pub(super) fn finish(self, progress: &dyn Progress) -> Result<bool> {
+        self.writer.map_or(Ok(false), |writer| writer.finish(progress).map(|()| true))
     }
 }
 

@@ -7,10 +7,8 @@ mod nearest;
 use std::path::Path;
 
 use crate::export::{
-    AttributeType, AttributeValue, FeatureParts, GeometryKind, VectorFeature, VectorFormat, VectorLayer,
-    VectorWriter,
+    AttributeType, AttributeValue, GeometryKind, VectorFeature, VectorFormat, VectorLayer, VectorWriter,
 };
-use crate::import::feature::FeatureGeometry;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_lines::{LineFeature, LineTree, LineValue, ValueKind};
@@ -83,12 +81,12 @@ pub fn export_lines(
         }
     };
     // The properties of the layer must be known before the first feature is written.
-    let (mut is_multi, mut bounds) = (false, None::<[[i32; 2]; 2]>);
+    let (mut is_multi, mut bounds) = (false, None::<[[i32; 3]; 2]>);
     tree.features(&mut all(), &mut |_, feature| {
         is_multi |= feature.lines.len() > 1;
         for vertex in feature.lines.iter().flatten() {
             let [least, most] = bounds.get_or_insert([*vertex; 2]);
-            for axis in 0..2 {
+            for axis in 0..3 {
                 least[axis] = least[axis].min(vertex[axis]);
                 most[axis] = most[axis].max(vertex[axis]);
             }
@@ -103,10 +101,10 @@ pub fn export_lines(
         name: layer_name(output.path()),
         kind: Some(GeometryKind::Line),
         is_multi,
-        has_z: false,
+        has_z: tree.grid().axes() == 3,
         attributes: attributes.collect(),
         crs: tree.metadata().frame.crs.clone(),
-        bounds: bounds.map_or([[0.0; 2]; 2], |bounds| bounds.map(|corner| tree.grid().to_world(corner))),
+        bounds: in_plane(bounds.map(|bounds| bounds.map(|corner| tree.grid().to_world(corner)))),
     };
     let mut writer = VectorWriter::create(output, format, layer)?;
     let mut done = 0;
@@ -115,12 +113,10 @@ pub fn export_lines(
             .iter()
             .map(|index| feature.values.get(*index).map_or(AttributeValue::None, value_of))
             .collect();
-        let geometry = geometry_of(tree, feature);
-        let parts = FeatureParts::of(&geometry);
-        let is_empty = feature.lines.is_empty();
+        let lines = geometry_of(tree, feature);
         writer.write_feature(&VectorFeature {
             id: None,
-            geometry: if is_empty { None } else { Some((GeometryKind::Line, &parts)) },
+            geometry: if lines.is_empty() { None } else { Some((GeometryKind::Line, &lines)) },
             attributes: &values,
         })?;
         done += 1;
@@ -134,7 +130,12 @@ pub fn export_lines(
     Ok(done)
 }
 
-fn geometry_of(tree: &LineTree, feature: &LineFeature) -> FeatureGeometry {
-    let line = |line: &Vec<[i32; 2]>| line.iter().map(|vertex| tree.grid().to_world(*vertex)).collect();
-    FeatureGeometry::Lines(feature.lines.iter().map(line).collect())
+fn geometry_of(tree: &LineTree, feature: &LineFeature) -> Vec<Vec<[f64; 3]>> {
+    let line = |line: &Vec<[i32; 3]>| line.iter().map(|vertex| tree.grid().to_world(*vertex)).collect();
+    feature.lines.iter().map(line).collect()
+}
+
+/// Returns bounds of a layer: those in x and y, zeros if there are none.
+fn in_plane(bounds: Option<[[f64; 3]; 2]>) -> [[f64; 2]; 2] {
+    bounds.unwrap_or_default().map(|[x, y, _]| [x, y])
 }
