@@ -67,8 +67,11 @@ def test_a_killed_worker_loses_only_its_shards(tmp_path: Path, client: Any) -> N
         for least in (1, 5):
             while not stop.is_set() and (not directory.exists() or len(list(directory.glob("*.summary"))) < least):
                 time.sleep(0.01)
-            pids = list(client.run(os.getpid).values())
-            if pids and not stop.is_set():
+            # One worker stays: a cluster does not always replace all of them on a busy machine, and
+            # tasks then wait for workers.
+            while not stop.is_set() and len(pids := list(client.run(os.getpid).values())) < 2:
+                time.sleep(0.1)
+            if not stop.is_set():
                 killed.append(pids[least % len(pids)])
                 os.kill(killed[-1], signal.SIGKILL)
 

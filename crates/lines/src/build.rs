@@ -49,31 +49,34 @@ pub struct LineBuildSummary {
     pub length: f64,
 }
 
-/// Bytes of a segment in the sorter: its ends, feature, vertex and level.
-const ROW: usize = 37;
 /// Approximate bytes of features per block.
 const FEATURE_BYTES: usize = 1 << 20;
 /// Blocks of features per parallel batch, and segments per parallel batch.
 const JOBS: usize = 8;
 const TOGETHER: usize = 1 << 18;
 
-fn to_row(segment: &LineSegment) -> Vec<u8> {
-    let mut row = Vec::with_capacity(ROW);
-    segment.ends.iter().flatten().for_each(|number| row.extend_from_slice(&number.to_le_bytes()));
+/// Writes a segment of two or three axes for the sorter: feature, vertex, first level and ends.
+fn to_row(segment: &LineSegment, axes: usize, row: &mut Vec<u8>) {
+    row.clear();
     row.extend_from_slice(&segment.feature.to_le_bytes());
     row.extend_from_slice(&segment.vertex.to_le_bytes());
     row.push(segment.first);
-    row
+    let numbers = segment.ends.iter().flat_map(|end| &end[..axes]);
+    numbers.for_each(|number| row.extend_from_slice(&number.to_le_bytes()));
 }
 
-fn from_row(row: &[u8]) -> LineSegment {
+fn from_row(row: &[u8], axes: usize) -> LineSegment {
     let four = |at: usize| std::array::from_fn(|byte| row[at + byte]);
-    let end = |at: usize| std::array::from_fn(|axis| i32::from_le_bytes(four(at + 4 * axis)));
+    let mut ends = [[0; 3]; 2];
+    let numbers = ends.iter_mut().flat_map(|end| &mut end[..axes]);
+    for (index, number) in numbers.enumerate() {
+        *number = i32::from_le_bytes(four(13 + 4 * index));
+    }
     LineSegment {
-        ends: [end(0), end(12)],
-        feature: u64::from_le_bytes(std::array::from_fn(|byte| row[24 + byte])),
-        vertex: u32::from_le_bytes(four(32)),
-        first: row[36],
+        ends,
+        feature: u64::from_le_bytes(std::array::from_fn(|byte| row[byte])),
+        vertex: u32::from_le_bytes(four(8)),
+        first: row[12],
     }
 }
 
@@ -155,7 +158,7 @@ pub fn build(
         Assembler { leaf_size: options.leaf_size, open: Vec::new(), made: Vec::new(), rows: 0 };
     let mut totals = Totals { grid: &grid, writer, open: Vec::new(), closed: Vec::new() };
     rows.finish(&mut |row| {
-        let segment = from_row(row);
+        let segment = from_row(row, grid.axes());
         let code = grid.code(segment.ends).unwrap_or(Code::root(grid.dimension));
         assembler.add(code, segment);
         if assembler.rows > TOGETHER {
@@ -182,6 +185,7 @@ fn read(
 ) -> Result<u64> {
     let (attributes, axes) = (source.schema().attributes.len(), grid.axes());
     let (mut number, mut bytes, mut vertices) = (0u64, 0, 0);
+    let mut row = Vec::new();
     let mut blocks: Vec<(u64, Vec<LineFeature>)> = vec![(0, Vec::new())];
     let write = |blocks: Vec<(u64, Vec<LineFeature>)>, writer: &mut LineWriter| {
         let encoded = parallel::map(&blocks, |(_, features)| encode_features(features, attributes, axes));
@@ -223,7 +227,8 @@ fn read(
             return Err(Error::corrupt(source.path(), format!("feature {}", number + 1), found, expected));
         };
         for (code, segment) in segments {
-            rows.push(code.bits(), &to_row(&segment))?;
+            to_row(&segment, axes, &mut row);
+            rows.push(code.bits(), &row)?;
         }
         let heavy = weight(&feature);
         let last = &blocks[blocks.len() - 1].1;
