@@ -230,14 +230,16 @@ pub mod geometry {
     };
 }
 
-/// Binary space partitions: bintrees, which halve blocks of cells, and BSP trees of the plane and
-/// of space.
+/// Structures of the literature in memory: bintrees, which halve blocks of cells; BSP trees of the
+/// plane and of space; PM quadtrees of edges; trees that are divided at their points.
 #[cfg(feature = "brep")]
 pub mod partitions {
     pub use spinney_partitions::bintree::{Bintree, BintreeNode, Halving, MAX_CELLS};
     pub use spinney_partitions::bsp::{
         Bsp, BspBlocks, BspFragment, BspItem, BspNode, Division, MAX_FRAGMENTS,
     };
+    pub use spinney_partitions::divided_points::{DividedPoint, DividedPoints, PointDivision};
+    pub use spinney_partitions::edges::{EdgeLeaf, EdgeTree, EdgeTreeCounts, PmRule};
     pub use spinney_partitions::preorder::BinaryNode;
 }
 

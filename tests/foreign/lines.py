@@ -107,7 +107,7 @@ class Lines:
         self._read_blocks(spans(data, self.header)[b"LBLK"][0])
 
     def _read_lines(self, b: Bytes) -> None:
-        if b.unsigned() != 1:
+        if b.unsigned() != 2:
             raise Unknown("lines of another version")
         self.features, self.segments, self.leaf_size = (b.unsigned() for _ in range(3))
         self.scale, self.offset = b.get("3d"), b.get("3d")

@@ -78,16 +78,16 @@ fn dump_gives_the_literature_back() {
         [10, 1, 2, 1, 1, 11],
     ];
     assert_eq!(rows, expected);
-    assert!(stdout(&["dump", &trees.classic, "--df"]).starts_with("GG1G1333"));
+    assert!(stdout(&["dump", &trees.classic, "--as", "df"]).starts_with("GG1G1333"));
     let codes = stdout(&["dump", &trees.classic, "--codes"]);
     assert_eq!(codes.lines().count(), 31);
-    assert!(stdout(&["dump", &trees.octree, "--df"]).starts_with('M'));
+    assert!(stdout(&["dump", &trees.octree, "--as", "df"]).starts_with('M'));
     let message = complaint(&["dump", &trees.octree, "--limit", "1"], 1);
     assert!(
         message.contains(&format!("{}: tree: got ", trees.octree)) && message.contains("at most 1"),
         "{message}"
     );
-    complaint(&["dump", &trees.classic, "--df", "--codes"], 2);
+    complaint(&["dump", &trees.classic, "--as", "df", "--codes"], 2);
 }
 
 #[test]

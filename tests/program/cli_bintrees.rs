@@ -1,4 +1,4 @@
-//! `spinney dump --bintree`, and `spinney build` of its output.
+//! `spinney dump --as bintree`, and `spinney build` of its output.
 
 use std::fs;
 
@@ -17,7 +17,7 @@ fn dumps_are_built_to_the_same_tree() {
         path("heights.goblin"),
     ] {
         for more in [&[][..], &["--adaptive"]] {
-            let text = stdout(&[&["dump", &tree, "--bintree"], more].concat());
+            let text = stdout(&[&["dump", &tree, "--as", "bintree"], more].concat());
             assert_eq!(text.lines().count(), 1);
             fs::write(path("text.bintree"), &text).unwrap();
             spinney(&["-q", "build", &path("text.bintree"), "-o", &path("again.goblin")]).success();
@@ -25,15 +25,15 @@ fn dumps_are_built_to_the_same_tree() {
                 stdout(&["dump", &path("again.goblin"), "--codes"]),
                 stdout(&["dump", &tree, "--codes"])
             );
-            assert_eq!(stdout(&[&["dump", &path("again.goblin"), "--bintree"], more].concat()), text);
+            assert_eq!(stdout(&[&["dump", &path("again.goblin"), "--as", "bintree"], more].concat()), text);
         }
     }
     assert!(
-        stdout(&["dump", &path("again.goblin"), "--bintree"])
+        stdout(&["dump", &path("again.goblin"), "--as", "bintree"])
             .starts_with("bintree:alternating:xy:8:f32:256x200 G")
     );
     // Through a view.
-    let turned = stdout(&["dump", &fixture("v1/classic.goblin"), "--bintree", "--view", "rotate=180"]);
+    let turned = stdout(&["dump", &fixture("v1/classic.goblin"), "--as", "bintree", "--view", "rotate=180"]);
     assert!(turned.starts_with("bintree:alternating:xy:3:u8:8x8 GG"), "{turned}");
 }
 

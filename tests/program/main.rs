@@ -62,6 +62,7 @@ mod cli_solids;
 mod cli_sources;
 #[cfg(feature = "cli")]
 mod cli_stacks;
+mod cli_structures;
 mod cli_styles;
 #[cfg(feature = "cli")]
 mod cli_tin;

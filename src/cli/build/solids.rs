@@ -46,15 +46,15 @@ pub(in crate::cli) struct SolidArgs {
     /// Unit of the model's coordinates, if the file has none: mm, cm, m, km, in or ft
     #[arg(long, value_parser = UNITS)]
     pub(super) unit: Option<String>,
-    /// Print how the surface was read and what it encloses
+    /// Print statistics: how the surface was read and what it encloses
     #[arg(long)]
     pub(super) stats: bool,
     /// Keep the faces unchanged, on a fine grid: an exact model instead of cells
     #[arg(long, conflicts_with_all = ["cells", "cell", "grid", "depth", "shell", "edge", "attribute", "share", "max_error"])]
     pub(super) brep: bool,
-    /// Faces that a leaf may have, whatever their planes have in common; 0 splits nodes until their
-    /// faces have a common point, as in the literature [default: 12]. For points and lines: points
-    /// [default: 50000] or line segments [default: 1024] of a leaf
+    /// Maximum number of faces in a leaf, whatever their planes have in common; 0 splits nodes
+    /// until their faces have a common point, as in the literature [default: 12]. For points and
+    /// lines: points [default: 50000] or line segments [default: 1024] of a leaf
     #[arg(long, value_name = "N")]
     pub(super) leaf_size: Option<usize>,
     /// Width of the grid units that vertices are moved to, such as 0.001 [default: the file's own

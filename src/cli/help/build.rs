@@ -18,7 +18,7 @@ TIFF, VRT, PNG, OpenEXR and SRTM .hgt files may have any size; JPEG, WebP, BMP, 
 Radiance HDR files must fit into --memory. Of several files the last lies on top.
 
 Other inputs with these options: Freeman chain codes of regions (.chain, docs/chain_codes.md); bintrees as \
-text (.bintree, the output of `dump --bintree`); a tree, which is built again with another --kind, --rule, \
+text (.bintree, the output of `dump --as bintree`); a tree, which is built again with another --kind, --rule, \
 --transform, --depth or --crs.",
     options: &[
         ("kind", ""),
@@ -149,7 +149,7 @@ Of CSG files, facets are within --deviation of curved surfaces.",
         ("skip-bad", ""),
         (
             "leaf-size",
-            "Faces that a leaf may have, whatever their planes have in common; 0 splits nodes until their faces \
+            "Maximum number of faces in a leaf, whatever their planes have in common; 0 splits nodes until their faces \
              have a common point, as in the literature [default: 12]",
         ),
         ("levels", ""),

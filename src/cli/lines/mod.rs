@@ -45,7 +45,7 @@ pub(super) fn window(tree: &LineTree, part: &PartOptions) -> Result<Option<[[f64
 }
 
 /// Coordinates of a position: x and y, and z in a tree with heights.
-fn coordinates<'a>(tree: &LineTree, position: &'a [f64; 3]) -> &'a [f64] {
+pub(super) fn coordinates<'a>(tree: &LineTree, position: &'a [f64; 3]) -> &'a [f64] {
     &position[..tree.grid().axes()]
 }
 

@@ -13,7 +13,7 @@ use spinney_container::VersionedSection;
 
 /// Maximum size of the section in bytes.
 const LIMIT: usize = 1 << 20;
-const SECTION: VersionedSection<LIMIT> = VersionedSection { name: "lines", version: 1 };
+const SECTION: VersionedSection<LIMIT> = VersionedSection { name: "lines", version: 2 };
 /// Maximum number of attributes.
 const MAX_ATTRIBUTES: usize = 4096;
 

@@ -4,7 +4,7 @@ use super::edge_tree::Edge;
 
 /// Rule for the edges of a leaf that could be divided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum PmRule {
+pub enum PmRule {
     /// One vertex with its edges, or a section of one edge: the PM1 quadtree, and the octree of
     /// edges.
     Pm1,
@@ -22,17 +22,13 @@ pub(crate) enum PmRule {
 impl PmRule {
     /// Returns whether a leaf may have these edges, all of which intersect it; `is_inside` tests
     /// whether a vertex is in the leaf.
-    pub(super) fn holds<const N: usize>(
-        self,
-        edges: &[Edge<N>],
-        is_inside: impl Fn([i32; N]) -> bool,
-    ) -> bool {
+    pub(super) fn holds(self, edges: &[Edge], is_inside: &dyn Fn([i64; 3]) -> bool) -> bool {
         let Some(first) = edges.first() else { return true };
         // The vertex inside, if there is one, and whether there is another one.
         let mut inside = edges.iter().flatten().filter(|vertex| is_inside(**vertex));
         let vertex = inside.next();
         let has_others = inside.any(|other| Some(other) != vertex);
-        let all_have = |vertex: &[i32; N]| edges.iter().all(|edge| edge.contains(vertex));
+        let all_have = |vertex: &[i64; 3]| edges.iter().all(|edge| edge.contains(vertex));
         match (self, vertex) {
             (PmRule::Pixels, _) => false,
             (PmRule::Bucket(most), _) if edges.len() <= most => true,

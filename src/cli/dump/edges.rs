@@ -1,0 +1,66 @@
+//! Trees of edges of the literature, of a tree of lines.
+
+use std::fmt::Write as _;
+
+use anyhow::{Result, bail};
+use spinney::lines::LineTree;
+use spinney::raw::io::shown;
+use spinney::raw::partitions::{EdgeTree, EdgeTreeCounts, PmRule};
+
+use super::super::lines::coordinates;
+
+/// Returns the structure as text, or its sizes.
+pub(super) fn text(tree: &LineTree, rule: PmRule, (limit, is_stats): (u64, bool)) -> Result<String> {
+    let grid = tree.grid();
+    if tree.segments() > limit {
+        bail!(
+            "{}: has {} segments, expected at most {limit}; raise --limit, or write a part with `spinney get`",
+            shown(tree.path()),
+            tree.segments()
+        );
+    }
+    let mut edges = Vec::new();
+    tree.features(&mut (0..tree.len()), &mut |_, feature| {
+        let vertex = |at: [i32; 3]| [0, 1, 2].map(|axis| i64::from(at[axis]) - i64::from(grid.corner[axis]));
+        let pairs = feature.lines.iter().flat_map(|line| line.windows(2));
+        edges.extend(pairs.map(|pair| [vertex(pair[0]), vertex(pair[1])]));
+        Ok(())
+    })?;
+    let structure = EdgeTree::of(rule, (grid.dimension, grid.bits), edges, limit as usize);
+    let Some(structure) = structure else {
+        bail!("{}: leaves have more than {limit} edges; raise --limit", shown(tree.path()))
+    };
+    let EdgeTreeCounts { empty, full, divided, stored, depth } = structure.counts();
+    let mut text = String::new();
+    if is_stats {
+        // A node is a symbol of two bits, an edge in a leaf the 32-bit number of a segment.
+        let bytes = (2 * (empty + full + divided)).div_ceil(8) + 4 * stored;
+        writeln!(text, "leaves      {full} with edges, {empty} without")?;
+        writeln!(text, "divided     {divided} nodes")?;
+        writeln!(text, "depth       {depth}")?;
+        writeln!(text, "edges       {stored} in leaves, {} in the file", tree.segments())?;
+        writeln!(text, "bytes       {bytes}, besides the edges' vertices")?;
+        let (nodes, blocks, _) = tree.counts();
+        let levels = tree.levels()?.len();
+        writeln!(
+            text,
+            "file        {nodes} nodes in {levels} levels, {blocks} blocks, {} bytes",
+            tree.bytes()
+        )?;
+        return Ok(text);
+    }
+    writeln!(text, "{}", structure.to_df_expression())?;
+    let world = |at: [i64; 3]| {
+        let at = [0, 1, 2].map(|axis| (at[axis] + i64::from(grid.corner[axis])) as i32);
+        let numbers = grid.to_world(at);
+        coordinates(tree, &numbers).iter().map(f64::to_string).collect::<Vec<_>>().join(",")
+    };
+    for leaf in structure.leaves() {
+        write!(text, "{}\t{}", world(leaf.corner), leaf.side as f64 * grid.scale[0])?;
+        for [a, b] in leaf.edges {
+            write!(text, "\t{} {}", world(a), world(b))?;
+        }
+        text.push('\n');
+    }
+    Ok(text)
+}
