@@ -185,6 +185,10 @@ fn edges_of_meshes_are_lines() {
     assert_eq!(json(&["info", &raised, "--json"])["bounds"][0], serde_json::json!([0.0, -1.0, 0.0]));
     let text = complaint(&["build", &mesh, "-o", &raised, "--index", "lines", "--where", "n=1"], 1);
     assert!(text.contains("--where"), "{text}");
+    // Lines of an OBJ file are no faces.
+    let lines = files.write("lines.obj", "v 0 0 0\nv 1 0 0\nl 1 2\n");
+    let text = complaint(&["build", &lines, "-o", &raised, "--index", "lines"], 1);
+    assert!(text.contains("found none with vertices, expected a model with faces"), "{text}");
     let broken = files.write("broken.ply", "ply\nformat ascii 1.0\nelement vertex 1\n");
     complaint(&["build", &broken, "-o", &raised, "--index", "lines"], 1);
     let other = files.write("other.txt", "neither");

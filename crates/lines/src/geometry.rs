@@ -92,10 +92,12 @@ pub(crate) fn box_of([a, b]: [FixedPosition; 2]) -> [FixedPosition; 2] {
     [std::array::from_fn(|axis| a[axis].min(b[axis])), std::array::from_fn(|axis| a[axis].max(b[axis]))]
 }
 
-/// Box that is extended by a distance along all axes.
+/// Box of positions that is extended by a distance along all axes.
 #[inline]
-pub(crate) fn extended([low, high]: [FixedPosition; 2], by: i64) -> [FixedPosition; 2] {
-    [low.map(|number| number.saturating_sub(by)), high.map(|number| number.saturating_add(by))]
+pub(crate) fn extended([low, high]: [FixedPosition; 2], by: f64) -> [FixedPosition; 2] {
+    // All positions are within 2^52; differences must not overflow.
+    let by = by.ceil().min((1u64 << 54) as f64) as i64;
+    [low.map(|number| number - by), high.map(|number| number + by)]
 }
 
 /// Whether a line segment intersects a box, including its border. Tests the separating axes: the

@@ -243,6 +243,8 @@ fn crossings_equal_those_of_a_full_scan() {
             }
         }
         assert!(count > 2000, "{count}");
+        let all = tree.crossings(&[vec![[0.0; 3], [1e300, -1e300, 1e300]]], 1e300, &()).unwrap();
+        assert_eq!(all.len() as u64, tree.segments());
         for within in [-1.0, f64::NAN, f64::INFINITY] {
             assert!(tree.crossings(&[], within, &()).is_err());
         }

@@ -124,7 +124,7 @@ impl LineTree {
             let near = |bounds| -> Vec<u32> {
                 let is_near = |segment: &u32| {
                     let OtherSegment { ends, axes } = segments[*segment as usize];
-                    meets_box(ends, extended(axes.of(fixed_box(bounds)), within.ceil() as i64))
+                    meets_box(ends, extended(axes.of(fixed_box(bounds)), within))
                 };
                 wanted.iter().copied().filter(is_near).collect()
             };
@@ -156,7 +156,7 @@ impl LineTree {
         let mut found = Vec::new();
         for number in wanted {
             let OtherSegment { ends: line, axes } = segments[*number as usize];
-            let mut around = extended(box_of(line), within.ceil() as i64);
+            let mut around = extended(box_of(line), within);
             if axes == LineAxes::Plane {
                 (around[0][2], around[1][2]) = (i64::MIN, i64::MAX);
             }

@@ -89,7 +89,8 @@ impl Edge {
 /// between equal vertices are left out. Sorts edges within the memory limit.
 ///
 /// # Errors
-/// If the mesh cannot be read, does not fit on a grid, or the temporary file cannot be written.
+/// If the mesh has no faces, cannot be read or does not fit on a grid, or the temporary file cannot
+/// be written.
 pub fn open_mesh_edges(
     model: &mut dyn Model,
     options: &EdgeOptions,
@@ -98,10 +99,15 @@ pub fn open_mesh_edges(
     let ModelInfo { path, crs, parts, .. } = model.info().clone();
     let (up, crs) = (model.info().up(options.up), options.crs.clone().or(crs));
     let mut survey = VertexSurvey::default();
+    let mut is_empty = true;
     each_face(model, progress, &mut |face| {
+        is_empty = false;
         face.points.iter().for_each(|point| survey.include(up.to_z_up(*point)));
         Ok(())
     })?;
+    if is_empty {
+        return Err(Error::corrupt(path, "faces", "none with vertices", "a model with faces"));
+    }
     let grid = survey.grid(&path, crs.as_ref())?;
     let mut sorter = Sorter::new(directory_of(&options.output), options.memory);
     each_face(model, progress, &mut |face| {
