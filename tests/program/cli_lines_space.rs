@@ -150,7 +150,10 @@ fn heights_that_some_lines_lack_and_degrees_are_no_lengths() {
     let info = json(&["info", &tree, "--json"]);
     assert_eq!((&info["tree"], &info["length"]), (&"octree of lines".into(), &0.05.into()));
     assert_eq!(info["scale"], serde_json::json!([0.01, 0.01, 0.01]));
-    assert!(stdout(&["info", &tree]).contains("length 0.05 in x and y"));
+    assert_eq!(info["length_axes"], 2);
+    for command in ["info", "stats"] {
+        assert!(stdout(&[command, &tree]).contains("length 0.05 in x and y"), "{command}");
+    }
     assert!(stdout(&["point", &tree, "7.03,46.04,0"]).starts_with("1\t0\t7.03,46.04,3000.25"));
     assert_eq!(stdout(&["stats", &tree, "--window", "7,46,3000,8,47,3001"]), "features    1\n");
     assert_eq!(stdout(&["stats", &tree, "--window", "7,46,3001,8,47,3002"]), "features    0\n");
@@ -185,6 +188,9 @@ fn edges_of_meshes_are_lines() {
     assert_eq!(json(&["info", &raised, "--json"])["bounds"][0], serde_json::json!([0.0, -1.0, 0.0]));
     let text = complaint(&["build", &mesh, "-o", &raised, "--index", "lines", "--where", "n=1"], 1);
     assert!(text.contains("--where"), "{text}");
+    let coloured = files.write("coloured.obj", "v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nf 1 2 3\n");
+    let warned = stderr(spinney(&["build", &coloured, "-o", &raised, "--index", "lines"]));
+    assert!(warned.contains("a tree of edges does not have colours: not stored"), "{warned}");
     // Lines of an OBJ file are no faces.
     let lines = files.write("lines.obj", "v 0 0 0\nv 1 0 0\nl 1 2\n");
     let text = complaint(&["build", &lines, "-o", &raised, "--index", "lines"], 1);

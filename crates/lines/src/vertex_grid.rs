@@ -33,8 +33,7 @@ impl VertexSurvey {
     }
 
     /// Returns the grid of a tree of these vertices. It has three axes if all vertices have
-    /// heights.
-    /// `path` is that of the source, for messages.
+    /// heights. `path` is that of the source, for messages.
     ///
     /// # Errors
     /// If the vertices do not fit on a grid.

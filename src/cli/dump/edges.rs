@@ -12,13 +12,7 @@ use super::super::lines::coordinates;
 /// Returns the structure as text, or its sizes.
 pub(super) fn text(tree: &LineTree, rule: PmRule, (limit, is_stats): (u64, bool)) -> Result<String> {
     let grid = tree.grid();
-    if tree.segments() > limit {
-        bail!(
-            "{}: has {} segments, expected at most {limit}; raise --limit, or write a part with `spinney get`",
-            shown(tree.path()),
-            tree.segments()
-        );
-    }
+    super::check_count(tree.path(), tree.segments(), "segments", limit)?;
     let mut edges = Vec::new();
     tree.features(&mut (0..tree.len()), &mut |_, feature| {
         let vertex = |at: [i32; 3]| [0, 1, 2].map(|axis| i64::from(at[axis]) - i64::from(grid.corner[axis]));

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use anyhow::{Result, bail, ensure};
 use clap::ValueEnum as _;
+use spinney::raw::io::shown;
 use spinney::raw::partitions::{Bintree, PmRule, PointDivision};
 
 use super::args::ViewedTree;
@@ -154,6 +155,16 @@ fn unfit(file: &Path, kind: &str, structure: Option<Structure>, expected: &str) 
     let value = structure.and_then(|structure| structure.to_possible_value());
     let found = value.as_ref().map_or("nothing", |value| value.get_name());
     bail!("--as: got {found}, expected {expected} for {}, which is {kind}", file.display())
+}
+
+/// Refuses trees with too many items.
+fn check_count(path: &Path, count: u64, what: &str, limit: u64) -> Result<()> {
+    ensure!(
+        count <= limit,
+        "{}: has {count} {what}, expected at most {limit}; raise --limit, or write a part with `spinney get`",
+        shown(path)
+    );
+    Ok(())
 }
 
 fn print(mut text: String) -> Result<()> {

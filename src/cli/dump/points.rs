@@ -2,9 +2,8 @@
 
 use std::fmt::Write as _;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use spinney::points::{PointTree, Selection};
-use spinney::raw::io::shown;
 use spinney::raw::partitions::{DividedPoint, DividedPoints, PointDivision};
 
 /// Returns the structure as text, or its sizes.
@@ -13,13 +12,7 @@ pub(super) fn text(
     division: PointDivision,
     (limit, is_stats): (u64, bool),
 ) -> Result<String> {
-    if tree.len() > limit {
-        bail!(
-            "{}: has {} points, expected at most {limit}; raise --limit, or write a part with `spinney get`",
-            shown(tree.path()),
-            tree.len()
-        );
-    }
+    super::check_count(tree.path(), tree.len(), "points", limit)?;
     let mut points = Vec::new();
     tree.select(&Selection::default(), Some(&[]), &(), &mut |columns| {
         points.extend((0..columns.len()).map(|point| columns.position(point)));
@@ -42,8 +35,8 @@ pub(super) fn text(
     }
     for DividedPoint { depth, side, point, count } in nodes {
         let world = grid.to_world(point);
-        let place: Vec<String> = world[..axes].iter().map(f64::to_string).collect();
-        writeln!(text, "{depth}\t{}\t{}\t{count}", name(side, (depth, axes), division), place.join(","))?;
+        let numbers: Vec<String> = world[..axes].iter().map(f64::to_string).collect();
+        writeln!(text, "{depth}\t{}\t{}\t{count}", name(side, (depth, axes), division), numbers.join(","))?;
     }
     Ok(text)
 }

@@ -10,7 +10,7 @@ use spinney::raw::lines::LevelTotals;
 
 use super::super::report::quantity::counted;
 use super::super::report::{print_json, print_text};
-use super::coordinates;
+use super::{coordinates, is_in_plane, length_axes, lengths};
 
 /// Prints the contents of a tree of lines; with `levels` also the nodes of each level.
 pub(crate) fn info(tree: &LineTree, levels: bool, is_json: bool) -> Result<()> {
@@ -38,6 +38,7 @@ fn as_json(tree: &LineTree, levels: &[LevelTotals]) -> Result<serde_json::Value>
         "features": tree.len(),
         "segments": tree.segments(),
         "length": tree.length()?,
+        "length_axes": length_axes(tree),
         "bounds": tree.bounds()?.map(|bounds| bounds.map(|corner| coordinates(tree, &corner).to_vec())),
         "leaf_size": tree.leaf_size(),
         "nodes": nodes,
@@ -58,11 +59,6 @@ fn kind(tree: &LineTree) -> &'static str {
     if tree.grid().axes() == 3 { "octree of lines" } else { "quadtree of lines" }
 }
 
-/// Whether there are heights that do not count in lengths.
-fn is_in_plane(tree: &LineTree) -> bool {
-    tree.grid().axes() == 3 && !tree.grid().measures_space()
-}
-
 fn joined(numbers: &[f64]) -> String {
     numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(", ")
 }
@@ -72,8 +68,7 @@ fn as_text(tree: &LineTree, levels: &[LevelTotals], with_levels: bool) -> Result
     writeln!(text, "{}", shown(tree.path()))?;
     writeln!(text, "format      Goblin, {}", kind(tree))?;
     writeln!(text, "features    {}", tree.len())?;
-    let plane = if is_in_plane(tree) { " in x and y" } else { "" };
-    writeln!(text, "lines       {} segments, length {}{plane}", tree.segments(), tree.length()?)?;
+    writeln!(text, "lines       {}", lengths(tree)?)?;
     if let Some(bounds) = tree.bounds()? {
         let [low, high] = bounds.map(|corner| joined(coordinates(tree, &corner)));
         writeln!(text, "bounds      {low} to {high}")?;

@@ -49,6 +49,22 @@ pub(super) fn coordinates<'a>(tree: &LineTree, position: &'a [f64; 3]) -> &'a [f
     &position[..tree.grid().axes()]
 }
 
+/// Whether there are heights that do not count in lengths.
+fn is_in_plane(tree: &LineTree) -> bool {
+    tree.grid().axes() == 3 && !tree.grid().measures_space()
+}
+
+/// Number of axes that lengths and distances combine.
+fn length_axes(tree: &LineTree) -> usize {
+    if tree.grid().measures_space() { 3 } else { 2 }
+}
+
+/// Returns the number and the length of segments as text.
+fn lengths(tree: &LineTree) -> Result<String> {
+    let plane = if is_in_plane(tree) { " in x and y" } else { "" };
+    Ok(format!("{} segments, length {}{plane}", tree.segments(), tree.length()?))
+}
+
 /// Splits a comma-separated list of names.
 pub(super) fn names(text: Option<&str>) -> Option<Vec<String>> {
     text.map(|text| text.split(',').map(|name| name.trim().to_owned()).collect())

@@ -11,6 +11,7 @@ use spinney::raw::lines::{join_crossing_lines, join_nearest_lines};
 use super::super::Global;
 use super::super::args::{check_output, vector_format_of};
 use super::super::report::{Work, print_json, print_text, report_output};
+use super::{length_axes, lengths};
 
 /// Prints the number of features and lines, and their length; with a window only of features that
 /// pass through it.
@@ -23,10 +24,10 @@ pub(crate) fn stats(
     let Some(window) = window else {
         let (features, segments, length) = (tree.len(), tree.segments(), tree.length()?);
         return match is_json {
-            true => print_json(&json!({ "features": features, "segments": segments, "length": length })),
-            false => print_text(&format!(
-                "features    {features}\nlines       {segments} segments, length {length}\n"
-            )),
+            true => print_json(&json!({
+                "features": features, "segments": segments, "length": length, "length_axes": length_axes(tree)
+            })),
+            false => print_text(&format!("features    {features}\nlines       {}\n", lengths(tree)?)),
         };
     };
     let work = Work::start(global, "blocks")?;

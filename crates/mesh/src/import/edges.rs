@@ -129,7 +129,16 @@ pub fn open_mesh_edges(
     let attribute = |name: &str, kind| LineAttribute { name: name.into(), kind };
     let attributes = vec![attribute("object", ValueKind::Text), attribute("faces", ValueKind::Integer)];
     let schema = LineSchema::new(&grid, attributes, crs);
-    let (is_rounded, remarks) = (grid.is_rounded(), model.remarks());
+    let (is_rounded, mut remarks) = (grid.is_rounded(), model.remarks());
+    let info = model.info();
+    let has_attributes = info.attributes.parts() > 0;
+    let losses = [
+        (info.unit.is_some(), "the unit of length"),
+        (info.is_coloured, "colours"),
+        (has_attributes, "attributes of objects"),
+    ];
+    let lost = losses.into_iter().filter(|(is_lost, _)| *is_lost);
+    remarks.extend(lost.map(|(_, what)| format!("a tree of edges does not have {what}: not stored")));
     Ok(MeshEdges { path, schema, parts, is_rounded, remarks, edges })
 }
 
@@ -158,7 +167,8 @@ fn distinct(
 ) -> Result<BufReader<File>> {
     let failed = || Error::io(directory, "use a temporary file");
     let mut out = BufWriter::new(tempfile::tempfile_in(directory).map_err(failed())?);
-    // Different edges of one key, in the order of their first faces.
+    // Invariant: equal edges have equal keys, so they are in one group. The group has different
+    // edges of one key, in the order of their first faces; a hash in the key keeps it small.
     let mut group: Vec<Edge> = Vec::new();
     let mut key = 0;
     let mut write = |group: &mut Vec<Edge>| {
