@@ -49,7 +49,7 @@ pub mod tree {
 
     /// DF-expressions: trees in text form and in binary form.
     pub mod df {
-        pub use spinney_engine::tree::df::{Packed, from_packed, from_text, to_packed, to_text};
+        pub use spinney_engine::tree::df::{from_text, to_packed, to_text};
     }
 }
 
@@ -236,11 +236,12 @@ pub mod geometry {
 pub mod partitions {
     pub use spinney_partitions::bintree::{Bintree, BintreeNode, Halving, MAX_CELLS};
     pub use spinney_partitions::bsp::{
-        Bsp, BspBlocks, BspFragment, BspItem, BspNode, Division, MAX_FRAGMENTS,
+        Bsp, BspBlocks, BspFragment, BspItem, BspNode, Division, MAX_FRAGMENTS, PlaneText,
     };
     pub use spinney_partitions::divided_points::{DividedPoint, DividedPoints, PointDivision};
     pub use spinney_partitions::edges::{EdgeLeaf, EdgeTree, EdgeTreeCounts, PmRule};
     pub use spinney_partitions::preorder::BinaryNode;
+    pub use spinney_partitions::{DfText, SolidText, df_head, extended_octree_text};
 }
 
 /// Surfaces over the plane as triangulated irregular networks (TIN), and the layers between them.

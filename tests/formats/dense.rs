@@ -200,7 +200,8 @@ fn check_strings(file: Goblin, tree: &MemTree) {
     let text = file.leaf_codes(1 << 20).unwrap();
     let codes: Vec<&str> = text.lines().map(|line| line.split(' ').nth(1).unwrap()).collect();
     assert_eq!(codes, leaves);
-    assert_eq!(file.df_text(1 << 20).unwrap(), df::to_text(tree, None).unwrap());
+    let full = tree.form().value.splat(255u8);
+    assert_eq!(file.df_text(1 << 20).unwrap(), df::to_text(tree, full).unwrap());
 }
 
 #[test]

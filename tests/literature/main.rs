@@ -21,6 +21,8 @@ mod predictive;
 mod quadtrees;
 #[cfg(feature = "reconstruction")]
 mod reconstruction;
+#[cfg(feature = "cli")]
+mod solid_text;
 #[path = "../../examples/literature/mod.rs"]
 mod structures;
 #[cfg(feature = "vector")]

@@ -78,10 +78,10 @@ fn dump_gives_the_literature_back() {
         [10, 1, 2, 1, 1, 11],
     ];
     assert_eq!(rows, expected);
-    assert!(stdout(&["dump", &trees.classic, "--as", "df"]).starts_with("GG1G1333"));
+    assert!(stdout(&["dump", &trees.classic, "--as", "df"]).starts_with("df:xy:3:u8:8x8 GG1G1333"));
     let codes = stdout(&["dump", &trees.classic, "--codes"]);
     assert_eq!(codes.lines().count(), 31);
-    assert!(stdout(&["dump", &trees.octree, "--as", "df"]).starts_with('M'));
+    assert!(stdout(&["dump", &trees.octree, "--as", "df"]).starts_with("df:xyz:"));
     let message = complaint(&["dump", &trees.octree, "--limit", "1"], 1);
     assert!(
         message.contains(&format!("{}: tree: got ", trees.octree)) && message.contains("at most 1"),

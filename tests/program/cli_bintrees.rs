@@ -60,7 +60,7 @@ fn invalid_bintrees_are_rejected() {
         (&["--depth", "5"], "--depth"),
         (&["--grid", "xyz"], "--grid"),
         (&["--cells", "64"], "which --cells needs"),
-        (&[text.as_str()], "got 2 inputs, expected one bintree"),
+        (&[text.as_str()], "got 2 inputs, expected one expression"),
     ] {
         let said = refused(good, more);
         assert!(said.contains(expected), "{said}");

@@ -1,6 +1,6 @@
 //! Faces on a model's grid, and sources of faces.
 
-use super::Grid;
+use super::{ExactPlane, Grid};
 use crate::exact::normal::{newell, ring_normal};
 use crate::exact::vector::{cross, dot};
 use crate::query::MassSums;
@@ -48,7 +48,14 @@ impl Face<'_> {
 
     /// Returns whether the face has an area.
     pub fn has_area(&self) -> bool {
-        self.rings().next().is_some_and(|ring| ring_normal(ring) != [0; 3])
+        self.plane().is_some()
+    }
+
+    /// Returns the plane of the face, whose front is outside; `None` if the face has no area.
+    pub fn plane(&self) -> Option<ExactPlane> {
+        let ring = self.rings().next()?;
+        let normal = ring_normal(ring);
+        (normal != [0; 3]).then(|| ExactPlane::through(ring[0], normal))
     }
 
     /// Returns six times the signed volume between the face and the grid's first point, in cubed

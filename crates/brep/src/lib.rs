@@ -30,7 +30,7 @@ pub mod surface_intersection;
 pub mod topology;
 mod triangulated;
 
-pub use arrangement::{ExactPlane, ExactPoint};
+pub use arrangement::{ExactPlane, ExactPoint, UnitedVertex, unite_facets};
 pub use attributes::Attributes;
 pub use body_check::body_flaw;
 pub use build::format_position;

@@ -6,6 +6,15 @@
 
 pub mod bintree;
 pub mod bsp;
+mod cell_head;
+mod df_text;
 pub mod divided_points;
 pub mod edges;
+mod extended_octree;
 pub mod preorder;
+mod solid_text;
+mod text_file;
+
+pub use df_text::{DfText, df_head};
+pub use extended_octree::extended_octree_text;
+pub use solid_text::SolidText;

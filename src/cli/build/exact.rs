@@ -131,7 +131,8 @@ fn repaired(done: &Repair, unit: &str) -> Lines {
     lines
 }
 
-fn lines(report: &ExactReport, stats: bool) -> Lines {
+/// Returns lines about a model.
+pub(super) fn lines(report: &ExactReport, stats: bool) -> Lines {
     let unit = report.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
     let grid = &report.grid;
     let moved = match report.displacement {

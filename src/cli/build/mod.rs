@@ -1,9 +1,10 @@
 //! `spinney build`: trees of rasters, volumes, solids and features.
 
-mod bintree;
 mod csg;
 mod exact;
+mod expression;
 mod features;
+mod half_spaces;
 mod lines;
 pub(super) mod points;
 mod rasters;
@@ -34,10 +35,11 @@ use spinney::raw::reconstruction::{ReconstructionImport, is_views_name};
 use spinney::raw::store::{TreeFormat, check_tree_name, file_is_tree};
 use spinney::{Crs, Output, WarpOptions};
 
-use self::bintree::BintreeImport;
 use self::csg::PrimitivesImport;
 use self::exact::ExactImport;
+use self::expression::ExpressionImport;
 use self::features::{FeatureArgs, Index};
+use self::half_spaces::HalfSpaceImport;
 pub(super) use self::rasters::{Pages, RasterArgs};
 pub(super) use self::solids::SolidArgs;
 use self::surfaces::{SurfaceArgs, SurfaceImport};
@@ -167,7 +169,9 @@ enum Import {
     Points(Box<PointImport>),
     Lines(Box<LineImport>),
     Tree(Box<TreeImport>),
-    Bintree(Box<BintreeImport>),
+    Expression(Box<ExpressionImport>),
+    /// A solid of half-spaces: a BSP tree, or an octree with planes in its leaves.
+    HalfSpaces(Box<HalfSpaceImport>),
 }
 
 /// Fails if inputs are of different kinds, of which no tree can be built. Files are read only if
@@ -202,7 +206,8 @@ fn input_kind(input: &Path, access: &FileAccess) -> Result<&'static str> {
     let by_name = [
         ("a point cloud", is_las_file(input)),
         ("a feature file", is_feature_file(input)),
-        ("a bintree", BintreeImport::is_one(input)),
+        ("a solid of half-spaces", HalfSpaceImport::is_one(input)),
+        ("a DF-expression", ExpressionImport::is_one(input)),
         ("a solid of primitives (CSG)", Csg::is_name(input)),
         ("a solid of views", is_views_name(input)),
     ];
@@ -245,7 +250,8 @@ impl Import {
             Import::Points(import) => import.description(),
             Import::Lines(import) => import.description(),
             Import::Tree(import) => import.description(),
-            Import::Bintree(import) => import.description(),
+            Import::Expression(import) => import.description(),
+            Import::HalfSpaces(import) => import.description(),
         }
     }
 
@@ -320,10 +326,11 @@ impl Import {
                 import.build(output, progress)?;
                 Ok(Lines::new())
             }
-            Import::Bintree(import) => {
+            Import::Expression(import) => {
                 import.build(output, progress)?;
                 Ok(Lines::new())
             }
+            Import::HalfSpaces(import) => import.build(output, progress),
         }
     }
 }
@@ -366,9 +373,13 @@ impl Args {
                 inputs[0].display()
             );
         }
-        if let Some(bintree) = inputs.iter().find(|input| BintreeImport::is_one(input)) {
-            solids.refuse(bintree)?;
-            return Ok(Import::Bintree(Box::new(BintreeImport::plan(inputs, rasters, common)?)));
+        if inputs.iter().any(|input| HalfSpaceImport::is_one(input)) {
+            let import = HalfSpaceImport::plan(inputs, (rasters, solids, common))?;
+            return Ok(Import::HalfSpaces(Box::new(import)));
+        }
+        if let Some(expression) = inputs.iter().find(|input| ExpressionImport::is_one(input)) {
+            solids.refuse(expression)?;
+            return Ok(Import::Expression(Box::new(ExpressionImport::plan(inputs, rasters, common)?)));
         }
         if inputs.iter().any(|input| Csg::is_name(input)) {
             let import = PrimitivesImport::plan(inputs, output, (rasters, solids, common))?;

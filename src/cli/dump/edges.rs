@@ -2,12 +2,54 @@
 
 use std::fmt::Write as _;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
+use spinney::Dimension;
 use spinney::lines::LineTree;
 use spinney::raw::io::shown;
-use spinney::raw::partitions::{EdgeTree, EdgeTreeCounts, PmRule};
+use spinney::raw::partitions::{Bsp, EdgeTree, EdgeTreeCounts, PmRule};
 
 use super::super::lines::coordinates;
+
+/// Returns the BSP tree of lines in the plane as text, or its sizes.
+pub(super) fn bsp_text(tree: &LineTree, (limit, is_stats): (u64, bool)) -> Result<String> {
+    let grid = tree.grid();
+    super::check_count(tree.path(), tree.segments(), "segments", limit)?;
+    ensure!(
+        grid.dimension == Dimension::Quad,
+        "--as bsp: {} has lines in space, which divide nothing; expected lines in the plane, or an exact model",
+        shown(tree.path())
+    );
+    let mut edges = Vec::new();
+    tree.features(&mut (0..tree.len()), &mut |_, feature| {
+        let vertex = |at: [i32; 3]| [0, 1].map(|axis| at[axis].wrapping_sub(grid.corner[axis]));
+        let pairs = feature.lines.iter().flat_map(|line| line.windows(2));
+        edges.extend(pairs.map(|pair| [vertex(pair[0]), vertex(pair[1])]).filter(|[from, to]| from != to));
+        Ok(())
+    })?;
+    let structure = Bsp::of_segments(&edges)?;
+    let mut text = String::new();
+    if is_stats {
+        super::push_bsp_stats(&mut text, &structure)?;
+        push_file_stats(&mut text, tree)?;
+        return Ok(text);
+    }
+    let corner = grid.to_world(grid.corner);
+    writeln!(
+        text,
+        "# lines A B C in grid units of {} x {} from {},{}; the front is where A x + B y + C is not negative",
+        grid.scale[0], grid.scale[1], corner[0], corner[1]
+    )?;
+    structure.push_nodes(&mut text);
+    Ok(text)
+}
+
+/// Appends the sizes of the file's own tree.
+fn push_file_stats(text: &mut String, tree: &LineTree) -> Result<()> {
+    let (nodes, blocks, _) = tree.counts();
+    let levels = tree.levels()?.len();
+    writeln!(text, "file        {nodes} nodes in {levels} levels, {blocks} blocks, {} bytes", tree.bytes())?;
+    Ok(())
+}
 
 /// Returns the structure as text, or its sizes.
 pub(super) fn text(tree: &LineTree, rule: PmRule, (limit, is_stats): (u64, bool)) -> Result<String> {
@@ -34,13 +76,7 @@ pub(super) fn text(tree: &LineTree, rule: PmRule, (limit, is_stats): (u64, bool)
         writeln!(text, "depth       {depth}")?;
         writeln!(text, "edges       {stored} in leaves, {} in the file", tree.segments())?;
         writeln!(text, "bytes       {bytes}, besides the edges' vertices")?;
-        let (nodes, blocks, _) = tree.counts();
-        let levels = tree.levels()?.len();
-        writeln!(
-            text,
-            "file        {nodes} nodes in {levels} levels, {blocks} blocks, {} bytes",
-            tree.bytes()
-        )?;
+        push_file_stats(&mut text, tree)?;
         return Ok(text);
     }
     writeln!(text, "{}", structure.to_df_expression())?;

@@ -1,18 +1,25 @@
 //! `spinney dump`: small trees in full, and structures of the literature.
 
+mod cells;
 mod edges;
 mod points;
+mod solids;
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::{Result, bail, ensure};
 use clap::ValueEnum as _;
 use spinney::raw::io::shown;
-use spinney::raw::partitions::{Bintree, PmRule, PointDivision};
+use spinney::raw::ops::Prefer;
+use spinney::raw::partitions::{BinaryNode, Bsp, PmRule, PointDivision};
+use spinney::{CombineOperation, ExactModel};
 
-use super::args::ViewedTree;
-use super::report::print_text;
-use super::{Global, lines, points as point_files};
+use self::cells::CellStructure;
+use self::solids::BspQuery;
+use super::args::{ViewedTree, class_value};
+use super::report::{Work, print_text};
+use super::{Global, exact, lines, points as point_files};
 
 const EXAMPLES: &str = "Examples:
   spinney dump classic.goblin               table of nodes, as in the literature
@@ -22,10 +29,15 @@ const EXAMPLES: &str = "Examples:
   spinney dump roads.goblin --as pm1        the PM1 quadtree of a tree of lines
   spinney dump wells.goblin --as k-d        the k-d tree of a tree of points
   spinney dump roads.goblin --as bucket --leaf-size 4 --stats
+  spinney dump part.goblin --as bsp         the BSP tree of an exact model, as in .bsp files
+  spinney dump part.goblin --as bsp --combine a-b tool.goblin
 
 Structures:
-  df              cells: G (M) inner, W (V) VOID, B (F) full, digits or [value] for other leaves
+  df              cells: G (M) inner, W (V) VOID, B (F) full, digits or [value] for other leaves;
+                  exact models: also A (FACE), E (EDGE), X (VERTEX), with planes, as in .df files
   bintree         cells: blocks are halved along x, y (z), x ...; leaves as with df
+  bsp             lines in the plane, a class of a quadtree (--class), exact models: a node is
+                  divided by the line of an edge, or by the plane of a face
   pm1, pm2, pm3   lines: leaves have one vertex with its edges, or a part of one edge (pm1), of edges
                   with a common vertex (pm2), or of any edges (pm3); with heights, pm1 is the octree
                   of edges
@@ -44,6 +56,7 @@ inserted in a pseudo-random order that depends on their coordinates.";
 enum Structure {
     Df,
     Bintree,
+    Bsp,
     Pm1,
     Pm2,
     Pm3,
@@ -60,8 +73,8 @@ enum Structure {
 pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
-    /// Print a structure of the literature: df, bintree, pm1, pm2, pm3, bucket, point-quadtree,
-    /// point-octree or k-d
+    /// Print a structure of the literature: df, bintree, bsp, pm1, pm2, pm3, bucket,
+    /// point-quadtree, point-octree or k-d
     #[arg(
         long = "as",
         value_name = "STRUCTURE",
@@ -77,16 +90,82 @@ pub(crate) struct Args {
     /// Maximum number of edges in a leaf of a bucket tree [default: 8]
     #[arg(long, value_name = "N", requires = "structure")]
     leaf_size: Option<usize>,
-    /// Print statistics of a structure of lines or points: numbers of nodes, depth, bytes, and
-    /// those of the file
+    /// Values equal to this are the inside of the BSP tree of a class map: a number, or the name of
+    /// a class
+    #[arg(long, value_name = "CLASS", requires = "structure")]
+    class: Option<String>,
+    /// Print statistics of a structure: numbers of nodes, depth, bytes, and those of the file
     #[arg(long, requires = "structure")]
     stats: bool,
+    /// Locate a point in a BSP tree: its side of each plane down to its cell, and whether that is
+    /// in
+    #[arg(long, value_name = "X,Y,Z", requires = "structure", value_parser = parse_point, allow_hyphen_values = true)]
+    locate: Option<[f64; 3]>,
+    /// Viewpoint from which the faces of a BSP tree are printed from back to front: number of the
+    /// face and vertices of each fragment
+    #[arg(long, value_name = "X,Y,Z", requires = "structure", value_parser = parse_point, allow_hyphen_values = true)]
+    eye: Option<[f64; 3]>,
+    /// Combine the BSP tree with that of another exact model on a grid of the same unit: any of the
+    /// sixteen operations of `combine`
+    #[arg(long, value_names = ["OPERATION", "MODEL"], num_args = 2, requires = "structure")]
+    combine: Option<Vec<String>>,
     /// Print a line per leaf: path, FD code, value
     #[arg(long)]
     codes: bool,
     /// Maximum number of records, edges in leaves, or points; larger trees are an error
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     limit: u64,
+}
+
+/// Parses a point of space.
+fn parse_point(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    let point = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+    point.filter(|point| point.iter().all(|at| at.is_finite())).ok_or_else(|| "expected X,Y,Z".into())
+}
+
+/// Prints a structure of an exact model.
+fn run_solid(args: &Args, model: &ExactModel, global: &Global) -> Result<()> {
+    let file = &args.tree.file;
+    let queries = ["--as", "--limit", "--stats", "--locate", "--eye", "--combine"];
+    global.check_options(file, "an exact model", &queries)?;
+    let given = [args.stats, args.locate.is_some(), args.eye.is_some(), args.combine.is_some()];
+    let given = given.into_iter().filter(|given| *given).count();
+    ensure!(given <= 1, "--stats, --locate, --eye, --combine: got {given} of them, expected one");
+    let work = Work::start(global, "nodes")?;
+    let text = match args.structure {
+        Some(Structure::Df) => {
+            ensure!(given == 0, "--stats, --locate, --eye and --combine work only with --as bsp");
+            solids::octree_text(model, args.limit, &work)?
+        }
+        Some(Structure::Bsp) => {
+            let other;
+            let query = match &args.combine.as_deref() {
+                Some([operation, path]) => {
+                    let Some(CombineOperation::Set { operation, .. }) =
+                        CombineOperation::named(operation, Prefer::First)
+                    else {
+                        bail!(
+                            "--combine: got `{operation}`, expected a set operation, such as a-b, or 0 to 15"
+                        )
+                    };
+                    other = solids::operand(Path::new(path), global)?;
+                    BspQuery::Combination(operation, &other)
+                }
+                _ => match (args.locate, args.eye) {
+                    (Some(point), _) => BspQuery::Locate(point),
+                    (_, Some(eye)) => BspQuery::Order(eye),
+                    _ if args.stats => BspQuery::Stats,
+                    _ => BspQuery::Text,
+                },
+            };
+            solids::bsp_text(model, &query, args.limit, &work)?
+        }
+        other => return unfit(file, "an exact model", other, "df or bsp"),
+    };
+    work.finish();
+    print(text)?;
+    Ok(model.check_unchanged()?)
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -96,9 +175,24 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         "--leaf-size: works only with --as bucket"
     );
     ensure!(
+        args.class.is_none() || args.structure == Some(Structure::Bsp),
+        "--class: works only with --as bsp"
+    );
+    ensure!(
         !args.adaptive || args.structure == Some(Structure::Bintree),
         "--adaptive: works only with --as bintree"
     );
+    if let Some(model) = exact::open(file, global)? {
+        return run_solid(args, &model, global);
+    }
+    let of_bsp = [
+        ("--locate", args.locate.is_some()),
+        ("--eye", args.eye.is_some()),
+        ("--combine", args.combine.is_some()),
+    ];
+    if let Some((option, _)) = of_bsp.into_iter().find(|(_, given)| *given) {
+        bail!("{option}: works only with exact models (`build --brep`), {} is none", file.display());
+    }
     let fitting = ["--as", "--stats", "--limit", "--leaf-size"];
     if let Some(tree) = lines::open(file, global)? {
         global.check_options(file, lines::KIND, &fitting)?;
@@ -107,7 +201,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             Some(Structure::Pm2) => PmRule::Pm2,
             Some(Structure::Pm3) => PmRule::Pm3,
             Some(Structure::Bucket) => PmRule::Bucket(args.leaf_size.unwrap_or(8)),
-            other => return unfit(file, lines::KIND, other, "pm1, pm2, pm3 or bucket"),
+            Some(Structure::Bsp) => return print(edges::bsp_text(&tree, (args.limit, args.stats))?),
+            other => return unfit(file, lines::KIND, other, "bsp, pm1, pm2, pm3 or bucket"),
         };
         return print(edges::text(&tree, rule, (args.limit, args.stats))?);
     }
@@ -126,28 +221,52 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         return print(points::text(&tree, division, (args.limit, args.stats))?);
     }
     let tree = args.tree.open(global)?;
-    ensure!(
-        !args.stats,
-        "--stats: works only with structures of lines and points; `spinney info` prints those of cells"
-    );
-    let text = match args.structure {
-        Some(Structure::Df) => tree.df_text(args.limit)?,
-        Some(Structure::Bintree) => {
-            let (cells, extent) = (tree.in_memory(args.limit)?, tree.header().extent);
-            let bintree = match args.adaptive {
-                true => Bintree::adaptive(&cells, extent)?,
-                // (No limit: a record makes at most three nodes, or seven, for its four cells, or
-                // eight.)
-                false => Bintree::alternating(&cells, extent, usize::MAX)?,
-            };
-            bintree.to_text()
+    let structure = match (args.structure, &args.class) {
+        (None, _) => None,
+        (Some(Structure::Df), _) => Some(CellStructure::Df),
+        (Some(Structure::Bintree), _) => Some(CellStructure::Bintree(args.adaptive)),
+        (Some(Structure::Bsp), Some(class)) => {
+            Some(CellStructure::Bsp(class_value(&tree, "--class", class)?))
+        }
+        (Some(Structure::Bsp), None) => {
+            bail!(
+                "--as bsp: {} is a tree of cells, which needs --class: its cells are inside",
+                file.display()
+            )
+        }
+        (other, _) => return unfit(file, "a tree of cells", other, "df, bintree or bsp"),
+    };
+    let text = match structure {
+        Some(structure) => {
+            let work = Work::start(global, "cells")?;
+            cells::text(&tree, &structure, (args.limit, args.stats), &work)?
         }
         None if args.codes => tree.leaf_codes(args.limit)?,
         None => tree.classic_table(args.limit)?,
-        other => return unfit(file, "a tree of cells", other, "df or bintree"),
     };
     print(text)?;
     Ok(tree.check_unchanged()?)
+}
+
+/// Appends the sizes of a BSP tree.
+fn push_bsp_stats(text: &mut String, tree: &Bsp) -> Result<()> {
+    let (mut inside, mut outside, mut fragments) = (0, 0, 0);
+    for node in tree.nodes() {
+        match node {
+            BinaryNode::Leaf(true) => inside += 1,
+            BinaryNode::Leaf(false) => outside += 1,
+            BinaryNode::Divided { by, .. } => fragments += by.fragments.len(),
+        }
+    }
+    let divided = tree.nodes().len() - inside - outside;
+    writeln!(text, "leaves      {inside} inside, {outside} outside")?;
+    writeln!(text, "divided     {divided} nodes")?;
+    writeln!(text, "depth       {}", tree.depth())?;
+    writeln!(text, "fragments   {fragments}")?;
+    // A node that divides has a normal of three 64-bit numbers, an offset of 128 bits, and the
+    // 32-bit number of its second side; a leaf one bit.
+    writeln!(text, "bytes       {}, besides the fragments", 44 * divided + (inside + outside).div_ceil(8))?;
+    Ok(())
 }
 
 /// Error of a structure that a file does not have.

@@ -17,8 +17,8 @@ Build a quadtree of a raster, of several rasters on one grid, or of a stack of l
 TIFF, VRT, PNG, OpenEXR and SRTM .hgt files may have any size; JPEG, WebP, BMP, GIF, PNM, TGA, QOI and \
 Radiance HDR files must fit into --memory. Of several files the last lies on top.
 
-Other inputs with these options: Freeman chain codes of regions (.chain, docs/chain_codes.md); bintrees as \
-text (.bintree, the output of `dump --as bintree`); a tree, which is built again with another --kind, --rule, \
+Other inputs with these options: Freeman chain codes of regions (.chain, docs/chain_codes.md); text of \
+`dump --as df`, `bintree` and `bsp` (.df, .bintree, .bsp); a tree, which is built again with another --kind, --rule, \
 --transform, --depth or --crs.",
     options: &[
         ("kind", ""),

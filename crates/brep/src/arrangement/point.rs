@@ -62,8 +62,23 @@ impl ExactPlane {
     }
 
     /// Returns the plane with the opposite normal.
-    pub(crate) fn turned(&self) -> ExactPlane {
+    pub fn turned(&self) -> ExactPlane {
         ExactPlane { normal: self.normal.map(|part| -part), offset: -self.offset }
+    }
+
+    /// Returns the plane with the smallest numbers and the same front. Equal planes with the same
+    /// front have equal numbers then.
+    pub fn reduced(&self) -> ExactPlane {
+        let divisor = |mut a: u128, mut b: u128| {
+            while b > 0 {
+                (a, b) = (b, a % b);
+            }
+            a
+        };
+        let numbers = self.normal.map(|part| u128::from(part.unsigned_abs()));
+        let common = numbers.into_iter().fold(self.offset.unsigned_abs(), divisor).max(1) as i128;
+        let normal = self.normal.map(|part| (i128::from(part) / common) as i64);
+        ExactPlane { normal, offset: self.offset / common }
     }
 
     /// Returns the plane after its coordinates are multiplied by `times` and then moved by `shift`.

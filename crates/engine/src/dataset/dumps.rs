@@ -3,8 +3,6 @@
 use super::{Dataset, Tree};
 use crate::query::dump;
 use crate::tree::{MemTree, df};
-use spinney_base::space::Dimension;
-use spinney_base::value::DataKind;
 use spinney_base::{Error, Result};
 
 impl Dataset {
@@ -50,15 +48,13 @@ impl Dataset {
         }
     }
 
-    /// Returns the tree as a DF-expression ([`crate::tree::df`]).
+    /// Returns the tree as a DF-expression ([`crate::tree::df`]): `B` or `F` is 255 in all
+    /// channels.
     ///
     /// # Errors
     /// If the file is corrupt, or the tree has more than `most` INNER nodes.
     pub fn df_text(&self, most: u64) -> Result<String> {
-        let header = self.header();
-        let is_solid = header.kind == DataKind::Continuous && header.form.dimension == Dimension::Oct;
-        let full = if is_solid { header.form.value.splat(255.0) } else { None };
-        df::to_text(&self.in_memory(most)?, full)
+        df::to_text(&self.in_memory(most)?, self.header().form.value.splat(255u8))
     }
 
     /// Returns the classic table of the literature, a line per record. For Goblin files and views,

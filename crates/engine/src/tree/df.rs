@@ -155,35 +155,6 @@ pub fn to_packed(source: &MemTree) -> Result<Packed> {
     Ok(packed)
 }
 
-/// Returns the tree of a packed expression, condensed, with representatives by `rule`.
-///
-/// # Errors
-/// If bits and values do not form one tree of at most `depth` levels.
-pub fn from_packed(form: TreeType, packed: &Packed, depth: u8, rule: Rule) -> Result<MemTree> {
-    let bad = |found: String, expected: &str| Error::invalid("packed DF-expression", found, expected);
-    if packed.bits.len() != packed.symbols.div_ceil(4) {
-        let found = format!("{} bytes for {} symbols", packed.bits.len(), packed.symbols);
-        return Err(bad(found, "one byte per 4 symbols"));
-    }
-    let mut values = packed.values.iter();
-    let symbols: Result<Vec<_>> = (0..packed.symbols)
-        .map(|i| match packed.bits[i / 4] >> (i % 4 * 2) & 3 {
-            VOID => Ok(Symbol::Void),
-            LEAF => values
-                .next()
-                .map(|value| Symbol::Leaf(*value))
-                .ok_or_else(|| bad(format!("{} values", packed.values.len()), "one value per leaf")),
-            INNER => Ok(Symbol::Inner),
-            _ => Err(bad(format!("symbol 3 at index {i}"), "0, 1 or 2")),
-        })
-        .collect();
-    let symbols = symbols?;
-    if values.next().is_some() {
-        return Err(bad(format!("{} values", packed.values.len()), "one value per leaf"));
-    }
-    assemble(form, &symbols, depth, rule)
-}
-
 /// Passes a tree's symbols to `symbol`, in order.
 fn walk(source: &MemTree, symbol: &mut dyn FnMut(Symbol)) -> Result<()> {
     let mut pending = vec![source.root()?];

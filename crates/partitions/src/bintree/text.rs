@@ -2,12 +2,8 @@
 //!
 //! ```text
 //! line    = head " " symbols
-//! head    = "bintree:" halving ":" axes ":" depth ":" values ":" extent
+//! head    = "bintree:" halving ":" cells                               cells: see `cell_head.rs`
 //! halving = "alternating" | "adaptive"
-//! axes    = "xy" | "xyz"
-//! depth   = levels of the quadtree or octree, each of one halving along every axis
-//! values  = type ["x" channels] ["+alpha" | "+missing=" number]      as in u8, f32x3, u8x4+alpha
-//! extent  = cells along each axis, as in 200x150
 //! symbols = one per node, in preorder: the node, its first half (west, north or above),
 //!           its second half (east, south or below)
 //! ```
@@ -16,17 +12,17 @@
 //! Leaves are `W` (`V`) for VOID, `B` (`F`) for 255 in each channel, a digit, or numbers in
 //! brackets. White space and round parentheses are ignored.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use spinney_base::space::{Bounds, Dimension};
-use spinney_base::value::{Mask, Number, SampleType, Value, ValueType};
+use spinney_base::value::{Value, ValueType};
 use spinney_base::{Error, Result, TreeType};
 use spinney_engine::tree::df;
 
 use super::{Bintree, BintreeNode, Halving, MAX_CELLS, halves, preorder_builder, too_many};
+use crate::cell_head::CellHead;
 use crate::preorder::BinaryNode;
+use crate::text_file;
 
 /// Word that all expressions begin with.
 const NAME: &str = "bintree";
@@ -35,15 +31,11 @@ impl Bintree {
     /// Formats the tree as a DF-expression, without a trailing line break.
     pub fn to_text(&self) -> String {
         let TreeType { dimension, value } = self.form;
-        let (halving, axes, [void, black, inner]) = match (self.halving, dimension) {
-            (Halving::Alternating, Dimension::Quad) => ("alternating", "xy", ['W', 'B', 'G']),
-            (Halving::Alternating, Dimension::Oct) => ("alternating", "xyz", ['V', 'F', 'M']),
-            (Halving::Adaptive, Dimension::Quad) => ("adaptive", "xy", ['W', 'B', 'G']),
-            (Halving::Adaptive, Dimension::Oct) => ("adaptive", "xyz", ['V', 'F', 'M']),
-        };
-        let extent: Vec<_> = self.extent[..dimension.axes()].iter().map(u64::to_string).collect();
-        let (values, extent) = (values_text(value), extent.join("x"));
-        let mut text = format!("{NAME}:{halving}:{axes}:{}:{values}:{extent} ", self.depth);
+        let halving = if self.halving == Halving::Alternating { "alternating" } else { "adaptive" };
+        let [void, black, inner] =
+            if dimension == Dimension::Quad { ['W', 'B', 'G'] } else { ['V', 'F', 'M'] };
+        let head = CellHead { form: self.form, depth: self.depth, extent: self.extent };
+        let mut text = format!("{NAME}:{halving}:{} ", head.text());
         let full = value.splat(255u8);
         for node in &self.nodes {
             match node {
@@ -73,51 +65,10 @@ impl Bintree {
     /// # Errors
     /// If the file cannot be read or exceeds `memory`, and those of [`Bintree::from_text`].
     pub fn read(path: &Path, memory: u64) -> Result<Bintree> {
-        let mut file = File::open(path).map_err(Error::io(path, "open"))?;
-        let size = file.metadata().map_err(Error::io(path, "read"))?.len();
-        // Each node takes at least one byte of the file. The limit also covers a file that grows
-        // while it is read.
-        let most = memory / (1 + size_of::<BintreeNode>() as u64);
-        let mut bytes = Vec::new();
-        (&mut file).take(most.saturating_add(1)).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
-        if bytes.len() as u64 > most {
-            return Err(Error::TooLarge {
-                path: path.to_path_buf(),
-                what: "the bintree".into(),
-                needed: size.saturating_mul(1 + size_of::<BintreeNode>() as u64),
-                limit: memory,
-                advice: "raise --memory".into(),
-            });
-        }
+        let text = text_file::read(path, NAME, size_of::<BintreeNode>(), memory)?;
         let place = path.display().to_string();
-        let text = std::str::from_utf8(&bytes).map_err(|error| {
-            let found = format!("invalid UTF-8 at byte {}", error.valid_up_to());
-            Error::invalid(place.as_str(), found, "the DF-expression of a bintree")
-        })?;
-        Parser { place: &place, text }.tree(bytes.len())
+        Parser { place: &place, text: &text }.tree(text.len())
     }
-}
-
-fn values_text(value: ValueType) -> String {
-    match (value.mask, value.all_missing()) {
-        (Mask::Alpha, _) => format!("{value}+alpha"),
-        (Mask::Missing(_), Some(missing)) => format!("{value}+missing={}", value.first_number(missing)),
-        _ => value.to_string(),
-    }
-}
-
-fn parse_values(text: &str) -> Option<ValueType> {
-    let (name, mask) = text.split_once('+').unwrap_or((text, ""));
-    let (sample, channels) = name.split_once('x').unwrap_or((name, "1"));
-    let sample = SampleType::ALL.into_iter().find(|known| known.name() == sample)?;
-    let plain = ValueType::new(sample, channels.parse().ok()?);
-    let value = match mask.strip_prefix("missing=") {
-        Some(number) => plain.with_missing(number.parse::<Number>().ok()?),
-        None if mask == "alpha" => plain.with_alpha(),
-        None => plain,
-    };
-    // Only the canonical spelling is accepted.
-    (value.is_supported() && values_text(value) == text).then_some(value)
 }
 
 /// Maximum ratio of squares or cubes to nodes, for expressions of any size. (Alternating axes need
@@ -162,22 +113,8 @@ impl Parser<'_> {
             "adaptive" => Halving::Adaptive,
             _ => return Err(bad(halving)),
         };
-        let dimension = match axes {
-            "xy" => Dimension::Quad,
-            "xyz" => Dimension::Oct,
-            _ => return Err(bad(axes)),
-        };
-        let known = depth.parse().ok().filter(|depth| *depth <= dimension.max_depth());
-        let depth: u8 = known.ok_or_else(|| bad(depth))?;
-        let form = TreeType::new(dimension, parse_values(values).ok_or_else(|| bad(values))?);
-        let sizes: Option<Vec<u64>> = extent.split('x').map(|size| size.parse().ok()).collect();
-        let sizes = sizes.filter(|sizes| {
-            sizes.len() == dimension.axes() && sizes.iter().all(|size| (1..=1 << depth).contains(size))
-        });
-        let mut extent_of = [1; 3];
-        let sizes = sizes.ok_or_else(|| bad(extent))?;
-        extent_of[..sizes.len()].copy_from_slice(&sizes);
-        let tree = Bintree { form, depth, halving, extent: extent_of, nodes: Vec::new() };
+        let CellHead { form, depth, extent } = CellHead::parse([axes, depth, values, extent]).map_err(bad)?;
+        let tree = Bintree { form, depth, halving, extent, nodes: Vec::new() };
         Ok((tree, start + head.len()))
     }
 

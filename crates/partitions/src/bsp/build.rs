@@ -1,13 +1,15 @@
 //! BSP trees of segments, polygons and faces.
 
+use spinney_base::io::shown;
 use spinney_base::space::Dimension;
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Progress, Result};
 use spinney_brep::exact::normal::triangle_normal;
 use spinney_brep::geometry::Triangulator;
-use spinney_brep::{ExactPlane, MAX_BITS};
+use spinney_brep::{ExactModel, ExactPlane, Faces, Grid, MAX_BITS};
 
 use super::facet::{Facet, sides};
-use super::{Bsp, BspFragment, Division};
+use super::{Bsp, BspFragment, BspNode, Division};
+use crate::extended_octree::check_on_grid;
 use crate::preorder::PreorderBuilder;
 
 /// Maximum number of fragments that segments or faces may be cut into.
@@ -29,7 +31,7 @@ impl Bsp {
     pub fn of_segments(segments: &[[[i32; 2]; 2]]) -> Result<Bsp> {
         let fragments = segments.iter().enumerate();
         let fragments = fragments.map(|(source, segment)| fragment_of_segment(source, *segment));
-        grow(Dimension::Quad, fragments.collect::<Result<_>>()?, false)
+        divided(Dimension::Quad, fragments.collect::<Result<_>>()?, false, &())
     }
 
     /// Builds a tree of the plane whose inside is that of these polygons. Each is an outer ring,
@@ -53,7 +55,7 @@ impl Bsp {
                 }
             }
         }
-        grow(Dimension::Quad, fragments, true)
+        grow(Dimension::Quad, fragments, &())
     }
 
     /// Builds a tree of space whose inside is bounded by a closed surface. Each face is an outer
@@ -63,35 +65,103 @@ impl Bsp {
     /// If a vertex is outside of the grid, a face cannot be triangulated, the surface is open or
     /// self-intersects, or there are more than [`MAX_FRAGMENTS`] fragments.
     pub fn of_faces(faces: &[Vec<Vec<[i32; 3]>>]) -> Result<Bsp> {
-        let (mut fragments, mut triangulator) = (Vec::new(), Triangulator::new());
+        let mut fragments = Fragments::default();
         for (source, rings) in faces.iter().enumerate() {
-            let corners: Vec<_> = rings.iter().flatten().map(|corner| corner.map(i64::from)).collect();
             let mut end = 0;
             let ends = rings.iter().map(|ring| {
                 end += ring.len();
                 end
             });
-            let mut triangles = Vec::new();
-            if !triangulator.triangulate(&corners, &ends.collect::<Vec<_>>(), &mut triangles) {
+            fragments.push(&rings.concat(), &ends.collect::<Vec<_>>(), source)?;
+        }
+        grow(Dimension::Oct, fragments.list, &())
+    }
+
+    /// Builds the trees of exact models on a common grid, and returns that grid. The sources of
+    /// fragments are numbers of faces.
+    ///
+    /// # Errors
+    /// If a model cannot be read, is unbounded, or has faces with off-grid vertices; if their grids
+    /// have different units or are too far apart; and those of [`Bsp::of_faces`].
+    pub fn of_models(models: &[&ExactModel], progress: &dyn Progress) -> Result<(Vec<Bsp>, Grid)> {
+        let Some(first) = models.first() else {
+            return Err(Error::invalid("models", "none", "at least one"));
+        };
+        models.iter().try_for_each(|model| check_on_grid(model))?;
+        let mut grid = first.grid().clone();
+        let origins = models.iter().map(|model| model.grid().origin);
+        grid.origin = origins.fold(grid.origin, |least, at| [0, 1, 2].map(|axis| least[axis].min(at[axis])));
+        let mut shifts = Vec::new();
+        for model in models {
+            let own = model.grid();
+            if own.width() != grid.width() {
                 return Err(Error::invalid(
-                    format!("face {source}"),
-                    "rings that cross or have no area",
-                    "a polygon with holes",
+                    shown(model.path()),
+                    format!("a grid with units of {}", own.width()),
+                    format!(
+                        "{}, as in {}; build both with the same --snap",
+                        grid.width(),
+                        shown(first.path())
+                    ),
                 ));
             }
-            let corners: Vec<_> = rings.iter().flatten().collect();
-            for triangle in triangles {
-                let corners = triangle.map(|corner| *corners[corner as usize]);
-                corners.iter().try_for_each(|corner| check(source, *corner))?;
-                let normal = triangle_normal(&corners);
-                // A triangle without area bounds nothing.
-                if normal != [0; 3] {
-                    let plane = ExactPlane::through(corners[0], normal);
-                    fragments.push(BspFragment { source, facet: Facet::of_triangle(plane, &corners) });
-                }
+            let shift = [0, 1, 2].map(|axis| own.origin[axis].saturating_sub(grid.origin[axis]));
+            let end = shift.iter().map(|shift| shift.saturating_add(1 << own.bits)).max().unwrap_or(0);
+            let bits = (64 - (end - 1).leading_zeros()) as u8;
+            if bits > MAX_BITS {
+                return Err(Error::invalid(
+                    shown(model.path()),
+                    format!("{end} grid units between the farthest points of the models"),
+                    "at most 67108864; build both with a larger --snap",
+                ));
+            }
+            grid.bits = grid.bits.max(bits);
+            shifts.push(shift.map(|shift| shift as i32));
+        }
+        let tree = |(model, shift): (&&ExactModel, [i32; 3])| {
+            let (mut fragments, mut points) = (Fragments::default(), Vec::new());
+            model.each(&mut |face| {
+                progress.check()?;
+                points.clear();
+                points.extend(face.points.iter().map(|at| [0, 1, 2].map(|axis| at[axis] + shift[axis])));
+                fragments.push(&points, face.ring_ends, face.number as usize)
+            })?;
+            grow(Dimension::Oct, fragments.list, progress)
+        };
+        let trees = models.iter().zip(shifts).map(tree).collect::<Result<_>>()?;
+        Ok((trees, grid))
+    }
+
+    /// Builds the tree of the inside within a cell, from the fragments of the faces that cut it.
+    /// Without fragments in the cell, all of it is inside or not, as `is_inside` says.
+    ///
+    /// # Errors
+    /// If there are more than [`MAX_FRAGMENTS`] fragments.
+    pub(crate) fn of_cell(fragments: Fragments, half_units: [[i64; 3]; 2], is_inside: bool) -> Result<Bsp> {
+        let mut list = fragments.list;
+        for (side, ends) in half_units.into_iter().enumerate() {
+            for (axis, end) in ends.into_iter().enumerate() {
+                let mut normal = [0; 3];
+                normal[axis] = if side == 0 { -2 } else { 2 };
+                let wall = ExactPlane { normal, offset: if side == 0 { -end } else { end }.into() };
+                let within = |fragment: BspFragment| {
+                    let signs = fragment.facet.signs(&wall);
+                    match sides(&signs) {
+                        [true, false] => Some(fragment),
+                        [true, true] => {
+                            let [facet, _] = fragment.facet.cut(&wall, &signs);
+                            Some(BspFragment { facet, ..fragment })
+                        }
+                        [false, _] => None,
+                    }
+                };
+                list = list.into_iter().filter_map(within).collect();
             }
         }
-        grow(Dimension::Oct, fragments, true)
+        if list.is_empty() {
+            return Ok(Bsp { dimension: Dimension::Oct, nodes: vec![BspNode::Leaf(is_inside)] });
+        }
+        divided(Dimension::Oct, list, true, &())
     }
 
     /// Builds a tree of space with these triangles in its planes. A triangle is counterclockwise
@@ -110,7 +180,46 @@ impl Bsp {
                 fragments.push(BspFragment { source, facet: Facet::of_triangle(plane, corners) });
             }
         }
-        grow(Dimension::Oct, fragments, false)
+        divided(Dimension::Oct, fragments, false, &())
+    }
+}
+
+/// Triangles of faces.
+#[derive(Default)]
+pub(crate) struct Fragments {
+    list: Vec<BspFragment>,
+    triangulator: Triangulator,
+    triangles: Vec<[u32; 3]>,
+    wide: Vec<[i64; 3]>,
+}
+
+impl Fragments {
+    /// Adds the triangles of a face, with rings that end at these vertices.
+    ///
+    /// # Errors
+    /// If a vertex is outside of the grid, or the face cannot be triangulated.
+    pub(crate) fn push(&mut self, points: &[[i32; 3]], ring_ends: &[usize], source: usize) -> Result<()> {
+        points.iter().try_for_each(|corner| check(source, *corner))?;
+        self.wide.clear();
+        self.wide.extend(points.iter().map(|corner| corner.map(i64::from)));
+        self.triangles.clear();
+        if !self.triangulator.triangulate(&self.wide, ring_ends, &mut self.triangles) {
+            return Err(Error::invalid(
+                format!("face {source}"),
+                "rings that cross or have no area",
+                "a polygon with holes",
+            ));
+        }
+        for triangle in &self.triangles {
+            let corners = triangle.map(|corner| points[corner as usize]);
+            let normal = triangle_normal(&corners);
+            // A triangle without area bounds nothing.
+            if normal != [0; 3] {
+                let plane = ExactPlane::through(corners[0], normal);
+                self.list.push(BspFragment { source, facet: Facet::of_triangle(plane, &corners) });
+            }
+        }
+        Ok(())
     }
 }
 
@@ -154,14 +263,27 @@ fn fragment_of_segment(source: usize, [[px, py], [qx, qy]]: [[i32; 2]; 2]) -> Re
     Ok(BspFragment { source, facet: Facet::of_grid(wall(p, [dy, -dx, 0]), &edges) })
 }
 
+/// Builds the tree whose inside is at the back of all fragments. They must be its whole boundary.
+fn grow(dimension: Dimension, fragments: Vec<BspFragment>, progress: &dyn Progress) -> Result<Bsp> {
+    let tree = divided(dimension, fragments, true, progress)?;
+    tree.check_boundary(progress)?;
+    Ok(tree)
+}
+
 /// Builds the tree of fragments. If `is_solid`, the back of each fragment is inside.
-fn grow(dimension: Dimension, fragments: Vec<BspFragment>, is_solid: bool) -> Result<Bsp> {
+fn divided(
+    dimension: Dimension,
+    fragments: Vec<BspFragment>,
+    is_solid: bool,
+    progress: &dyn Progress,
+) -> Result<Bsp> {
     let mut made = PreorderBuilder::new(|by: &Division| !by.fragments.is_empty());
     let mut count = fragments.len();
     // Fragments of cells that are still to be divided, and whether the cell is inside if it has
     // none.
     let mut pending = vec![(fragments, false)];
     while let Some((fragments, is_inside)) = pending.pop() {
+        progress.check()?;
         if count > MAX_FRAGMENTS {
             let found = format!("more than {MAX_FRAGMENTS} fragments of segments or faces");
             return Err(Error::invalid("BSP tree", found, format!("at most {MAX_FRAGMENTS}")));
@@ -193,11 +315,7 @@ fn grow(dimension: Dimension, fragments: Vec<BspFragment>, is_solid: bool) -> Re
         let [back, front] = parts;
         pending.extend([(front, is_solid && !is_back), (back, is_solid && is_back)]);
     }
-    let tree = Bsp { dimension, nodes: made.finish() };
-    if is_solid {
-        tree.check_boundary()?;
-    }
-    Ok(tree)
+    Ok(Bsp { dimension, nodes: made.finish() })
 }
 
 /// Chooses from a few candidates a plane that cuts few fragments and balances both sides.

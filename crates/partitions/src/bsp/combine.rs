@@ -5,7 +5,7 @@
 //! planes of one tree do not split the other into copies: the traversal of a region skips nodes
 //! that do not cut it.
 
-use spinney_base::{Error, Result, SetOperation};
+use spinney_base::{Error, Progress, Result, SetOperation};
 
 use super::region::Region;
 use super::{Bsp, BspNode, Division};
@@ -15,8 +15,8 @@ impl Bsp {
     /// Computes a set operation on this tree and another one.
     ///
     /// # Errors
-    /// If one tree is of the plane and the other of space.
-    pub fn combine(&self, other: &Bsp, operation: SetOperation) -> Result<Bsp> {
+    /// If one tree is of the plane and the other of space, or on cancellation.
+    pub fn combine(&self, other: &Bsp, operation: SetOperation, progress: &dyn Progress) -> Result<Bsp> {
         if self.dimension != other.dimension {
             return Err(Error::invalid(
                 "BSP trees",
@@ -28,6 +28,7 @@ impl Bsp {
         let mut made = PreorderBuilder::new(|_: &Division| false);
         let mut pending = vec![(0, 0, Region::space(self.dimension))];
         while let Some((a, b, region)) = pending.pop() {
+            progress.check()?;
             let (by, second, is_first) = match (&self.nodes[a], &other.nodes[b]) {
                 (BinaryNode::Leaf(a), BinaryNode::Leaf(b)) => {
                     made.leaf(result(*a, *b));

@@ -7,19 +7,23 @@
 //! ([`spinney_brep::ExactPlane`]). A tree of the plane is stored as a tree of prisms of height 1
 //! over it, so that one implementation serves both. `facet.rs` has polygons in planes, `region.rs`
 //! the cells of space. `build.rs` builds trees, `combine.rs` merges them, `sections.rs` finds the
-//! boundary of the inside, `outlines.rs` converts it to polygons, and `blocks.rs` provides
-//! quadtrees and octrees.
+//! boundary of the inside, `outlines.rs` and `polygons.rs` convert it to polygons, `blocks.rs`
+//! provides quadtrees and octrees, and `text.rs` text.
 
 mod blocks;
 mod build;
 mod combine;
 mod facet;
 mod outlines;
+mod polygons;
 mod region;
 mod sections;
+mod text;
 
 pub use blocks::BspBlocks;
+pub(crate) use build::Fragments;
 pub use build::MAX_FRAGMENTS;
+pub use text::PlaneText;
 
 use spinney_base::space::Dimension;
 use spinney_brep::ExactPlane;
@@ -52,10 +56,21 @@ pub struct Division {
 }
 
 impl Division {
-    /// Coefficients `([a, b, c], d)`. The first side, at the back, is where `a x + b y + c z + d`
-    /// is negative; the second side, in front, is where it is not. For lines, `c` is 0.
+    /// Division by a plane, without fragments.
+    pub(crate) fn by(plane: ExactPlane) -> Division {
+        Division { plane, fragments: Vec::new() }
+    }
+
+    pub(crate) fn plane(&self) -> &ExactPlane {
+        &self.plane
+    }
+
+    /// Coefficients `([a, b, c], d)`, without a common divisor. The first side, at the back, is
+    /// where `a x + b y + c z + d` is negative; the second side, in front, is where it is not. For
+    /// lines, `c` is 0.
     pub fn descriptor(&self) -> ([i64; 3], i128) {
-        (self.plane.normal, -self.plane.offset)
+        let plane = self.plane.reduced();
+        (plane.normal, -plane.offset)
     }
 }
 
@@ -80,7 +95,8 @@ pub enum BspItem<'a> {
 /// let square = |from: i32, to: i32| vec![[from, from], [to, from], [to, to], [from, to]];
 /// let frame = Bsp::of_polygons(&[vec![square(0, 9), square(3, 6)]])?;
 /// assert!(frame.is_inside([1, 4, 0]) && !frame.is_inside([4, 4, 0]));
-/// let corner = frame.combine(&Bsp::of_polygons(&[vec![square(2, 5)]])?, SetOperation::Intersection)?;
+/// let other = Bsp::of_polygons(&[vec![square(2, 5)]])?;
+/// let corner = frame.combine(&other, SetOperation::Intersection, &())?;
 /// assert_eq!(corner.outlines()?, [[[3.0, 3.0], [3.0, 5.0], [2.0, 5.0], [2.0, 2.0], [5.0, 2.0], [5.0, 3.0]]]);
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -91,9 +107,26 @@ pub struct Bsp {
 }
 
 impl Bsp {
+    /// Tree of nodes in preorder.
+    pub(crate) fn of_nodes(dimension: Dimension, nodes: Vec<BspNode>) -> Bsp {
+        Bsp { dimension, nodes }
+    }
+
     /// Nodes in preorder.
     pub fn nodes(&self) -> &[BspNode] {
         &self.nodes
+    }
+
+    /// Number of levels below the root.
+    pub fn depth(&self) -> usize {
+        let (mut depth, mut pending) = (0, vec![(0, 0)]);
+        while let Some((at, level)) = pending.pop() {
+            depth = depth.max(level);
+            if let BinaryNode::Divided { second, .. } = &self.nodes[at] {
+                pending.extend([(at + 1, level + 1), (*second, level + 1)]);
+            }
+        }
+        depth
     }
 
     /// Vertices of a fragment; the two ends in trees of the plane.

@@ -30,8 +30,8 @@ impl Bsp {
             return Err(Error::invalid("BSP tree", "a tree of space", "a tree of the plane"));
         }
         let mut edges = Vec::new();
-        self.each_section(&mut |_, below, section| {
-            let parts = self.on_both_sides(below, section).into_iter();
+        self.each_section(&mut |by, below, section| {
+            let parts = self.on_both_sides(&by.plane, below, section).into_iter();
             edges.extend(
                 parts.filter(|part| part.is_inside[0] != part.is_inside[1]).map(|part| edge_of(&part)),
             );

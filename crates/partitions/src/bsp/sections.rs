@@ -1,6 +1,7 @@
 //! Sections of a tree's nodes with their lines or planes, and the boundary of the inside.
 
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Progress, Result};
+use spinney_brep::ExactPlane;
 
 use super::facet::{Facet, sides};
 use super::region::Region;
@@ -37,17 +38,23 @@ impl Bsp {
 
     /// Cuts a facet in the plane above two nodes by the cells on both sides, and reports whether
     /// these are inside.
-    pub(super) fn on_both_sides(&self, [back, front]: [usize; 2], facet: Facet) -> Vec<Boundary> {
-        let back = self.in_cells(back, facet).into_iter();
+    pub(super) fn on_both_sides(
+        &self,
+        plane: &ExactPlane,
+        [back, front]: [usize; 2],
+        facet: Facet,
+    ) -> Vec<Boundary> {
+        let back = self.in_cells((plane, true), back, facet).into_iter();
         let both = back.flat_map(|(part, inside_back)| {
-            let front = self.in_cells(front, part).into_iter();
+            let front = self.in_cells((plane, false), front, part).into_iter();
             front.map(move |(facet, inside_front)| Boundary { facet, is_inside: [inside_back, inside_front] })
         });
         both.collect()
     }
 
-    /// Fragments of a facet in the cells below a node, and whether these are inside.
-    fn in_cells(&self, at: usize, facet: Facet) -> Vec<(Facet, bool)> {
+    /// Fragments of a facet in the cells below a node, at the back of a plane that contains the
+    /// facet or in front of it, and whether these cells are inside.
+    fn in_cells(&self, (plane, is_back): (&ExactPlane, bool), at: usize, facet: Facet) -> Vec<(Facet, bool)> {
         let (mut fragments, mut pending) = (Vec::new(), vec![(at, facet)]);
         while let Some((at, facet)) = pending.pop() {
             match &self.nodes[at] {
@@ -59,6 +66,11 @@ impl Bsp {
                             let [back, front] = facet.cut(&by.plane, &signs);
                             pending.extend([(at + 1, back), (*second, front)]);
                         }
+                        // (Trees that were read from text may divide by a plane again.)
+                        [false, false] => {
+                            let is_back = is_back == by.plane.is_turned_as(plane);
+                            pending.push((if is_back { at + 1 } else { *second }, facet));
+                        }
                         [is_back, _] => pending.push((if is_back { at + 1 } else { *second }, facet)),
                     }
                 }
@@ -69,19 +81,20 @@ impl Bsp {
 
     /// Checks that the input fragments are exactly the boundary of the inside, which is at their
     /// back.
-    pub(super) fn check_boundary(&self) -> Result<()> {
+    pub(super) fn check_boundary(&self, progress: &dyn Progress) -> Result<()> {
         self.each_section(&mut |by, below, section| {
+            progress.check()?;
             let mut rest = vec![section];
             for fragment in &by.fragments {
                 let is_turned = !fragment.facet.plane.is_turned_as(&by.plane);
-                for part in self.on_both_sides(below, fragment.facet.clone()) {
+                for part in self.on_both_sides(&by.plane, below, fragment.facet.clone()) {
                     if part.is_inside != [!is_turned, is_turned] {
                         return Err(no_boundary(&part.facet, format!("shape {}", fragment.source)));
                     }
                 }
                 rest = rest.into_iter().flat_map(|part| part.without(&fragment.facet)).collect();
             }
-            for part in rest.into_iter().flat_map(|part| self.on_both_sides(below, part)) {
+            for part in rest.into_iter().flat_map(|part| self.on_both_sides(&by.plane, below, part)) {
                 if part.is_inside[0] != part.is_inside[1] {
                     return Err(no_boundary(&part.facet, "shapes".into()));
                 }

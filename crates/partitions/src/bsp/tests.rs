@@ -115,7 +115,7 @@ proptest! {
             prop_assert_eq!([has(&trees[0], *point), has(&trees[1], *point)], [*in_a, *in_b], "{:?}", point);
         }
         for operation in SetOperation::ALL {
-            let made = trees[0].combine(&trees[1], operation).unwrap();
+            let made = trees[0].combine(&trees[1], operation, &()).unwrap();
             for (point, in_a, in_b) in &known {
                 prop_assert_eq!(has(&made, *point), operation.contains(*in_a, *in_b), "{} {:?}", operation, point);
             }
@@ -138,7 +138,7 @@ proptest! {
             prop_assert_eq!(area(outlines), twice);
         }
         let operations = [SetOperation::Union, SetOperation::Intersection, SetOperation::Difference, SetOperation::ReverseDifference];
-        let joined = operations.map(|operation| trees[0].combine(&trees[1], operation).unwrap().outlines().unwrap());
+        let joined = operations.map(|operation| trees[0].combine(&trees[1], operation, &()).unwrap().outlines().unwrap());
         for ring in joined.iter().flatten() {
             let points: std::collections::HashSet<_> = ring.iter().map(|corner| corner.map(f64::to_bits)).collect();
             prop_assert_eq!(points.len(), ring.len(), "a ring that touches itself");
@@ -273,7 +273,7 @@ fn trees_of_faces_have_the_inside_of_the_bodies() {
     // Cell centres lie on no face, since the sum of three odd numbers is odd.
     let in_octahedron = |at: [i32; 3]| at.iter().map(|at| (at - 16).abs()).sum::<i32>() < 12;
     for operation in SetOperation::ALL {
-        let made = frame.combine(&octahedron, operation).unwrap();
+        let made = frame.combine(&octahedron, operation, &()).unwrap();
         let blocks = made.blocks(4).unwrap();
         let whole =
             spinney_engine::tree::MemTree::from_source(&blocks, spinney_base::value::Rule::Nearest).unwrap();
@@ -355,7 +355,7 @@ fn shapes_that_bound_no_body_are_rejected() {
     let flat = vec![vec![[0, 0, 0], [1, 1, 1], [2, 2, 2], [3, 3, 3]]];
     assert!(error(Bsp::of_faces(&[flat])).contains("face 0"));
     let (plane, space) = (Bsp::of_segments(&[]).unwrap(), Bsp::of_faces(&[]).unwrap());
-    assert!(plane.combine(&space, SetOperation::Union).is_err());
+    assert!(plane.combine(&space, SetOperation::Union, &()).is_err());
     assert!(space.outlines().is_err() && plane.complement().outlines().unwrap().is_empty());
     assert!(plane.blocks(27).is_err() && space.blocks(20).is_err());
 }
