@@ -27,6 +27,7 @@ const EXAMPLES: &str = "Examples:
   spinney point series.goblin 7.66,45.98 --json
   spinney point house.goblin --distance 3.5,2.25,1.1
   spinney point house.goblin --rays first 3.5,2.25,9,0,0,-1
+  spinney point house.goblin --attribute material 3.5,2.25,1.1
   spinney point house.goblin --rays all < rays.csv > hits.csv
   spinney point roads.goblin --in lonlat 7.66,45.98 --nearest 3
 
@@ -76,6 +77,10 @@ pub(crate) struct Args {
     /// Points where rays cross the surface of an exact model: first or all; a ray is X,Y,Z,DX,DY,DZ
     #[arg(long, value_name = "WHICH", value_parser = ["first", "all"], conflicts_with = "distance")]
     rays: Option<String>,
+    /// Attributes of the nearest face of an exact model, or of the face that a ray crosses, as in
+    /// material,type; after the location or the distance and tabs, or as columns of --rays
+    #[arg(long, value_name = "NAME,...")]
+    attribute: Option<String>,
 }
 
 impl Args {
@@ -125,11 +130,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         global.check_options(
             &args.tree.file,
             exact::KIND,
-            &["--object", "--distance", "--rays", "--view"],
+            &["--object", "--distance", "--rays", "--attribute", "--view"],
         )?;
+        let attribute = args.attribute.as_deref();
         return match &args.rays {
-            Some(which) => exact::rays(&view, &args.points, which == "all"),
-            None => exact::points(&view, &args.points, args.query()),
+            Some(which) => exact::rays(&view, &args.points, which == "all", attribute),
+            None => exact::points(&view, &args.points, args.query(), attribute),
         };
     }
     if let Some(tree) = lines::open(&args.tree.file, global)? {
@@ -146,8 +152,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         args.nearest.is_none() && args.radius.is_none(),
         "--nearest and --radius: work only with trees of points or lines"
     );
-    let is_of_models = args.distance || args.object || args.rays.is_some();
-    ensure!(!is_of_models, "--object, --distance and --rays: work only with exact models");
+    let is_of_models = args.distance || args.object || args.rays.is_some() || args.attribute.is_some();
+    ensure!(!is_of_models, "--object, --distance, --rays and --attribute: work only with exact models");
     let trees = args.tree.open_all(global)?;
     // Positions are cells of the layer with the smallest cells.
     let finest = trees.iter().max_by_key(|tree| tree.depth()).expect("a file has a layer");

@@ -25,6 +25,8 @@ mod exact_interrupts;
 #[cfg(all(feature = "mesh", feature = "meshopt"))]
 mod exact_levels;
 #[cfg(feature = "mesh")]
+mod exact_materials;
+#[cfg(feature = "mesh")]
 mod exact_objects;
 #[cfg(feature = "mesh")]
 mod exact_queries;

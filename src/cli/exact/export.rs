@@ -119,6 +119,10 @@ pub(crate) fn export(
     if model.is_unbounded() {
         global.report("unbounded", format_args!("infinity is inside: faces point inwards"));
     }
+    if summary.has_library {
+        let library = path.with_extension("mtl");
+        global.report("materials", format_args!("{}: their colours", library.display()));
+    }
     if summary.moved > 0 {
         let moved = summary.moved;
         global.report("moved", format_args!("{moved} vertices, since the format has single precision"));

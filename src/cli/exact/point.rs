@@ -2,12 +2,13 @@
 
 use std::io::{self, BufRead as _, Write};
 
-use anyhow::{Context as _, Result, anyhow};
+use anyhow::{Context as _, Result, anyhow, bail};
 use rayon::prelude::*;
+use spinney::ExactModel;
 use spinney::brep::{FaceBuffer, Faces, Location};
 use spinney::raw::brep::ModelView;
 
-use super::super::report::PrintableWriter;
+use super::super::report::{PrintableWriter, csv_field};
 
 /// Points that are located together.
 const BATCH: usize = 1 << 16;
@@ -24,26 +25,38 @@ pub(crate) enum PointQuery {
 }
 
 /// Prints a result for each point, given in the world: points of the command line, or of standard
-/// input if there are none.
-pub(crate) fn points(view: &ModelView, points: &[String], query: PointQuery) -> Result<()> {
+/// input if there are none. `attribute` is the names of columns of face values that follow.
+pub(crate) fn points(
+    view: &ModelView,
+    points: &[String],
+    query: PointQuery,
+    attribute: Option<&str>,
+) -> Result<()> {
+    let columns = PrintedColumns::of(view.file(), attribute)?;
     each_batch(view, points, "X,Y,Z", &mut |points, _, out| match query {
-        PointQuery::Position => print_locations(view, points, out),
-        PointQuery::Object => print_objects(view, points, out),
-        PointQuery::Distance => print_distances(view, points, out),
+        PointQuery::Position if columns.names.is_empty() => print_locations(view, points, out),
+        PointQuery::Position | PointQuery::Object => {
+            let is_object = matches!(query, PointQuery::Object);
+            print_faces(points, out, &|point| location_of_face(view, point, is_object, &columns))
+        }
+        PointQuery::Distance => print_faces(points, out, &|point| distance(view, point, &columns)),
     })
 }
 
 /// Prints the hits of rays, each an origin and a direction in the world: the first hit, or all.
-pub(crate) fn rays(view: &ModelView, rays: &[String], is_all: bool) -> Result<()> {
+/// `attribute` is the names of columns of face values that follow.
+pub(crate) fn rays(view: &ModelView, rays: &[String], is_all: bool, attribute: Option<&str>) -> Result<()> {
+    let columns = PrintedColumns::of(view.file(), attribute)?;
     let mut is_begun = false;
     each_batch(view, rays, "X,Y,Z,DX,DY,DZ", &mut |rays: &[[f64; 6]], first, out| {
         if !std::mem::replace(&mut is_begun, true) {
-            out.write_all(b"ray,distance,x,y,z,face,part,enters\n")?;
+            let names: String = columns.names.iter().map(|name| format!(",{}", csv_field(name))).collect();
+            writeln!(out, "ray,distance,x,y,z,face,part,enters{names}")?;
         }
         let parts: Vec<spinney::Result<Vec<u8>>> = rays
             .par_chunks(1 << 10)
             .enumerate()
-            .map(|(part, rays)| format_rays(view, rays, first + (part << 10) as u64, is_all))
+            .map(|(part, rays)| format_rays(view, rays, first + (part << 10) as u64, is_all, &columns))
             .collect();
         parts.into_iter().try_for_each(|part| Ok(out.write_all(&part?)?))
     })
@@ -121,33 +134,102 @@ fn name_of(location: Location) -> &'static str {
     }
 }
 
-fn print_objects(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
-    let object = |point: &[f64; 3]| -> spinney::Result<(Location, Option<u32>)> {
-        let location = view.locate(*point)?;
-        let nearest = if location == Location::Outside { None } else { view.nearest(*point)? };
-        let Some(nearest) = nearest else { return Ok((location, None)) };
-        let mut buffer = FaceBuffer::default();
-        view.file().face(nearest.face, &mut buffer)?;
-        Ok((location, Some(buffer.face().part)))
-    };
-    let found: Vec<spinney::Result<(Location, Option<u32>)>> =
-        points.par_iter().with_min_len(1 << 6).map(object).collect();
-    for found in found {
-        let (location, part) = found?;
-        let name = part.and_then(|part| view.file().parts().get(part as usize));
-        writeln!(out, "{}{}", name_of(location), name.map_or(String::new(), |name| format!("\t{name}")))?;
-    }
-    Ok(())
+/// Columns of face values that are printed.
+struct PrintedColumns {
+    /// Number of each in the model.
+    numbers: Vec<u32>,
+    names: Vec<String>,
 }
 
-fn print_distances(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
-    let distances: Vec<spinney::Result<f64>> =
-        points.par_iter().with_min_len(1 << 6).map(|point| view.signed_distance(*point)).collect();
-    distances.into_iter().try_for_each(|distance| Ok(writeln!(out, "{}", distance?)?))
+impl PrintedColumns {
+    /// Finds columns by their names, as in `material,type`.
+    fn of(model: &ExactModel, attribute: Option<&str>) -> Result<PrintedColumns> {
+        let mut columns = PrintedColumns { numbers: Vec::new(), names: Vec::new() };
+        let Some(attribute) = attribute else { return Ok(columns) };
+        let all = model.value_columns()?;
+        for name in attribute.split(',').map(str::trim) {
+            let Some(number) = all.iter().position(|own| own == name) else {
+                let known: Vec<&str> = all.iter().take(20).map(String::as_str).collect();
+                let known = if known.is_empty() { "none".into() } else { known.join(", ") };
+                bail!(
+                    "{}: --attribute {name}: its faces have no such value; they have {known}",
+                    model.path().display()
+                );
+            };
+            // (Models have at most 4096 columns.)
+            columns.numbers.push(number as u32);
+            columns.names.push(name.into());
+        }
+        Ok(columns)
+    }
+
+    /// Returns the values of a face, each after the separator.
+    fn of_face(&self, model: &ExactModel, face: u64, separator: char) -> spinney::Result<String> {
+        let mut text = String::new();
+        for column in &self.numbers {
+            // (Models have less than 2^32 faces.)
+            let value = model.face_value(*column, face as u32)?.map_or(String::new(), printed);
+            text.push(separator);
+            text.push_str(&if separator == ',' { csv_field(&value) } else { value.as_str().into() });
+        }
+        Ok(text)
+    }
+}
+
+/// Returns the string in JSON, or the JSON if it is something else, or has control characters.
+fn printed(json: String) -> String {
+    match serde_json::from_str::<String>(&json) {
+        Ok(text) if !text.contains(char::is_control) => text,
+        _ => json,
+    }
+}
+
+/// Function that returns the line of a point.
+type PointLine<'a> = dyn Fn([f64; 3]) -> spinney::Result<String> + Sync + 'a;
+
+fn print_faces(points: &[[f64; 3]], out: &mut dyn Write, line: &PointLine<'_>) -> Result<()> {
+    let lines: Vec<spinney::Result<String>> =
+        points.par_iter().with_min_len(1 << 6).map(|point| line(*point)).collect();
+    lines.into_iter().try_for_each(|line| Ok(writeln!(out, "{}", line?)?))
+}
+
+/// Returns the location of a point and, if it is in or on the body, the object and the values of
+/// the nearest face.
+fn location_of_face(
+    view: &ModelView,
+    point: [f64; 3],
+    is_object: bool,
+    columns: &PrintedColumns,
+) -> spinney::Result<String> {
+    let location = view.locate(point)?;
+    let mut line = name_of(location).to_string();
+    let nearest = if location == Location::Outside { None } else { view.nearest(point)? };
+    let Some(nearest) = nearest else { return Ok(line) };
+    if is_object {
+        let mut buffer = FaceBuffer::default();
+        view.file().face(nearest.face, &mut buffer)?;
+        let name = view.file().parts().get(buffer.face().part as usize);
+        line += &name.map_or(String::new(), |name| format!("\t{name}"));
+    }
+    Ok(line + &columns.of_face(view.file(), nearest.face, '\t')?)
+}
+
+/// Returns the distance of a point and the values of the nearest face.
+fn distance(view: &ModelView, point: [f64; 3], columns: &PrintedColumns) -> spinney::Result<String> {
+    let distance = view.signed_distance(point)?.to_string();
+    let nearest = if columns.names.is_empty() { None } else { view.nearest(point)? };
+    let values = nearest.map(|nearest| columns.of_face(view.file(), nearest.face, '\t'));
+    Ok(distance + &values.transpose()?.unwrap_or_default())
 }
 
 /// Formats the hits of rays. `first` is the first ray's number.
-fn format_rays(view: &ModelView, rays: &[[f64; 6]], first: u64, is_all: bool) -> spinney::Result<Vec<u8>> {
+fn format_rays(
+    view: &ModelView,
+    rays: &[[f64; 6]],
+    first: u64,
+    is_all: bool,
+    columns: &PrintedColumns,
+) -> spinney::Result<Vec<u8>> {
     let (mut text, mut caster) = (Vec::new(), view.rays());
     for ([x, y, z, u, v, w], ray) in rays.iter().zip(first..) {
         let (from, along) = ([*x, *y, *z], [*u, *v, *w]);
@@ -157,7 +239,9 @@ fn format_rays(view: &ModelView, rays: &[[f64; 6]], first: u64, is_all: bool) ->
         };
         for hit in hits {
             let ([x, y, z], enters) = (hit.point, u8::from(hit.is_entry));
-            let line = format!("{ray},{},{x},{y},{z},{},{},{enters}\n", hit.share, hit.face, hit.part);
+            let values = columns.of_face(view.file(), hit.face, ',')?;
+            let line =
+                format!("{ray},{},{x},{y},{z},{},{},{enters}{values}\n", hit.share, hit.face, hit.part);
             text.extend_from_slice(line.as_bytes());
         }
     }

@@ -27,7 +27,7 @@ use spinney::{Dataset, Output};
 pub(crate) use found::Found;
 pub(crate) use output::{report_built, report_output};
 use printable::printable;
-pub(crate) use printable::{PrintableWriter, printable_line};
+pub(crate) use printable::{PrintableWriter, csv_field, printable_line};
 pub(crate) use progress::Work;
 
 use super::Global;

@@ -24,6 +24,14 @@ pub(crate) fn printable_line(line: &str) -> Cow<'_, str> {
     if line.starts_with(['{', '[']) { printable_json(line) } else { printable(line) }
 }
 
+/// Formats a field of a CSV table, with quotes where needed (RFC 4180).
+pub(crate) fn csv_field(field: &str) -> Cow<'_, str> {
+    match field.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", field.replace('"', "\"\"")).into(),
+        false => field.into(),
+    }
+}
+
 /// A writer that escapes control characters like [`printable`]: for tables that are printed unless
 /// a file is named.
 pub(crate) struct PrintableWriter<W: Write> {

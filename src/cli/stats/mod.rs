@@ -18,7 +18,7 @@ use spinney::{Dataset, Rule};
 use super::args::{PartOptions, ViewedTree, level_of};
 use super::lines;
 use super::points::{self, PointSelection};
-use super::report::{Work, print_json, print_text, solid};
+use super::report::{Work, csv_field, print_json, print_text, solid};
 use super::{Global, exact};
 
 const EXAMPLES: &str = "Examples:
@@ -257,13 +257,9 @@ fn of_layer(args: &Args, tree: &Dataset, global: &Global) -> Result<Option<serde
     Ok(None)
 }
 
-/// Formats a row of a CSV table, with quotes where needed (RFC 4180, but with plain line feeds).
+/// Formats a row of a CSV table, with plain line feeds.
 fn row_of(fields: &[&str]) -> String {
-    let quoted = |field: &&str| match field.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", field.replace('"', "\"\"")),
-        false => field.to_string(),
-    };
-    fields.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n"
+    fields.iter().map(|field| csv_field(field)).collect::<Vec<_>>().join(",") + "\n"
 }
 
 /// Prints statistics as text.

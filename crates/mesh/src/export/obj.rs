@@ -6,6 +6,17 @@ use super::sink::{Sink, Vertex, failed};
 use spinney_base::Result;
 use spinney_base::io::Output;
 
+/// Name in the form in which lines have it. A line break would end it, a trailing backslash would
+/// continue the line, and readers drop outer blanks.
+pub(super) fn line_name(name: &str) -> String {
+    let mut name = name.trim_matches(' ').replace(|letter: char| letter.is_control(), "_");
+    if name.ends_with('\\') {
+        name.pop();
+        name.push('_');
+    }
+    name
+}
+
 /// OBJ output. Faces may follow their vertices immediately, so everything is written in call order.
 pub(super) struct Obj {
     output: Output,
@@ -13,8 +24,14 @@ pub(super) struct Obj {
 
 impl Obj {
     pub(super) fn new(output: Output) -> Result<Obj> {
+        Obj::with_library(output, None)
+    }
+
+    /// Starts a file with the name of the library that has its materials, if there is one.
+    pub(super) fn with_library(output: Output, library: Option<&str>) -> Result<Obj> {
         let mut obj = Obj { output };
         obj.line("# made by spinney".into())?;
+        library.map_or(Ok(()), |name| obj.line(format!("mtllib {name}")))?;
         Ok(obj)
     }
 
@@ -35,13 +52,12 @@ impl Sink for Obj {
     }
 
     fn part(&mut self, name: &str) -> Result<()> {
-        // A line break would end the name, and a trailing backslash would continue the line.
-        let mut name = name.replace(|letter: char| letter.is_control(), "_");
-        if name.ends_with('\\') {
-            name.pop();
-            name.push('_');
-        }
-        self.line(format!("o {name}"))
+        self.line(format!("o {}", line_name(name)))
+    }
+
+    fn material(&mut self, name: &str) -> Result<()> {
+        // (Without a name, faces are white.)
+        self.line(format!("usemtl {}", line_name(name)).trim_end().into())
     }
 
     fn face(&mut self, corners: &[Vertex], _: u32) -> Result<()> {

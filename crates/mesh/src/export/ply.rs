@@ -21,6 +21,22 @@ pub enum FaceAttribute {
     Level,
 }
 
+/// Numeric type of a property.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum PropertyType {
+    /// `int`: 32 bits.
+    Int,
+    /// `double`.
+    Double,
+}
+
+/// Named property of faces: a number.
+#[derive(Clone, Debug)]
+pub(super) struct FaceProperty {
+    pub(super) name: String,
+    pub(super) number: PropertyType,
+}
+
 /// PLY output. The header has the numbers of vertices and faces, so both are buffered in temporary
 /// files.
 pub(super) struct Ply {
@@ -35,6 +51,9 @@ pub(super) struct Ply {
     vertex_spill: Spill,
     face_spill: Spill,
     bytes: Vec<u8>,
+    properties: Vec<FaceProperty>,
+    /// Numbers of the next face, one for each of the properties.
+    numbers: Vec<f64>,
 }
 
 impl Ply {
@@ -52,7 +71,14 @@ impl Ply {
             vertex_spill,
             face_spill,
             bytes: Vec::new(),
+            properties: Vec::new(),
+            numbers: Vec::new(),
         })
+    }
+
+    /// Adds properties of faces, whose numbers are given before each face.
+    pub(super) fn with_properties(self, properties: Vec<FaceProperty>) -> Ply {
+        Ply { numbers: vec![0.0; properties.len()], properties, ..self }
     }
 
     /// Starts a file with coordinates in double precision, for faces of at most `most_corners`
@@ -81,10 +107,15 @@ impl Ply {
             FaceAttribute::Short => "property ushort value\n",
             FaceAttribute::Level => "property float level\n",
         };
+        let line = |property: &FaceProperty| {
+            let number = if property.number == PropertyType::Int { "int" } else { "double" };
+            format!("property {number} {}\n", property.name)
+        };
+        let properties: String = self.properties.iter().map(line).collect();
         format!(
             "ply\nformat binary_little_endian 1.0\ncomment made by spinney\nelement vertex {}\n\
              property {number} x\nproperty {number} y\nproperty {number} z\n{of_vertices}element face {}\n\
-             property list {length} {index} vertex_indices\n{attribute}end_header\n",
+             property list {length} {index} vertex_indices\n{attribute}{properties}end_header\n",
             self.vertices, self.faces
         )
     }
@@ -117,6 +148,10 @@ impl Sink for Ply {
         self.vertex_spill.write(&colour)
     }
 
+    fn numbers(&mut self, numbers: &[f64]) {
+        self.numbers.copy_from_slice(numbers);
+    }
+
     fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()> {
         self.faces += 1;
         self.bytes.clear();
@@ -134,6 +169,12 @@ impl Sink for Ply {
             FaceAttribute::Byte => self.bytes.push(attribute as u8),
             FaceAttribute::Short => self.bytes.extend((attribute as u16).to_le_bytes()),
             FaceAttribute::Level => self.bytes.extend(attribute.to_le_bytes()),
+        }
+        for (property, number) in self.properties.iter().zip(&self.numbers) {
+            match property.number {
+                PropertyType::Int => self.bytes.extend((*number as i32).to_le_bytes()),
+                PropertyType::Double => self.bytes.extend(number.to_le_bytes()),
+            }
         }
         self.face_spill.write(&self.bytes)
     }

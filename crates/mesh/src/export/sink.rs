@@ -35,6 +35,13 @@ pub(super) trait Sink {
     fn part(&mut self, _name: &str) -> Result<()> {
         Ok(())
     }
+    /// Sets the material of the following faces, if the format supports materials; without a name,
+    /// they have none.
+    fn material(&mut self, _name: &str) -> Result<()> {
+        Ok(())
+    }
+    /// Sets the numbers of the next face, if the format supports them.
+    fn numbers(&mut self, _numbers: &[f64]) {}
     /// Writes a face, counterclockwise seen from outside, with the attribute of its cell.
     fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()>;
     /// Completes the file and publishes it under its name: see [`Output::commit`].

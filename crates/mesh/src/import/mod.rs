@@ -10,7 +10,7 @@ mod solid;
 pub use edges::{EdgeOptions, MeshEdges, open_mesh_edges};
 pub use exact::{ExactOptions, ExactReport, ModelContact, SkippedObject, import_exact, model_contacts};
 pub use model::{MeshFace, Model, ModelInfo, parts_of};
-pub(crate) use read::city_semantics;
+pub(crate) use read::{MATERIAL, MAX_LIBRARY_BYTES, city_semantics};
 pub use read::{MeshArrays, MeshColours, files_of, is_model, open, open_all, open_all_with, open_with};
 pub use solid::{
     Attribute, DEFAULT_MEMORY, FittedCells, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport,

@@ -5,6 +5,7 @@ use std::io::Write;
 use std::path::Path;
 
 use super::city_objects::{CityObjects, extent_of, extent_text, member};
+use super::face_columns::FaceColumns;
 use super::numbering::CornerNumbers;
 use super::semantics::COLUMNS;
 use super::shells::{Shell, Shells};
@@ -14,6 +15,7 @@ use super::{ExactSummary, Job, temporary_directory};
 use crate::export::sink::failed;
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
+use spinney_brep::Faces;
 use spinney_brep::attributes::each_member;
 use spinney_container::Unit;
 use spinney_crs::Crs;
@@ -53,6 +55,7 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
     let mut found = Vec::new();
     let mut faces = 0;
     let columns = job.faces.value_columns()?;
+    let lost_columns = columns.iter().any(|name| !COLUMNS.contains(&name.as_str()));
     let wanted = if columns.is_empty() { &[][..] } else { &COLUMNS[..] };
     job.each_with_values(wanted, &mut |face, values| {
         faces += 1;
@@ -124,9 +127,16 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
         faces,
         lost_colours: survey.has_colours,
         lost_attributes: lost_files + city_objects.lost,
-        lost_values: lost_values > 0 || columns.iter().any(|name| !COLUMNS.contains(&name.as_str())),
+        lost_values: lost_values > 0 || lost_columns,
         ..ExactSummary::default()
     })
+}
+
+/// Columns of face values that are not semantics.
+pub(super) fn other_columns(faces: &dyn Faces) -> Result<FaceColumns> {
+    let mut lost = faces.value_columns()?;
+    lost.retain(|name| !COLUMNS.contains(&name.as_str()));
+    Ok(FaceColumns { lost, ..FaceColumns::default() })
 }
 
 /// Units of the file per unit of the model. CityJSON coordinates are in the unit of the coordinate

@@ -8,6 +8,8 @@
 
 mod city_json;
 mod city_objects;
+mod face_columns;
+mod material_library;
 mod numbering;
 mod polygons;
 mod semantics;
@@ -18,6 +20,7 @@ mod triangles;
 
 use std::path::PathBuf;
 
+use self::face_columns::FaceColumns;
 use super::MeshFormat;
 use super::losses::Losses;
 use spinney_base::io::Output;
@@ -40,6 +43,8 @@ pub struct ExactSummary {
     pub lost_attributes: u64,
     /// Whether values of faces were lost.
     pub lost_values: bool,
+    /// OBJ: whether colours are those of materials, in a library next to the file.
+    pub has_library: bool,
     /// Whether there were several parts that the file does not distinguish.
     pub lost_parts: bool,
     /// STL: triangle vertices that rounding to single precision moved.
@@ -53,13 +58,13 @@ pub struct ExactSummary {
 
 /// Writes an exact model as a mesh in world coordinates.
 ///
-/// | format | polygons | holes | coordinates | colours | parts |
-/// | --- | --- | --- | --- | --- | --- |
-/// | PLY | yes | bridges | double precision | of faces; of vertices if a face has several | no |
-/// | OBJ | yes | bridges | shortest round-trip decimals | of vertices | objects |
-/// | OFF | yes | bridges | as OBJ | as PLY | no |
-/// | STL | triangles | | single precision; see [`ExactSummary::moved`] | no | no |
-/// | CityJSON | yes | yes | integers with a transform | no | objects |
+/// | format | polygons | holes | coordinates | colours | parts | values of faces |
+/// | --- | --- | --- | --- | --- | --- | --- |
+/// | PLY | yes | bridges | double precision | of faces; of vertices if a face has several | no | numbers |
+/// | OBJ | yes | bridges | shortest round-trip decimals | of vertices or materials | objects | `material` |
+/// | OFF | yes | bridges | as OBJ | as PLY | no | no |
+/// | STL | triangles | | single precision; see [`ExactSummary::moved`] | no | no | no |
+/// | CityJSON | yes | yes | integers with a transform | no | objects | semantics |
 ///
 /// A reader of CityJSON may compute coordinates that differ in the last bit.
 ///
@@ -72,7 +77,10 @@ pub struct ExactSummary {
 /// by their coordinates within blocks of at most 32 x 32 x 32 grid units.
 ///
 /// Face values in the columns `type`, `surface`, `parent` and `attributes` become surface semantics
-/// of CityJSON if the face has a type; other formats cannot store them. Only CityJSON stores
+/// of CityJSON if the face has a type. Columns of numbers become properties of PLY faces: `int` if
+/// all faces have integers of 32 bits, or else `double`, where NaN marks faces without a number.
+/// The column `material` becomes the materials of OBJ. If each material has one colour, the colours
+/// are in a library next to the OBJ file, with the extension `.mtl`. Only CityJSON stores
 /// attributes of parts. It also stores the attributes of the source file if the model was built
 /// from a single file.
 ///
@@ -113,19 +121,27 @@ pub fn export_exact(
     let passes = match format {
         MeshFormat::Stl => 1,
         MeshFormat::CityJson => 5,
-        _ => 3,
+        // (Materials and numbers take another pass.)
+        MeshFormat::Ply | MeshFormat::Obj => 3 + u64::from(!faces.value_columns()?.is_empty()),
+        MeshFormat::Off => 3,
     };
     let job = Job { faces, progress, passes };
     let mut losses = Losses::of(&output);
+    let columns = match format {
+        MeshFormat::CityJson => city_json::other_columns(faces)?,
+        _ => FaceColumns::of(&job, format)?,
+    };
     let mut summary = match format {
         MeshFormat::CityJson => city_json::write(&job, output)?,
         MeshFormat::Stl => triangles::write(&job, output)?,
-        MeshFormat::Ply | MeshFormat::Obj | MeshFormat::Off => polygons::write(&job, format, output)?,
+        MeshFormat::Ply | MeshFormat::Obj | MeshFormat::Off => {
+            polygons::write(&job, format, &columns, output)?
+        }
     };
     let (is_city, crs) = (format == MeshFormat::CityJson, faces.crs());
     if !is_city {
         summary.lost_attributes = faces.parts_with_attributes()? + faces.file_attributes()?.len() as u64;
-        summary.lost_values = !faces.value_columns()?.is_empty();
+        summary.lost_values = !columns.lost.is_empty();
     }
     losses.add(summary.lost_colours, "colours");
     losses.add(summary.lost_parts, "parts");
@@ -135,11 +151,25 @@ pub fn export_exact(
     losses.add(lost > 0, format!("the attributes of {lost} parts and files"));
     let holes = summary.bridged_holes;
     losses.add(holes > 0, format!("holes ({holes} are joined to the rings around them)"));
-    losses.add(summary.lost_values, "values of faces");
+    losses.add(summary.lost_values, lost_values(&columns.lost));
+    let characters = "control characters, outer blanks and final backslashes of material names";
+    losses.add(columns.has_changed_names, characters);
     losses.add_crs(crs.filter(|crs| !(is_city && city_json::reference_system(crs).is_some())));
     losses.add_unit(faces.unit(), faces.unit().filter(|unit| is_city && city_json::metres(unit).is_some()));
     losses.report(progress);
     Ok(summary)
+}
+
+/// Describes values of faces in columns.
+fn lost_values(columns: &[String]) -> String {
+    /// Maximum number of listed names.
+    const MAX_NAMES: usize = 8;
+    let names: Vec<&str> = columns.iter().take(MAX_NAMES).map(String::as_str).collect();
+    let more = if columns.len() > names.len() { ", ..." } else { "" };
+    match names[..] {
+        [] => "values of faces".into(),
+        _ => format!("values of faces ({}{more})", names.join(", ")),
+    }
 }
 
 /// Faces that are traversed several times, with progress.

@@ -1,5 +1,7 @@
 //! Exact models as PLY, OBJ or OFF: single-ring polygons over numbered vertices.
 
+use super::face_columns::{FaceColumns, material_name, number};
+use super::material_library::{library_path, start as start_library};
 use super::numbering::CornerNumbers;
 use super::survey::Survey;
 use super::{ExactSummary, Job, temporary_directory, wide};
@@ -9,17 +11,29 @@ use spinney_base::Result;
 use spinney_base::io::Output;
 use spinney_brep::geometry::join_rings;
 
-pub(super) fn write(job: &Job<'_>, format: MeshFormat, output: Output) -> Result<ExactSummary> {
+pub(super) fn write(
+    job: &Job<'_>,
+    format: MeshFormat,
+    columns: &FaceColumns,
+    output: Output,
+) -> Result<ExactSummary> {
     let survey = Survey::of(job)?;
     // OBJ has face colours only as materials, which require a second file.
-    let with_colours = survey.has_colours && (survey.has_shades || format == MeshFormat::Obj);
+    let library = columns.library.as_ref().zip(library_path(&output));
+    let library = library.map(|(text, (path, name))| Ok((start_library(&output, path, text)?, name)));
+    let (library, library_name) = library.transpose()?.unzip();
+    let with_colours =
+        survey.has_colours && library.is_none() && (survey.has_shades || format == MeshFormat::Obj);
     let of_faces = survey.has_colours && !with_colours;
     let attribute = if of_faces { FaceAttribute::Colour } else { FaceAttribute::None };
     let directory = temporary_directory(&output);
     let mut sink: Box<dyn Sink> = match format {
-        MeshFormat::Obj => Box::new(obj::Obj::new(output)?),
+        MeshFormat::Obj => Box::new(obj::Obj::with_library(output, library_name.as_deref())?),
         MeshFormat::Off => Box::new(off::Off::new(output, attribute, with_colours)?),
-        _ => Box::new(ply::Ply::of_polygons(output, attribute, with_colours, survey.most_corners)?),
+        _ => {
+            let ply = ply::Ply::of_polygons(output, attribute, with_colours, survey.most_corners)?;
+            Box::new(ply.with_properties(columns.properties.clone()))
+        }
     };
     let grid = job.faces.grid();
     let mut numbers = CornerNumbers::of(job, with_colours, &directory, &mut |(point, colour)| {
@@ -30,10 +44,27 @@ pub(super) fn write(job: &Job<'_>, format: MeshFormat, output: Output) -> Result
     let mut summary = ExactSummary {
         vertices: numbers.vertices,
         lost_parts: job.has_parts() && format != MeshFormat::Obj,
+        has_library: library.is_some(),
         ..ExactSummary::default()
     };
     let (mut part, mut found, mut points, mut corners) = (None, Vec::new(), Vec::new(), Vec::new());
-    job.each(&mut |face| {
+    let wanted: Vec<&str> = columns.names.iter().map(String::as_str).collect();
+    let (mut material, mut numbers_of_face) = (None, Vec::new());
+    job.each_with_values(&wanted, &mut |face, values| {
+        match values {
+            [] => {}
+            [own] if format == MeshFormat::Obj => {
+                if material != *own {
+                    sink.material(&material_name(own.as_deref()))?;
+                    material = own.clone();
+                }
+            }
+            _ => {
+                numbers_of_face.clear();
+                numbers_of_face.extend(values.iter().map(|json| number(json.as_deref())));
+                sink.numbers(&numbers_of_face);
+            }
+        }
         if has_names && part != Some(face.part) {
             part = Some(face.part);
             sink.part(job.faces.parts().get(face.part as usize).map_or("", String::as_str))?;
@@ -53,5 +84,6 @@ pub(super) fn write(job: &Job<'_>, format: MeshFormat, output: Output) -> Result
         sink.face(&corners, u32::from_be_bytes([0, red, green, blue]))
     })?;
     sink.finish()?;
+    library.map_or(Ok(()), Output::commit)?;
     Ok(summary)
 }

@@ -189,7 +189,8 @@ pub fn import_exact(
     }
     let lost_values = models.iter().map(|model| model.lost_values()).sum();
     if lost_values > 0 {
-        let text = "values of faces (CityJSON semantics) are invalid or too long, and were dropped";
+        let text =
+            "values of faces (such as semantics or materials) are invalid or too long, and were dropped";
         progress.warn(&path, &format!("{lost_values} {text}"));
     }
     Ok(ExactReport {

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::face_values::MAX_VALUE_BYTES;
 use serde::de::{self, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
@@ -18,10 +19,6 @@ pub(crate) const ATTRIBUTES: &str = "attributes";
 
 /// Member of a part's attributes with the level of detail of its geometry, unless that is 2.
 pub(crate) const LOD: &str = "lod";
-
-/// Maximum bytes of a type, and of a surface's attributes. Every face of a surface repeats them, so
-/// a two-byte number in the file can expand to this size.
-const MAX_BYTES: usize = 4096;
 
 /// Maximum number of surfaces with semantics in a geometry. A few bytes of a file become a hundred
 /// bytes in memory.
@@ -261,14 +258,14 @@ impl Surface {
         let mut lost = 0;
         let known = each_member(text, |key, value| match key {
             "parent" | "children" => {}
-            "type" if value.len() <= MAX_BYTES => surface.kind = Some(value.into()),
+            "type" if value.len() <= MAX_VALUE_BYTES => surface.kind = Some(value.into()),
             "type" => lost += 1,
             _ => others.push(key, value),
         });
         let others = Some(others).filter(|others| !others.is_empty()).map(|others| others.to_string());
-        lost +=
-            u64::from(known.is_err()) + u64::from(others.as_ref().is_some_and(|text| text.len() > MAX_BYTES));
-        surface.attributes = others.filter(|text| text.len() <= MAX_BYTES);
+        lost += u64::from(known.is_err())
+            + u64::from(others.as_ref().is_some_and(|text| text.len() > MAX_VALUE_BYTES));
+        surface.attributes = others.filter(|text| text.len() <= MAX_VALUE_BYTES);
         (surface, lost)
     }
 }
@@ -321,7 +318,7 @@ mod tests {
 
     #[test]
     fn surfaces_say_what_they_are() {
-        let long = "x".repeat(MAX_BYTES);
+        let long = "x".repeat(MAX_VALUE_BYTES);
         let text = format!(
             "{{\"surfaces\":[{{\"type\":\"Wall\",\"children\":[1,9]}},{{\"slope\": 1.50,\"type\":\"Window\"}},\
              {{\"parent\":1,\"long\":\"{long}\"}},7],\"values\":[0,1,2,3]}}"

@@ -8,6 +8,7 @@ mod cityjson;
 mod colour_range;
 mod corners;
 mod exact;
+mod face_values;
 mod gltf;
 mod model_file;
 mod obj;
@@ -30,6 +31,8 @@ use spinney_container::OtherFormat;
 use spinney_manifest::is_manifest_file;
 
 pub use self::arrays::{MeshArrays, MeshColours};
+pub(crate) use self::face_values::MATERIAL;
+pub(crate) use self::obj::MAX_LIBRARY_BYTES;
 
 /// Opens a boundary representation. The format is recognized by the file's first bytes. The file
 /// name is used only if those are ambiguous.

@@ -1,9 +1,18 @@
 //! Names of a model's parts.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 
 use super::model_file::ModelFile;
 use spinney_base::{Error, Result};
+
+/// Text of a name in a file: UTF-8, or else Latin-1, so that distinct names stay distinct.
+pub(super) fn decoded(name: &[u8]) -> Cow<'_, str> {
+    match std::str::from_utf8(name) {
+        Ok(name) => name.into(),
+        Err(_) => name.iter().copied().map(char::from).collect::<String>().into(),
+    }
+}
 
 /// Distinct names, numbered in the order of first occurrence.
 pub(super) struct PartNames {
@@ -36,7 +45,7 @@ impl PartNames {
 
     /// Number of the part with this name. Adds a part if there is none.
     pub(super) fn number(&mut self, source: &ModelFile, name: &[u8]) -> Result<u32> {
-        let name = String::from_utf8_lossy(name);
+        let name = decoded(name);
         if let Some(number) = self.numbers.get(&*name) {
             return Ok(*number);
         }
@@ -45,6 +54,11 @@ impl PartNames {
         self.numbers.insert(name.clone().into_owned(), number);
         self.names.push(name.into_owned());
         Ok(number)
+    }
+
+    /// Ends the list and returns all names.
+    pub(super) fn into_names(self) -> Vec<String> {
+        self.names
     }
 
     /// Number of the next part.

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::corners::{Corners, MAX_CORNERS};
+use super::face_values::{FaceNumbers, number_columns};
 use super::model_file::ModelFile;
 use super::vertices::{Coordinates, Table, VertexBounds, VertexLayout, Vertices, VerticesBuilder};
 use super::{MeshFace, Model, ModelInfo};
@@ -21,6 +22,7 @@ struct Ply {
     /// Offset of the first face.
     start: usize,
     degenerate: u64,
+    lost_values: u64,
 }
 
 /// Storage of the vertices while faces are read.
@@ -95,7 +97,16 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         is_coloured: vertices.table(&source).is_coloured() || faces.colour().is_some(),
         bytes: source.bytes().len() as u64,
     };
-    Ok(Box::new(Ply { source, info, encoding: header.encoding, vertices, faces, start, degenerate: 0 }))
+    Ok(Box::new(Ply {
+        source,
+        info,
+        encoding: header.encoding,
+        vertices,
+        faces,
+        start,
+        degenerate: 0,
+        lost_values: 0,
+    }))
 }
 
 /// Error in an element.
@@ -239,6 +250,8 @@ enum Role {
     Corners,
     /// Red, green or blue, by index.
     Colour(usize),
+    /// Value of the face in a column.
+    Value(usize),
     Other,
 }
 
@@ -261,11 +274,15 @@ impl Roles {
         for (channel, index) in faces.colour().iter().flatten().enumerate() {
             roles[*index] = Role::Colour(channel);
         }
+        for (column, index) in number_columns(faces).into_iter().enumerate() {
+            roles[index] = Role::Value(column);
+        }
         Ok(Roles(roles))
     }
 }
 
-/// Reads faces and passes them on; returns the number of degenerate faces that were left out.
+/// Reads faces and passes them on; returns the numbers of degenerate faces and of values that were
+/// left out.
 struct ReadFaces<'a, 'b> {
     source: &'a ModelFile,
     element: &'a Element,
@@ -274,10 +291,13 @@ struct ReadFaces<'a, 'b> {
 }
 
 impl Visit for ReadFaces<'_, '_> {
-    type Output = Result<u64>;
+    type Output = Result<(u64, u64)>;
 
-    fn visit(self, mut body: impl Body) -> Result<u64> {
+    fn visit(self, mut body: impl Body) -> Result<(u64, u64)> {
         let roles = Roles::of(self.source, self.element)?.0;
+        let columns = number_columns(self.element);
+        let name = |index: &usize| self.element.properties[*index].name.as_str();
+        let mut numbers = FaceNumbers::of_columns(columns.len());
         let has_face_colours = !self.vertices.is_coloured() && self.element.colour().is_some();
         let mut corners = Corners::default();
         for number in 0..self.element.count {
@@ -295,15 +315,21 @@ impl Visit for ReadFaces<'_, '_> {
                         let value = body.number(property.scalar).map_err(corrupt)?;
                         colour[*at] = channel(value, property.scalar);
                     }
+                    (Role::Value(column), None) => {
+                        let value = body.number(property.scalar).map_err(corrupt)?;
+                        numbers.set(*column, value, property.scalar);
+                    }
                     _ => body.skip_property(property).map_err(corrupt)?,
                 }
             }
             if has_face_colours {
                 corners.paint(colour);
             }
-            corners.hand_out(0, self.each)?;
+            let values = numbers.values(columns.iter().map(name));
+            let each = &mut *self.each;
+            corners.hand_out(0, &mut |face| each(&MeshFace { values: &values, ..*face }))?;
         }
-        Ok(corners.degenerate)
+        Ok((corners.degenerate, numbers.lost))
     }
 }
 
@@ -347,11 +373,15 @@ impl Model for Ply {
         let (source, element) = (&self.source, &self.faces);
         let vertices = self.vertices.table(source);
         let faces = ReadFaces { source, element, vertices, each };
-        self.degenerate = visit(self.encoding, source.bytes(), self.start, faces)?;
+        (self.degenerate, self.lost_values) = visit(self.encoding, source.bytes(), self.start, faces)?;
         Ok(())
     }
 
     fn degenerate(&self) -> u64 {
         self.degenerate
+    }
+
+    fn lost_values(&self) -> u64 {
+        self.lost_values
     }
 }

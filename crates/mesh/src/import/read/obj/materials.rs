@@ -2,12 +2,13 @@
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 use super::super::colour_range::ColourRange;
 use super::super::corners::WHITE;
 use super::super::model_file::{BYTE_ORDER_MARK, ModelFile};
+use super::super::parts::decoded;
 use spinney_base::Error;
 use spinney_base::guard::guard;
 
@@ -32,7 +33,7 @@ pub(in super::super) fn libraries(source: &ModelFile) -> Vec<PathBuf> {
 }
 
 /// Maximum bytes that are read of a material library.
-const MAX_BYTES: u64 = 4 << 20;
+pub(crate) const MAX_LIBRARY_BYTES: u64 = 4 << 20;
 
 impl Materials {
     /// Reads the libraries that a file names. They must be in the model's directory or below it. A
@@ -50,10 +51,15 @@ impl Materials {
 
     fn add(&mut self, path: &Path) {
         let Ok(file) = File::open(path) else { return };
-        let mut reader = BufReader::new(file.take(MAX_BYTES));
-        if reader.fill_buf().is_ok_and(|bytes| bytes.starts_with(BYTE_ORDER_MARK)) {
-            reader.consume(BYTE_ORDER_MARK.len());
+        let mut bytes = Vec::new();
+        if file.take(MAX_LIBRARY_BYTES).read_to_end(&mut bytes).is_err() {
+            return;
         }
+        let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&bytes);
+        // (Lines are decoded as names in models are.)
+        let text: Vec<_> = bytes.split(|byte| *byte == b'\n').map(decoded).collect();
+        let text = text.join("\n");
+        let mut reader = text.as_bytes();
         let read = guard(path, "materials", || {
             tobj::load_mtl_buf(&mut reader)
                 .map_err(|error| Error::corrupt(path, "materials", error.to_string(), "materials"))

@@ -14,11 +14,13 @@ mod tests;
 use std::borrow::Cow;
 
 use self::faces::{FaceHead, FaceList, FaceListBuilder};
+pub(crate) use self::materials::MAX_LIBRARY_BYTES;
 use self::materials::Materials;
 pub(super) use self::materials::libraries;
 use self::statements::{Statement, Statements, vertex};
 use super::colour_range::ColourRange;
 use super::corners::{Corners, MAX_CORNERS, WHITE};
+use super::face_values::{MATERIAL, MAX_VALUE_BYTES};
 use super::model_file::ModelFile;
 use super::parts::PartNames;
 use super::vertices::{Coordinates, VertexBounds, Vertices, VerticesBuilder};
@@ -33,7 +35,13 @@ struct Obj {
     faces: FaceList,
     /// Face colours by material number; empty if vertices have colours, or if there are none.
     colours: Vec<[u8; 3]>,
+    /// Names of the materials as JSON, by material number; empty if there is none, or if it is too
+    /// long.
+    materials: Vec<String>,
+    /// Material number of faces without a material, if there are any.
+    no_material: Option<u32>,
     degenerate: u64,
+    lost_values: u64,
 }
 
 /// Whether a file with an unknown extension looks like OBJ.
@@ -136,6 +144,12 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
             colours = materials.names().iter().map(|name| read.colour(name)).collect();
         }
     }
+    let mut materials = materials.into_names();
+    let no_material = materials.iter().position(String::is_empty).map(|number| number as u32);
+    for name in &mut materials {
+        let json = serde_json::Value::from(std::mem::take(name)).to_string();
+        *name = if json.len() <= MAX_VALUE_BYTES && json != "\"\"" { json } else { String::new() };
+    }
     let info = ModelInfo {
         path: source.path().to_path_buf(),
         format: "OBJ".into(),
@@ -151,7 +165,17 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         is_coloured: is_coloured || !colours.is_empty(),
         bytes: source.bytes().len() as u64,
     };
-    Ok(Box::new(Obj { info, vertices, faces: faces.finish()?, colours, degenerate: 0 }))
+    let faces = faces.finish()?;
+    Ok(Box::new(Obj {
+        info,
+        vertices,
+        faces,
+        colours,
+        materials,
+        no_material,
+        degenerate: 0,
+        lost_values: 0,
+    }))
 }
 
 /// Reads the vertices of a face's corners. `known` vertices precede the face, and the file has
@@ -210,6 +234,7 @@ impl Model for Obj {
     fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {
         let (table, mut faces) = (self.vertices.table(), self.faces.reader());
         let (mut corners, mut vertices) = (Corners::default(), Vec::new());
+        let mut lost_values = 0;
         while let Some(head) = faces.next(&mut vertices) {
             corners.clear();
             for vertex in &vertices {
@@ -221,13 +246,20 @@ impl Model for Obj {
             if let Some(colour) = self.colours.get(head.material as usize) {
                 corners.paint(*colour);
             }
-            corners.hand_out(head.part, each)?;
+            let name = self.materials.get(head.material as usize).filter(|name| !name.is_empty());
+            let value = name.map(|name| (MATERIAL, name.as_str()));
+            lost_values += u64::from(value.is_none() && self.no_material != Some(head.material));
+            corners.hand_out(head.part, &mut |face| each(&MeshFace { values: value.as_slice(), ..*face }))?;
         }
-        self.degenerate = corners.degenerate;
+        (self.degenerate, self.lost_values) = (corners.degenerate, lost_values);
         Ok(())
     }
 
     fn degenerate(&self) -> u64 {
         self.degenerate
+    }
+
+    fn lost_values(&self) -> u64 {
+        self.lost_values
     }
 }
