@@ -244,6 +244,12 @@ pub mod partitions {
     pub use spinney_partitions::{DfText, SolidText, df_head, extended_octree_text};
 }
 
+/// Values within bodies, interpolated from samples.
+#[cfg(feature = "vector")]
+pub mod body_values {
+    pub use spinney_vector::{BodySamples, BodyValueOptions, build_body_values, read_samples};
+}
+
 /// Surfaces over the plane as triangulated irregular networks (TIN), and the layers between them.
 #[cfg(feature = "vector")]
 pub mod tin {
@@ -296,8 +302,8 @@ pub mod import {
         pub use spinney_mesh::import::{
             Attribute, DEFAULT_MEMORY, EdgeOptions, ExactReport, InsideTest, MeshArrays, MeshColours,
             MeshEdges, MeshFace, Model, ModelContact, ModelInfo, SkippedObject, SolidReport, SolidSurvey,
-            SurfaceAtPoint, SurveyedNode, is_model, model_contacts, open, open_all_with, open_mesh_edges,
-            open_with, parts_of, plan_part,
+            SurfaceAtPoint, SurveyedNode, fit_cells, is_model, model_contacts, open, open_all_with,
+            open_mesh_edges, open_with, parts_of, plan_part,
         };
     }
 
@@ -392,8 +398,8 @@ pub mod report {
     pub use spinney_report::{
         Bins, CellMeasure, JsonNumbers, OUTSIDE, PointLayers, PointReport, ZoneForm, ZoneReport,
         bins_as_json, bins_of, bins_with, channels_as_json, class_as_json, class_name, commit_as_json,
-        measure_key, measure_name, printable_json, statistics_as_json, statistics_of, void_share, world_unit,
-        write_number,
+        integral, measure_key, measure_name, printable_json, statistics_as_json, statistics_of, void_share,
+        world_unit, write_number,
     };
 }
 

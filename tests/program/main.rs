@@ -5,6 +5,8 @@ mod common;
 
 mod cli;
 mod cli_bintrees;
+#[cfg(feature = "cli")]
+mod cli_body_values;
 #[cfg(all(unix, feature = "cli"))]
 mod cli_build;
 #[cfg(feature = "mbtiles")]

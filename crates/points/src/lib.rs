@@ -29,7 +29,8 @@ pub use import::{
     PointImport, PointImportOptions, attribute_index, has_points, is_las_file, plan_files, plan_points,
 };
 pub use query::{
-    ColumnSummary, NearPoint, PointColumns, PointCondition, PointRegion, PointStatistics, Relation, Selection,
+    ColumnSummary, NearPoint, PointColumns, PointCondition, PointIndex, PointRegion, PointStatistics,
+    Relation, Selection,
 };
 pub use source::{
     ChosenPoints, GriddedPoints, PointRows, PointSchema, PointSource, PointSubset, WorldPoints,

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 use spinney_base::Result;
 use spinney_base::space::Bounds;
-use spinney_base::value::{Number, SampleType};
+use spinney_base::value::{DataKind, Number, Rule, SampleType};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{ChannelStatistics, Statistics};
 
@@ -72,6 +72,22 @@ pub fn channels_as_json(statistics: &Statistics, of: SampleType, numbers: JsonNu
     statistics.channels.iter().map(channel).collect()
 }
 
+/// Returns the integral over the cells of an octree: the sum of the values times the volume of a
+/// cell. That of densities is a mass. `None` for other trees, for classes, occupancy, colours and
+/// scaled values, and if the volume is unknown.
+pub fn integral(tree: &Dataset, statistics: &Statistics) -> Option<f64> {
+    let header = tree.header();
+    let has_continuous = header.kind == DataKind::Continuous && header.rule != Rule::Occupancy;
+    let is_plain = tree.metadata().scale_offset.is_empty() && header.form.axes() == 3;
+    let each = CellMeasure::of(tree).ok().filter(|_| has_continuous && is_plain)?.of_cell;
+    match &statistics.channels[..] {
+        [] => Some(0.0),
+        [channel] if channel.cells == 0 => Some(0.0),
+        [channel] => Some(channel.mean * (channel.cells as f64 * each)),
+        _ => None,
+    }
+}
+
 /// Returns bins as JSON.
 pub fn bins_as_json(bins: &[(f64, u64)], numbers: JsonNumbers) -> Value {
     bins.iter().map(|(from, cells)| json!({ "from": from, "cells": numbers.count(*cells) })).collect()
@@ -108,6 +124,7 @@ pub fn statistics_as_json(
     });
     if key == "volume" {
         json["unit"] = json!(world_unit(tree));
+        json["integral"] = json!(integral(tree, statistics));
     }
     json
 }

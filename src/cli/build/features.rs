@@ -21,7 +21,7 @@ pub(super) struct FeatureArgs {
     /// Value that features give their cells: a number, or an attribute, whose strings become
     /// classes with names [default: 1]
     #[arg(long, value_name = "NUMBER|ATTRIBUTE", allow_hyphen_values = true)]
-    value: Option<FeatureValue>,
+    pub(super) value: Option<FeatureValue>,
     /// Value of cells where features overlap: last, first, min, max, sum, count or mean [default:
     /// last]
     #[arg(long, value_name = "RULE")]
@@ -29,7 +29,7 @@ pub(super) struct FeatureArgs {
     /// Sample type of the cells: u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64 [default: for an
     /// integer attribute i32 or i64, for others f64]
     #[arg(long = "type", value_name = "TYPE", value_parser = parse_type)]
-    sample: Option<SampleType>,
+    pub(super) sample: Option<SampleType>,
     /// Width of lines in units of the tree's coordinates: a number, or an attribute; a line covers
     /// the cells whose centres are within half its width [default: none, the cells that contain its
     /// points]

@@ -1,5 +1,6 @@
 //! `spinney build`: trees of rasters, volumes, solids and features.
 
+mod body_values;
 mod csg;
 mod exact;
 mod expression;
@@ -35,6 +36,7 @@ use spinney::raw::reconstruction::{ReconstructionImport, is_views_name};
 use spinney::raw::store::{TreeFormat, check_tree_name, file_is_tree};
 use spinney::{Crs, Output, WarpOptions};
 
+use self::body_values::{BodyArgs, BodyValueImport};
 use self::csg::PrimitivesImport;
 use self::exact::ExactImport;
 use self::expression::ExpressionImport;
@@ -53,9 +55,9 @@ use super::{Global, open};
 /// Build a tree of rasters, volumes, solids, features, points or lines
 ///
 /// Writes one file with all levels of detail: .goblin is compact and read-only, .autumn can be
-/// edited. The content of the input selects its kind. Metadata (coordinate system, nodata, palette,
-/// names) is kept unless options override it. Data that exceeds --memory goes to a temporary file
-/// next to the output, which appears under its name only when it is complete.
+/// edited. The content of the input selects its kind. Metadata is kept unless options override it.
+/// Data that exceeds --memory goes to a temporary file next to the output, which appears only when
+/// complete.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -75,6 +77,8 @@ pub(crate) struct Args {
     features: FeatureArgs,
     #[command(flatten)]
     surfaces: SurfaceArgs,
+    #[command(flatten)]
+    bodies: BodyArgs,
 }
 
 /// Options for rasters, volumes and solids.
@@ -166,6 +170,7 @@ enum Import {
     Reconstruction(Box<ReconstructionImport>),
     Features(Box<FeatureImport>),
     Surface(Box<SurfaceImport>),
+    BodyValues(Box<BodyValueImport>),
     Points(Box<PointImport>),
     Lines(Box<LineImport>),
     Tree(Box<TreeImport>),
@@ -247,6 +252,7 @@ impl Import {
             Import::Reconstruction(import) => import.description(),
             Import::Features(import) => import.description(),
             Import::Surface(import) => import.description(),
+            Import::BodyValues(import) => import.description(),
             Import::Points(import) => import.description(),
             Import::Lines(import) => import.description(),
             Import::Tree(import) => import.description(),
@@ -315,6 +321,7 @@ impl Import {
             }
             Import::Lines(import) => import.build(output, progress),
             Import::Surface(import) => import.build(output, progress),
+            Import::BodyValues(import) => import.build(output, progress),
             Import::Points(import) => {
                 let built = import.build(output, progress)?;
                 let text = format!("{}, {} of them duplicates", built.points, built.duplicates);
@@ -338,7 +345,7 @@ impl Import {
 impl Args {
     /// Opens the inputs, and plans the import.
     fn plan(&self) -> Result<Import> {
-        let Args { inputs, output, rasters, common, solids, features, surfaces } = self;
+        let Args { inputs, output, rasters, common, solids, features, surfaces, bodies } = self;
         check_output(inputs.iter().map(PathBuf::as_path), output)?;
         check_tree_name(output)?;
         if features.index == Some(Index::Lines) {
@@ -348,6 +355,10 @@ impl Args {
         if surfaces.tin.is_some() {
             let import = surfaces.plan(inputs, (common, rasters, solids, features))?;
             return Ok(Import::Surface(Box::new(import)));
+        }
+        if let Some(body) = &bodies.body {
+            let import = bodies.plan(body, inputs, output, (common, rasters, solids, features))?;
+            return Ok(Import::BodyValues(Box::new(import)));
         }
         if let Some(height) = &features.heights {
             let import =

@@ -26,7 +26,7 @@ pub(super) use combine::{any_model, combine};
 pub(super) use export::{MeshContents, MeshOutput, export, window};
 pub(super) use find::{LeafKind, find};
 pub(super) use info::info;
-pub(super) use objects::{find_contacts, find_object};
+pub(super) use objects::{find_contacts, find_object, parts_named};
 pub(super) use point::{PointQuery, points, rays};
 pub(super) use stats::{each, stats};
 pub(super) use transform::{Moving, transform};

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use serde_json::{Value, json};
+use spinney::ExactModel;
 use spinney::brep::Faces;
 use spinney::raw::brep::query::PartMeasures;
 use spinney::raw::brep::{ModelView, ObjectContact};
@@ -22,16 +23,7 @@ pub(crate) fn find_object(
     found: &mut Found,
 ) -> Result<()> {
     let model = view.file();
-    let parts: Vec<u32> =
-        (0..).zip(model.parts()).filter(|(_, own)| *own == name).map(|(part, _)| part).collect();
-    if parts.is_empty() {
-        let (file, near) = (model.path().display(), near_names(model.parts(), name).join(", "));
-        if near.is_empty() {
-            let count = model.parts().len();
-            bail!("{file}: has no object {name} among its {count}; `spinney stats --each {file}` lists them");
-        }
-        bail!("{file}: has no object {name}; similar names are {near}");
-    }
+    let parts = parts_named(model, name)?;
     let work = Work::start(global, "faces")?;
     let measures = view.part_measures(memory, &work)?;
     work.finish();
@@ -49,6 +41,24 @@ pub(crate) fn find_object(
         found.take(0, "", &line)?;
     }
     Ok(())
+}
+
+/// Returns the numbers of the parts with a name.
+///
+/// # Errors
+/// If there is none.
+pub(crate) fn parts_named(model: &ExactModel, name: &str) -> Result<Vec<u32>> {
+    let parts: Vec<u32> =
+        (0..).zip(model.parts()).filter(|(_, own)| *own == name).map(|(part, _)| part).collect();
+    if parts.is_empty() {
+        let (file, near) = (model.path().display(), near_names(model.parts(), name).join(", "));
+        if near.is_empty() {
+            let count = model.parts().len();
+            bail!("{file}: has no object {name} among its {count}; `spinney stats --each {file}` lists them");
+        }
+        bail!("{file}: has no object {name}; similar names are {near}");
+    }
+    Ok(parts)
 }
 
 /// Returns the names that are most similar to one: first those that contain it or that make up most

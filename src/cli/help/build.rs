@@ -4,7 +4,7 @@ use super::{Topic, Topics};
 
 pub(super) const TOPICS: Topics = Topics {
     heading: "Kinds of input",
-    topics: &[RASTER, VOLUMES, SOLIDS, EXACT, FEATURES, POINTS, LINES, SURFACES],
+    topics: &[RASTER, VOLUMES, SOLIDS, EXACT, FEATURES, POINTS, LINES, SURFACES, BODIES],
     refused: &[],
 };
 
@@ -268,5 +268,34 @@ and several heights the layers between their surfaces as an exact model, each an
     examples: &[
         "spinney build boreholes.csv -o surface.goblin --tin z --cell 10 --breaklines faults.geojson",
         "spinney build boreholes.csv -o layers.goblin --tin top,coal,base --brep --outline area.geojson",
+    ],
+};
+
+const BODIES: Topic = Topic {
+    name: "bodies",
+    summary: "with --body: features (samples in space, intervals of holes)",
+    about: "\
+Build an octree of values within a body, such as an ore body whose density depends on the position: the cells whose \
+centres are inside of an exact model, or of one of its objects, with values that are interpolated from samples \
+(docs/surfaces.md).
+
+Samples are points with heights or an attribute z; with attributes from and to they are intervals of vertical holes, \
+at their middles.",
+    options: &[
+        ("body", ""),
+        ("object", ""),
+        ("value", "Value that samples have: an attribute"),
+        ("nearest", ""),
+        ("radius", ""),
+        ("cell", ""),
+        ("cells", "Cells along the longest side of the body [default: 256]"),
+        ("type", "Sample type of the cells: f32 or f64 [default: f64]"),
+        ("where", "Only samples for which all conditions hold, as in 'grade>0,lab=A'"),
+        ("layer", "Layer of a GeoPackage"),
+    ],
+    examples: &[
+        "spinney build assays.csv -o grade.goblin --body ore.goblin --value grade --cell 5",
+        "spinney build assays.csv -o ash.goblin --body m.goblin --object coal --value ash --cells 512",
+        "spinney build rock.gpkg -o rock.goblin --body ore.goblin --value rock --cell 2 --nearest 1",
     ],
 };

@@ -10,8 +10,8 @@ use serde_json::json;
 use spinney::import::feature::FeatureFilter;
 use spinney::query::Statistics;
 use spinney::raw::report::{
-    CellMeasure, JsonNumbers, bins_with, class_name, measure_name, statistics_as_json, statistics_of,
-    void_share,
+    CellMeasure, JsonNumbers, bins_with, class_name, integral, measure_name, statistics_as_json,
+    statistics_of, void_share,
 };
 use spinney::{Dataset, Rule};
 
@@ -296,6 +296,10 @@ fn print(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> Result
                 },
                 name.map(|name| format!("  ({name})")).unwrap_or_default()
             )?;
+        }
+        if let (Some(integral), Ok(measure)) = (integral(tree, stats), &measure) {
+            let unit = &measure.unit;
+            writeln!(text, "integral   {integral} (sum of the values times the volume of a cell in {unit})")?;
         }
         let most = histogram.iter().map(|(_, cells)| *cells).max().unwrap_or(0).max(1);
         for (from, cells) in histogram {
