@@ -423,7 +423,7 @@ def intersections():
             points = []
             for a, b in body.edges():
                 h, k = (float(np.dot(normal, body.vertices[end])) - distance for end in (a, b))
-                if h * k < 0:
+                if h * k <= 0 and h != k:
                     points.append(np.array(body.vertices[a]) + (np.array(body.vertices[b]) - body.vertices[a]) * h / (h - k))
             axis = int(np.argmax(np.abs(normal)))
             flat = shapely.MultiPoint(np.delete(np.array(points), axis, 1)).convex_hull.area
