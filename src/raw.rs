@@ -152,8 +152,8 @@ pub mod brep {
         AttributedFaceVisitor, Attributes, BoundaryClass, BuildReport, ChosenParts, ColumnValues,
         CombineReport, ContactKind, ContactVisitor, Defect, DefectKind, FaceList, InsideRule, LEAF_SIZE,
         LeafRule, MAX_BITS, ModelBuilder, ModelNode, ModelNodeState, ModelView, NodeCounts, NodeKind,
-        ObjectContact, Repair, TransformReport, Triangulated, ViewRays, boundary_classes, divide_faces,
-        each_triangle, is_model_file, object_contacts,
+        NodePair, ObjectContact, OperandKind, Repair, TableEntry, TransformReport, Triangulated, ViewRays,
+        boundary_classes, combine_explained, divide_faces, each_triangle, is_model_file, object_contacts,
     };
 
     /// Query results of exact models.

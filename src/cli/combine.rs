@@ -40,7 +40,8 @@ pub(crate) struct Args {
     /// to a power of two [default: 2^-42 of the largest coordinate]
     #[arg(long, value_name = "WIDTH")]
     snap: Option<f64>,
-    /// Print which faces of two exact models are kept or reversed
+    /// Print which faces of two exact models are kept or reversed, and the table of node kinds that
+    /// decides, with counts
     #[arg(long)]
     explain: bool,
     /// Print JSON: the table of `cross`

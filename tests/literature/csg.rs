@@ -137,6 +137,70 @@ fn item_43_set_operations_by_nodes() {
     }
 }
 
+/// The tables of pairs of node kinds, as printed for two models: entries compared with the truth
+/// table of each operation.
+#[test]
+fn item_43_tables_of_node_kinds() {
+    let directory = TestDirectory::new();
+    let build = |name: &str, text: &str| {
+        let [csg, model] =
+            [directory.path(&format!("{name}.csg")), directory.path(&format!("{name}.goblin"))];
+        std::fs::write(&csg, text).unwrap();
+        let model = model.to_str().unwrap().to_string();
+        stdout(&["build", "-q", csg.to_str().unwrap(), "-o", &model, "--brep", "--deviation", "0.01"]);
+        model
+    };
+    let (a, b) = (build("a", "ball(0,0,0, 3)"), build("b", "ball(2,1,0, 3)"));
+    for operation in 0..16usize {
+        let made = directory.path(&format!("{operation}.goblin"));
+        let printed = stdout(&[
+            "combine",
+            "-q",
+            &operation.to_string(),
+            &a,
+            &b,
+            "-o",
+            made.to_str().unwrap(),
+            "--explain",
+        ]);
+        let rows = printed.lines().skip_while(|line| !line.starts_with("A's node")).skip(1);
+        let mut met = 0;
+        for row in rows {
+            let (kinds, counts) = (&row[..17], &row[34..]);
+            let kinds: Vec<&str> = kinds.split_whitespace().collect();
+            // Whether points of such nodes are outside, and inside.
+            let states = |kind: &str| match kind {
+                "VOID" => vec![false],
+                "FULL" => vec![true],
+                _ => vec![false, true],
+            };
+            let inside = |a: bool, b: bool| operation >> (2 * usize::from(!a) + usize::from(!b)) & 1 == 1;
+            let is_result = |rule: &dyn Fn(bool, bool) -> bool| {
+                let all = states(kinds[0])
+                    .into_iter()
+                    .flat_map(|a| states(kinds[1]).into_iter().map(move |b| (a, b)));
+                all.into_iter().all(|(a, b)| rule(a, b) == inside(a, b))
+            };
+            let is_one_of = |entry: &str| row[17..34].trim() == entry;
+            let right = [
+                ("VOID", is_result(&|_, _| false)),
+                ("FULL", is_result(&|_, _| true)),
+                ("copy of A", is_result(&|a, _| a)),
+                ("copy of B", is_result(&|_, b| b)),
+                ("complement of A", is_result(&|a, _| !a)),
+                ("complement of B", is_result(&|_, b| !b)),
+                ("divide", kinds.contains(&"MIXED")),
+                ("face by face", true),
+            ];
+            let expected = right.iter().find(|(_, is_right)| *is_right).unwrap().0;
+            assert!(is_one_of(expected), "{operation}: {row}, expected {expected}");
+            met += counts.split_whitespace().map(|count| count.parse::<u64>().unwrap()).sum::<u64>();
+        }
+        let is_of_both = ![0, 3, 5, 10, 12, 15].contains(&operation);
+        assert!(if is_of_both { met > 1000 } else { met == 2 }, "{operation}: {met}");
+    }
+}
+
 /// The extended octree has planes in its leaves, and is built from the expression by exact set
 /// operations on polyhedra.
 #[test]

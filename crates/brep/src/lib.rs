@@ -37,7 +37,8 @@ pub use build::format_position;
 pub use build::{BuildReport, ColumnValues, Defect, DefectKind, LEAF_SIZE, ModelBuilder};
 pub use chosen_parts::ChosenParts;
 pub use combine::{
-    BoundaryClass, CombineReport, Origin, boundary_classes, combine, combine_as, divide_faces,
+    BoundaryClass, CombineReport, NodePair, OperandKind, Origin, TableEntry, boundary_classes, combine,
+    combine_as, combine_explained, divide_faces,
 };
 pub use exact::bounds::MAX_BITS;
 pub use face::{AttributedFaceVisitor, Face, FaceList, Faces};

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
-use spinney::raw::brep::{CombineReport, boundary_classes};
+use spinney::raw::brep::{
+    CombineReport, NodePair, OperandKind, TableEntry, boundary_classes, combine_explained,
+};
 use spinney::raw::io::any_file;
 use spinney::{Codec, CombineOperation, ExactModel, SetOperation};
 
@@ -36,16 +38,40 @@ pub(in crate::cli) fn combine(
     let work = Work::start(global, "faces")?;
     let output = limit.create_tree(path, global)?;
     let models = models.iter().collect::<Vec<_>>();
-    let report = spinney::brep::combine(operation, &models, output, codec, memory, &work)?;
+    let (report, pairs) = match models[..] {
+        [a, b] if explain => combine_explained(operation, [a, b], output, codec, memory, &work)?,
+        _ => (spinney::brep::combine(operation, &models, output, codec, memory, &work)?, Vec::new()),
+    };
     work.finish();
     report_combined(&report, files, global);
     report_output(global, path, start);
-    if explain { print_text(&table(operation)?) } else { Ok(()) }
+    if explain { print_text(&(face_table(operation)? + &node_table(&pairs)?)) } else { Ok(()) }
 }
 
-/// Returns the table of `--explain`: the surface fragments of two models with their indices, and
-/// which of them an operation keeps or reverses.
-fn table(operation: SetOperation) -> Result<String> {
+/// Returns the second table of `--explain`: the pairs of node kinds that the traversals of both
+/// octrees met, what the operation does with each, and how often each traversal met it.
+fn node_table(pairs: &[NodePair]) -> Result<String> {
+    const OPERANDS: [&str; 2] = ["A", "B"];
+    let mut text =
+        format!("{:8} {:8} {:16} {:>12} {:>12}\n", "A's node", "B's node", "result", "for A", "for B");
+    let name = |kind: OperandKind| format!("{kind:?}").to_uppercase();
+    for NodePair { kinds: [a, b], entry, met, .. } in pairs.iter().filter(|pair| pair.met != [0, 0]) {
+        let result = match entry {
+            TableEntry::Void => "VOID".into(),
+            TableEntry::Full => "FULL".into(),
+            TableEntry::Copy(operand) => format!("copy of {}", OPERANDS[*operand]),
+            TableEntry::Complement(operand) => format!("complement of {}", OPERANDS[*operand]),
+            TableEntry::Divide => "divide".into(),
+            TableEntry::Faces => "face by face".into(),
+        };
+        writeln!(text, "{:8} {:8} {result:16} {:12} {:12}", name(*a), name(*b), met[0], met[1])?;
+    }
+    Ok(text)
+}
+
+/// Returns the first table of `--explain`: the surface fragments of two models with their indices,
+/// and which of them an operation keeps or reverses.
+fn face_table(operation: SetOperation) -> Result<String> {
     const SETS: [&str; 4] = ["both", "A only", "B only", "neither"];
     let has = |set: usize| if operation.index() >> set & 1 == 1 { "in" } else { "out" };
     let mut text = format!("operation {}\nindex  set      result\n", operation.index());

@@ -19,6 +19,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use super::common_grid::{CommonGrid, incompatible_grids};
+use super::node_table::PairCounts;
 use super::overlap::Overlap;
 use super::table::Fate;
 use super::table::OperationTable;
@@ -109,14 +110,20 @@ impl<'a> Bodies<'a> {
     pub(super) fn new(
         models: &'a [&'a ExactModel],
         common_grid: &'a CommonGrid,
-        table: OperationTable,
+        (table, mut counts): (OperationTable, Option<&mut PairCounts>),
         progress: &dyn Progress,
     ) -> Result<Bodies<'a>> {
         let (mut overlaps, mut replaced, mut is_coloured) = (Vec::new(), Vec::new(), false);
         let mut first = Vec::new();
         let mut parts = 0;
         for (number, model) in models.iter().enumerate() {
-            overlaps.push(Overlap::of(number, models, common_grid, table, progress)?);
+            overlaps.push(Overlap::of(
+                number,
+                models,
+                common_grid,
+                (table, counts.as_deref_mut()),
+                progress,
+            )?);
             // (On a finer grid, proxies would lie many grid units from their exact faces.)
             let is_all = model.has_exact_faces() && common_grid.times(number) > 1;
             replaced.push(Replaced { is_all, sources: HashSet::new() });
@@ -509,7 +516,7 @@ impl NearFaces {
         let mut bodies = Bodies::new(
             &models,
             &common_grid,
-            OperationTable::new(SetOperation::Intersection, 2)?,
+            (OperationTable::of_two(SetOperation::Intersection), None),
             progress,
         )?;
         let near: usize = (0..2).map(|body| bodies.near_of(body).len()).sum();

@@ -1,6 +1,6 @@
 //! Division of a model's faces along another model's surface.
 
-use super::{CombineReport, Origin, combined};
+use super::{CombineReport, Origin, Request, combined};
 use crate::ExactModel;
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result, SetOperation};
@@ -52,5 +52,6 @@ pub fn divide_faces(
     let mut provenance = model.metadata().provenance.clone();
     provenance.push(format!("{} divided where {} meets it", model.path().display(), by.path().display()));
     let origin = Origin { formula: model.formula()?.unwrap_or_default(), provenance, tags: Vec::new() };
-    combined((SetOperation::First, Some(&origin), true), &[model, by], (output, codec), memory, progress)
+    let request = Request { origin: Some(&origin), keeps_cuts: true, ..Request::new(SetOperation::First) };
+    combined(request, &[model, by], (output, codec), memory, progress)
 }

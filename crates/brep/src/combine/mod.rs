@@ -57,6 +57,7 @@ mod common_grid;
 mod components;
 mod divided;
 mod fates;
+mod node_table;
 mod overlap;
 mod table;
 #[cfg(test)]
@@ -73,6 +74,8 @@ use self::bodies::{Bodies, Near};
 pub use self::boundary::{BoundaryClass, boundary_classes};
 use self::common_grid::CommonGrid;
 pub use self::divided::divide_faces;
+pub use self::node_table::{NodePair, OperandKind, TableEntry};
+use self::node_table::{PairCounts, node_pairs};
 use self::table::OperationTable;
 use self::values::FaceValues;
 use self::winding::{settled_above, winding};
@@ -175,7 +178,7 @@ pub fn combine(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
-    combined((operation, None, false), models, (output, codec), memory, progress)
+    combined(Request::new(operation), models, (output, codec), memory, progress)
 }
 
 /// Origin of a result, which its metadata record instead of the operands' formulas and names.
@@ -202,11 +205,49 @@ pub fn combine_as(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
-    combined((operation, Some(origin), false), models, (output, codec), memory, progress)
+    let request = Request { origin: Some(origin), ..Request::new(operation) };
+    combined(request, models, (output, codec), memory, progress)
+}
+
+/// Like [`combine`] of two models, and returns the operation's table: for each pair of node kinds,
+/// what the operation does with it, and how often the traversals of both octrees met it. (An
+/// operation that does not depend on both models is decided at the roots.)
+///
+/// # Errors
+/// Those of [`combine`].
+pub fn combine_explained(
+    operation: SetOperation,
+    models: [&ExactModel; 2],
+    output: Output,
+    codec: Codec,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<(CombineReport, Vec<NodePair>)> {
+    let mut counts = PairCounts::default();
+    let request = Request { counts: Some(&mut counts), ..Request::new(operation) };
+    let report = combined(request, &models, (output, codec), memory, progress)?;
+    Ok((report, node_pairs(operation, &counts)))
+}
+
+/// What to make of several models.
+struct Request<'a> {
+    operation: SetOperation,
+    /// Origin of the result, if it is not the operation.
+    origin: Option<&'a Origin>,
+    /// Whether faces stay divided along the surfaces of all models.
+    keeps_cuts: bool,
+    /// Counts of the pairs of nodes of two models, if they are wanted.
+    counts: Option<&'a mut PairCounts>,
+}
+
+impl Request<'_> {
+    fn new(operation: SetOperation) -> Self {
+        Request { operation, origin: None, keeps_cuts: false, counts: None }
+    }
 }
 
 fn combined(
-    (operation, origin, keeps_cuts): (SetOperation, Option<&Origin>, bool),
+    mut request: Request<'_>,
     models: &[&ExactModel],
     (output, codec): (Output, Codec),
     memory: u64,
@@ -214,7 +255,7 @@ fn combined(
 ) -> Result<CombineReport> {
     // (More memory would allow more than 2^32 faces in it, and face numbers have 32 bits.)
     let memory = memory.min(1 << 38);
-    let table = OperationTable::new(operation, models.len())?;
+    let table = OperationTable::new(request.operation, models.len())?;
     let before = models.iter().map(|model| model.len()).collect();
     let operands = models;
     let aligned;
@@ -233,26 +274,21 @@ fn combined(
             (common_grid, on_one_grid, aligned.displacement)
         }
     };
-    let (relevant, table) = match keeps_cuts {
-        // (The second model matters, too: it divides the faces of the first.)
-        true => ((0..models.len()).collect(), table),
-        false => table.on_relevant_bodies(),
-    };
+    // (With cuts, the second model matters, too: it divides the faces of the first.)
+    let table = if request.keeps_cuts { table.keeping_cuts() } else { table };
+    let (relevant, table) = table.on_relevant_bodies();
+    if let (Some(counts), [first, second], true) = (&mut request.counts, &models[..], relevant.len() < 2) {
+        let roots = [OperandKind::of(&first.root()?), OperandKind::of(&second.root()?)];
+        (0..2).for_each(|own| counts.add(own, roots));
+    }
     let (common_grid, models) =
         (common_grid.subset(&relevant), relevant.iter().map(|number| models[*number]).collect::<Vec<_>>());
     let is_repeated = |index: usize| models[..index].iter().any(|model| std::ptr::eq(*model, models[index]));
     for index in (0..models.len()).filter(|index| !is_repeated(*index)) {
         models[index].check_surface(progress)?;
     }
-    let written = write_result(
-        (operation, origin, keeps_cuts, snapped),
-        &models,
-        &common_grid,
-        table,
-        (output, codec),
-        memory,
-        progress,
-    );
+    let written =
+        write_result((request, snapped), &models, &common_grid, table, (output, codec), memory, progress);
     match written {
         Ok(report) => {
             operands.iter().for_each(|model| model.warn_levels(progress));
@@ -286,7 +322,7 @@ fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Resu
 
 /// Writes the result of an operation on the bodies on which it depends.
 fn write_result(
-    (operation, origin, keeps_cuts, snapped): (SetOperation, Option<&Origin>, bool, f64),
+    (request, snapped): (Request<'_>, f64),
     models: &[&ExactModel],
     common_grid: &CommonGrid,
     table: OperationTable,
@@ -294,9 +330,10 @@ fn write_result(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
+    let Request { operation, origin, keeps_cuts, counts } = request;
     let grid = common_grid.grid.clone();
     let path = models.first().map_or(Path::new(""), |model| model.path());
-    let mut bodies = Bodies::new(models, common_grid, table, progress)?;
+    let mut bodies = Bodies::new(models, common_grid, (table, counts), progress)?;
     bodies.settle_components(memory / 2, progress)?;
     let is_unbounded = table.is_inside(&models.iter().map(|model| model.far_winding()).collect::<Vec<_>>());
     let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?

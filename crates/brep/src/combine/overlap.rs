@@ -3,6 +3,7 @@
 
 use super::common_grid::CommonGrid;
 use super::fates::Fates;
+use super::node_table::{OperandKind, PairCounts, TableEntry};
 use super::table::{Fate, OperationTable};
 use crate::query::half_of;
 use crate::{ExactModel, Faces, ModelNode, ModelNodeState};
@@ -10,16 +11,18 @@ use spinney_base::{Progress, Result};
 
 /// Fates of the faces of one body among others.
 ///
-/// A cell decides for the faces in it. The table is for a cell of this body and a cell of another
-/// body, one of which contains the other, with a margin of one grid unit.
+/// A cell decides for the faces in it, by the operation's table: see [`OperationTable::entry`]. Its
+/// pairs are a cell of this body and a cell of another body, one of which contains the other, with
+/// a margin of one grid unit.
 ///
-/// | own cell                    | other VOID or FULL | other FACE to BOOLEAN | other INNER       |
-/// | --------------------------- | ------------------ | --------------------- | ----------------- |
-/// | VOID, FULL                  | nothing to do      | nothing to do (*)     | nothing to do (*) |
-/// | FACE, EDGE, VERTEX, BOOLEAN | settled            | near                  | near if a leaf is |
-/// | INNER                       | subtree settled    | children decide       | children decide   |
+/// | entry                      | faces of this body in the cell                        |
+/// | -------------------------- | ----------------------------------------------------- |
+/// | VOID, FULL                 | dropped, with the whole subtree                       |
+/// | a copy or complement       | kept or reversed if it is of this body, dropped if not |
+/// | divide                     | the children of the larger cell, or of both, decide   |
+/// | face by face               | near                                                  |
 ///
-/// (*) The traversal of the other body decides for its faces.
+/// VOID and FULL cells of this body have no faces: the traversal of the other body decides.
 pub(super) struct Overlap {
     /// Faces of its octree. Later, no proxy is near: proxies follow their exact faces.
     pub(super) faces: Fates,
@@ -38,19 +41,21 @@ impl Overlap {
         own: usize,
         models: &[&ExactModel],
         common_grid: &CommonGrid,
-        table: OperationTable,
+        (table, counts): (OperationTable, Option<&mut PairCounts>),
         progress: &dyn Progress,
     ) -> Result<Overlap> {
         let model = models[own];
         let found = Overlap { faces: Fates::new(model.len()), exact: Fates::new(model.exact_faces().0) };
-        let mut classifier = FaceClassifier { own, models, common_grid, table, progress, found, visited: 0 };
-        let windings: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
+        let mut classifier =
+            FaceClassifier { own, models, common_grid, table, counts, progress, found, visited: 0 };
+        let kinds: Vec<OperandKind> =
+            models.iter().map(|model| OperandKind::uniform(model.far_winding() > 0)).collect();
         let mut others = Vec::new();
         for body in (0..models.len()).filter(|body| *body != own) {
             let node = models[body].root()?;
             others.push(OtherNode { body, cell: common_grid.half_units(body, &node), node });
         }
-        classifier.node(&models[own].root()?, &others, &windings)?;
+        classifier.node(&models[own].root()?, &others, &kinds)?;
         Ok(classifier.found)
     }
 }
@@ -73,22 +78,27 @@ struct FaceClassifier<'a> {
     models: &'a [&'a ExactModel],
     common_grid: &'a CommonGrid,
     table: OperationTable,
+    /// Counts of the pairs of two bodies, if they are wanted.
+    counts: Option<&'a mut PairCounts>,
     progress: &'a dyn Progress,
     found: Overlap,
     visited: u64,
 }
 
 impl<'a> FaceClassifier<'a> {
-    /// Traverses a node. `others` are nodes of other bodies that may be near it. `windings` has the
-    /// winding number of each body without such nodes.
-    fn node(&mut self, node: &ModelNode<'a>, others: &[OtherNode<'a>], windings: &[i32]) -> Result<()> {
+    /// Traverses a node. `others` are nodes of other bodies that may be near it. `kinds` has the
+    /// uniform kind of each body without such nodes.
+    fn node(&mut self, node: &ModelNode<'a>, others: &[OtherNode<'a>], kinds: &[OperandKind]) -> Result<()> {
         self.visited += 1;
         if self.visited.is_multiple_of(1 << 12) {
             self.progress.check()?;
         }
-        if node.winding().is_some() {
+        let own_kind = OperandKind::of(node);
+        if own_kind.is_uniform() && self.counts.is_none() {
             return Ok(());
         }
+        let mut kinds = kinds.to_vec();
+        kinds[self.own] = own_kind;
         // Invariant: no face of another body is within a grid unit of a face that is settled here:
         // the cell is enlarged by a grid unit of the common grid on each side. New vertices lie on
         // other bodies' faces, too, and rounding moves them by at most half a unit per axis.
@@ -96,57 +106,87 @@ impl<'a> FaceClassifier<'a> {
         // may move proxies farther: see `on_grid` in `combine`.)
         let [low, high] = self.common_grid.half_units(self.own, node);
         let around = [low.map(|at| at - 2), high.map(|at| at + 2)];
-        let is_leaf = node.state() != ModelNodeState::Inner;
+        let is_leaf = !own_kind.is_uniform() && own_kind != OperandKind::Mixed;
         if is_leaf {
+            // (The leaf is compared with one other body at a time, as if all others were VOID.)
+            let mut pair = vec![OperandKind::Void; kinds.len()];
+            pair[self.own] = own_kind;
             for other in others {
-                if self.has_surface_at(other, &around)? {
+                let is_near = self.has_surface_at(other, &around, &mut pair)?;
+                pair[other.body] = OperandKind::Void;
+                if is_near {
                     node.faces().for_each(|face| self.found.faces.set_near(face));
                     node.near().into_iter().for_each(|face| self.found.exact.set_near(face.into()));
                     return Ok(());
                 }
             }
         }
-        let mut windings = windings.to_vec();
         let mut near: Vec<OtherNode<'a>> = Vec::new();
-        let mut is_far = true;
         for nodes in others.chunk_by(|a, b| a.body == b.body) {
             let first = near.len();
             for node in nodes {
                 self.refine(node, &around, is_leaf, &mut near)?;
             }
+            // Invariant: if none of a body's faces is near, its kind is the same in the whole cell,
+            // since winding numbers change at faces only. So any of its nodes there has the kind,
+            // and without nodes the cell is outside of its octree. The children of the cell inherit
+            // the kind, and do not query that body again.
             let other = nodes[0].body;
-            if near[first..].iter().any(|other| other.node.winding().is_none()) {
-                is_far = false;
-                continue;
+            let mut found = near[first..].iter().map(|other| OperandKind::of(&other.node));
+            kinds[other] = match (found.next(), found.find(|kind| !kind.is_uniform())) {
+                (None, _) => OperandKind::uniform(self.models[other].far_winding() > 0),
+                (Some(kind), None) if kind.is_uniform() || near.len() == first + 1 => kind,
+                _ => OperandKind::Mixed,
+            };
+            if kinds[other].is_uniform() {
+                near.truncate(first);
             }
-            // Invariant: if none of a body's faces is near, its entry in `windings` is constant in
-            // the cell, since winding numbers change at faces only. So any of its nodes there has
-            // the value, and without nodes the cell is outside of its octree. The children of the
-            // cell inherit the value, and do not query that body again.
-            let found = near[first..].first().and_then(|other| other.node.winding());
-            windings[other] = found.unwrap_or_else(|| self.models[other].far_winding());
-            near.truncate(first);
         }
-        if is_far {
-            return self.settle(node, &windings);
+        let entry = self.entry(&kinds);
+        match entry.fate(self.own) {
+            // (It has no faces.)
+            _ if own_kind.is_uniform() => return Ok(()),
+            Some(Fate::Keep) => return Ok(()),
+            Some(fate) => return self.note(node, fate),
+            None => {}
         }
         for child in 0..8 {
             let child = self.models[self.own].child(node, child)?;
-            self.node(&child, &near, &windings)?;
+            self.node(&child, &near, &kinds)?;
         }
         Ok(())
     }
 
-    /// Whether a leaf at or below a node meets a box, and has faces in it or near it.
-    fn has_surface_at(&self, other: &OtherNode<'a>, around: &[[i64; 3]; 2]) -> Result<bool> {
-        if other.node.state() != ModelNodeState::Inner {
-            return Ok(other.node.winding().is_none() && meet(&other.cell, around));
+    /// Returns the table's entry for one node of each body, and counts it.
+    fn entry(&mut self, kinds: &[OperandKind]) -> TableEntry {
+        if let (Some(counts), [first, second]) = (&mut self.counts, kinds) {
+            counts.add(self.own, [*first, *second]);
+        }
+        self.table.entry(kinds)
+    }
+
+    /// Whether a leaf must be computed face by face with a leaf at or below another body's node,
+    /// which meets a box. `pair` has the leaf's kind; that of the other body is overwritten.
+    fn has_surface_at(
+        &mut self,
+        other: &OtherNode<'a>,
+        around: &[[i64; 3]; 2],
+        pair: &mut [OperandKind],
+    ) -> Result<bool> {
+        let kind = OperandKind::of(&other.node);
+        // (The caller counts uniform nodes.)
+        if kind.is_uniform() || !meet(&other.cell, around) {
+            return Ok(false);
+        }
+        pair[other.body] = kind;
+        if self.entry(pair) != TableEntry::Divide {
+            return Ok(true);
         }
         for child in 0..8 {
             let cell = half_of(&other.cell, child);
             if meet(&cell, around) {
                 let node = self.models[other.body].child(&other.node, child)?;
-                if self.has_surface_at(&OtherNode { node, cell, ..*other }, around)? {
+                if self.has_surface_at(&OtherNode { node, cell, ..*other }, around, pair)? {
                     return Ok(true);
                 }
             }
@@ -182,14 +222,7 @@ impl<'a> FaceClassifier<'a> {
         Ok(())
     }
 
-    /// Records the fate of the faces in a cell that no other surface is near.
-    fn settle(&mut self, node: &ModelNode<'a>, windings: &[i32]) -> Result<()> {
-        match self.table.fate(self.own, windings) {
-            Fate::Keep => Ok(()),
-            fate => self.note(node, fate),
-        }
-    }
-
+    /// Records the fate of the faces in and below a node.
     fn note(&mut self, node: &ModelNode<'a>, fate: Fate) -> Result<()> {
         node.faces().for_each(|face| self.found.faces.note(face, fate));
         if node.state() == ModelNodeState::Inner {

@@ -1,5 +1,6 @@
 //! Truth tables of set operations: which points belong to the result.
 
+use super::node_table::OperandKind;
 use spinney_base::{Error, Result, SetOperation};
 
 /// A set operation on a number of bodies. On more than two bodies, the intersection is what is in
@@ -10,6 +11,8 @@ use spinney_base::{Error, Result, SetOperation};
 pub(super) struct OperationTable {
     operation: SetOperation,
     count: usize,
+    /// Whether all bodies matter, since their surfaces divide the result's faces.
+    keeps_cuts: bool,
 }
 
 /// Fate of a whole face that touches no other body. (Regions of other faces have a `RegionFate`.)
@@ -32,48 +35,67 @@ impl OperationTable {
             let found = format!("{count} for the operation {operation}");
             return Err(Error::invalid("bodies", found, bodies));
         }
-        Ok(OperationTable { operation, count })
+        Ok(OperationTable { operation, count, keeps_cuts: false })
+    }
+
+    /// Returns the table of an operation on two bodies.
+    pub(super) fn of_two(operation: SetOperation) -> OperationTable {
+        OperationTable { operation, count: 2, keeps_cuts: false }
+    }
+
+    /// Returns the table for a result whose faces are divided along the surfaces of all bodies.
+    pub(super) fn keeping_cuts(self) -> OperationTable {
+        OperationTable { keeps_cuts: true, ..self }
+    }
+
+    /// Whether the result depends on a body.
+    pub(super) fn depends_on(self, body: usize) -> bool {
+        self.keeps_cuts
+            || match self.operation {
+                SetOperation::Empty | SetOperation::Everything => false,
+                SetOperation::First | SetOperation::Complement => body == 0,
+                SetOperation::Second | SetOperation::NotSecond => body == 1,
+                _ => true,
+            }
     }
 
     /// Returns the fate of a face of body `own`, from the winding number of each other body around
     /// it. The entry of `own` is ignored.
     pub(super) fn fate(self, own: usize, windings: &[i32]) -> Fate {
-        let inside = |winding: i32| {
-            let mut windings = windings.to_vec();
-            windings[own] = winding;
-            self.is_inside(&windings)
-        };
-        match (inside(0), inside(1)) {
-            (false, true) => Fate::Keep,
-            (true, false) => Fate::Reverse,
-            _ => Fate::Drop,
-        }
+        let mut nodes: Vec<OperandKind> =
+            windings.iter().map(|winding| OperandKind::uniform(*winding > 0)).collect();
+        nodes[own] = OperandKind::Face;
+        self.entry(&nodes).fate(own).unwrap_or(Fate::Drop)
     }
 
     /// Returns the bodies on which the result depends, and the operation on them.
     pub(super) fn on_relevant_bodies(self) -> (Vec<usize>, OperationTable) {
-        let of_one = |operation| OperationTable { operation, count: 1 };
-        match (self.operation, self.count) {
-            (SetOperation::Empty | SetOperation::Everything, _) => (Vec::new(), of_one(self.operation)),
-            (SetOperation::First | SetOperation::Complement, _) => (vec![0], of_one(self.operation)),
-            (SetOperation::Second, 2) => (vec![1], of_one(SetOperation::First)),
-            (SetOperation::NotSecond, 2) => (vec![1], of_one(SetOperation::Complement)),
-            (_, count) => ((0..count).collect(), self),
-        }
+        let bodies: Vec<usize> = (0..self.count).filter(|body| self.depends_on(*body)).collect();
+        let operation = match self.operation {
+            SetOperation::Second => SetOperation::First,
+            SetOperation::NotSecond => SetOperation::Complement,
+            other => other,
+        };
+        let count = bodies.len().max(1);
+        (bodies, OperationTable { operation, count, ..self })
     }
 
     /// Whether a point with these winding numbers belongs to the result.
     pub(super) fn is_inside(self, bodies: &[i32]) -> bool {
-        let is_in = |body: usize| bodies.get(body).is_some_and(|winding| *winding > 0);
+        self.includes(|body| bodies.get(body).is_some_and(|winding| *winding > 0))
+    }
+
+    /// Whether a point belongs to the result, from whether it is in each body.
+    pub(super) fn includes(self, is_in: impl Fn(usize) -> bool) -> bool {
         if self.count <= 2 {
             return self.operation.contains(is_in(0), is_in(1));
         }
         let turned = self.operation.is_unbounded();
         let inside = match if turned { self.operation.complement() } else { self.operation } {
-            SetOperation::Intersection => (0..self.count).all(is_in),
-            SetOperation::Difference => is_in(0) && !(1..self.count).any(is_in),
+            SetOperation::Intersection => (0..self.count).all(&is_in),
+            SetOperation::Difference => is_in(0) && !(1..self.count).any(&is_in),
             SetOperation::SymmetricDifference => (0..self.count).filter(|body| is_in(*body)).count() % 2 == 1,
-            SetOperation::Union => (0..self.count).any(is_in),
+            SetOperation::Union => (0..self.count).any(&is_in),
             _ => false,
         };
         inside != turned

@@ -572,3 +572,51 @@ fn cells_are_as_the_tables_say() {
         }
     }
 }
+
+/// The counts of pairs, compared with each leaf's surroundings: a leaf near the other surface is
+/// met once in an entry "face by face". Where one model decides, only the roots are met.
+#[test]
+fn counts_of_pairs_are_those_of_leaves() {
+    let bodies = [block(400, [100; 3], None), block(401, [500, 520, 540], None)];
+    let bodies = bodies.map(|faces| model_of_leaves(&faces, 4));
+    let models = [&bodies[0], &bodies[1]];
+    let near = [0, 1].map(|own: usize| {
+        let (model, other) = (models[own], models[1 - own]);
+        let mut near = [0; 4];
+        for (kind, _, cell) in leaves(model) {
+            let around = [cell[0].map(|at| at - 2), cell[1].map(|at| at + 2)];
+            if winding_in(other, &other.root().unwrap(), &around).is_none() {
+                near[kind as usize] += 1;
+            }
+        }
+        near
+    });
+    let directory = tempfile::tempdir().unwrap();
+    for operation in [0, 2, 3, 10, 14].map(set) {
+        let output = Output::create(&directory.path().join(format!("{}.goblin", operation.index()))).unwrap();
+        let (report, pairs) =
+            combine_explained(operation, models, output, Codec::Plain, 64 << 20, &()).unwrap();
+        let count = |own: usize, is_counted: &dyn Fn([OperandKind; 2], TableEntry) -> bool| -> u64 {
+            let counted = pairs.iter().filter(|pair| is_counted(pair.kinds, pair.entry));
+            counted.map(|pair| pair.met[own]).sum()
+        };
+        if !matches!(operation.index(), 2 | 14) {
+            assert_eq!([0, 1].map(|own| count(own, &|_, _| true)), [1, 1], "{operation}: the roots decide");
+            continue;
+        }
+        assert!(report.near > 20, "{operation}");
+        for own in 0..2 {
+            let kinds = [OperandKind::Face, OperandKind::Edge, OperandKind::Vertex, OperandKind::Boolean];
+            for (index, operand) in kinds.into_iter().enumerate() {
+                let found = count(own, &|kinds, entry| kinds[own] == operand && entry == TableEntry::Faces);
+                assert_eq!(found, near[own][index], "{operation}: {operand:?} of {own}");
+            }
+            assert!(near[own].iter().sum::<u64>() > 20);
+            let divided = count(own, &|_, entry| entry == TableEntry::Divide);
+            let settled = count(own, &|kinds, entry| {
+                !kinds[own].is_uniform() && kinds[1 - own].is_uniform() && entry.fate(own).is_some()
+            });
+            assert!(divided > 20 && settled > 20, "{operation}: {divided} and {settled}");
+        }
+    }
+}
