@@ -211,7 +211,7 @@ pub mod lines {
 /// Constructive solid geometry (CSG) from a text format: octrees, and exact models.
 #[cfg(feature = "csg")]
 pub mod csg {
-    pub use spinney_csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
+    pub use spinney_csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, ShellReport, import_exact_csg};
 }
 
 /// Solids reconstructed from observations: octrees carved by images with known view directions, or

@@ -11,7 +11,7 @@ use spinney::raw::csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_
 use spinney::raw::store::Tag;
 use spinney::{Bounds, Dataset, ExactModel, Output};
 
-use crate::common::command::{complaint, stdout};
+use crate::common::command::{complaint, spinney, stderr, stdout};
 
 fn csg(text: &str) -> Csg {
     Csg::parse(Path::new("test.csg"), text).unwrap()
@@ -199,6 +199,64 @@ fn item_43_tables_of_node_kinds() {
         let is_of_both = ![0, 3, 5, 10, 12, 15].contains(&operation);
         assert!(if is_of_both { met > 1000 } else { met == 2 }, "{operation}: {met}");
     }
+}
+
+/// A box of five flat patches and a parabolic roof, whose inner control point is at a height.
+fn roofed(height: f64) -> String {
+    let share = |index: usize| index as f64 / 2.0;
+    let mut text = String::from("6\n");
+    for side in 0..6 {
+        text.push_str("2 2\n");
+        for (u, v) in (0..9).map(|at| (share(at % 3), share(at / 3))) {
+            let mut at = [0.0; 3];
+            (at[side / 2], at[(side / 2 + 1) % 3], at[(side / 2 + 2) % 3]) = (share(side % 2 * 2), u, v);
+            if side == 5 && (u, v) == (0.5, 0.5) {
+                at[2] = height;
+            }
+            text.push_str(&format!("{} {} {}\n", at[0], at[1], at[2]));
+        }
+    }
+    text
+}
+
+/// Solids of biquadratic patches: the volume of the formula, facets near it, cells, and operations.
+#[test]
+fn item_43_patches() {
+    let directory = TestDirectory::new();
+    let [file, model, cells] = ["roof.bpt", "roof.goblin", "cells.goblin"]
+        .map(|name| directory.path(name).to_str().unwrap().to_string());
+    std::fs::write(&file, roofed(3.0)).unwrap();
+    // The roof is 1 + 8 u (1 - u) v (1 - v), so that its mean is 1 + 8 / 36.
+    let exact = 1.0 + 8.0 / 36.0;
+    let report = |arguments: &[&str]| stderr(spinney(arguments).success());
+    let printed = report(&["build", &file, "-o", &model, "--brep", "--deviation", "0.002"]);
+    let line = printed.lines().find(|line| line.starts_with("volume")).unwrap();
+    let numbers: Vec<f64> = line.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+    let facets = volume_of(&ExactModel::open(Path::new(&model), &Default::default()).unwrap());
+    assert!((numbers[0] - exact).abs() < 1e-12, "{line}");
+    assert!(numbers.contains(&facets) && (facets - exact).abs() < 0.002, "{line}: {facets}");
+    let printed = report(&["build", &file, "-o", &cells, "--cells", "64", "--edge", "area"]);
+    assert!(printed.lines().any(|line| line.starts_with("volume") && line.contains("1.22222")), "{printed}");
+    let found = volume(&spinney::open(Path::new(&cells)).unwrap());
+    assert!((found - exact).abs() < 0.01, "{found}");
+    // The solid as CSG text, with a hole through its roof, as cells and as an exact model.
+    let text = directory.path("roof.csg");
+    stdout(&["export", "-q", &model, text.to_str().unwrap()]);
+    let text = std::fs::read_to_string(text).unwrap();
+    let text = format!("let roof = {text} difference(scale(2, roof), block(0.5,0.5,-1, 1.5,1.5,9))");
+    // (The hole in the unscaled solid: the integral of the roof over its quarter.)
+    let hole = 0.25 + 8.0 * (11.0f64 / 96.0).powi(2);
+    let (exact_model, report) = directory.exact(&text, 0.002);
+    let expected = 8.0 * (exact - hole);
+    assert!((volume_of(&exact_model) - expected).abs() < 0.008 && report.curved == 1);
+    assert_eq!(exact_model.verify(64 << 20, &()).unwrap(), vec![]);
+    let tree = directory.cells(&text, Resolution::Depth(7), EdgeRule::Area);
+    assert!((volume(&tree) / expected - 1.0).abs() < 0.004, "{} and {expected}", volume(&tree));
+    // An open shell.
+    std::fs::write(&file, roofed(3.0).replacen("6\n", "5\n", 1).rsplitn(12, '\n').last().unwrap()).unwrap();
+    let message =
+        complaint(&["build", &file, "-o", directory.path("open.goblin").to_str().unwrap(), "--brep"], 1);
+    assert!(message.contains("roof.bpt, line ") && message.contains("open shell"), "{message}");
 }
 
 /// The extended octree has planes in its leaves, and is built from the expression by exact set

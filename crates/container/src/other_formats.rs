@@ -249,7 +249,7 @@ static FORMATS: &[OtherFormat] = &[
 
 /// List of readable formats, for files of other formats.
 const WHAT_IS_READ: &str = "these are read: rasters and volumes (TIFF, PNG, JPEG, WebP, OpenEXR, BMP, GIF, PNM, TGA, QOI, Radiance HDR, .hgt, VRT, NPY, NRRD, raw samples with \
-    --raw-size, .chain and .bintree), solids (PLY, OBJ, STL, OFF, glTF, CityJSON, CityJSONSeq and .csg), features (GeoJSON, GeoPackage, FlatGeobuf, shapefile and CSV), points (LAS and \
+    --raw-size, .chain and .bintree), solids (PLY, OBJ, STL, OFF, glTF, CityJSON, CityJSONSeq, .csg and .bpt), features (GeoJSON, GeoPackage, FlatGeobuf, shapefile and CSV), points (LAS and \
     LAZ), and Spinney's own files; GDAL converts most other rasters (`gdal_translate IN OUT.tif`)";
 
 impl OtherFormat {

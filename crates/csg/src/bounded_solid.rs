@@ -3,9 +3,11 @@
 use std::sync::Arc;
 
 use crate::affine::Affine;
+use crate::exact::MAX_FACETS;
 use crate::expression::Instruction;
 use crate::lowered::{Bounds, Instance, Lowered, has_volume, hull, is_finite};
 use crate::model::{Csg, Primitive};
+use crate::patches::FacetTree;
 use crate::shape::Shape;
 use crate::syntax::At;
 use spinney_base::{Error, Result};
@@ -57,6 +59,45 @@ impl Csg {
         }
         let around = finite.map_or(bounds, |finite| hull(&bounds, &finite));
         Ok(BoundedSolid { primitives: Arc::new(primitives), lowered, bounds, around, ends })
+    }
+}
+
+impl BoundedSolid {
+    /// Makes the facets of all patches that points are tested against, within a distance in world
+    /// coordinates.
+    ///
+    /// # Errors
+    /// If there would be too many.
+    pub(crate) fn facet_patches(&mut self, within: f64) -> Result<()> {
+        let mut stretches = vec![0.0f64; self.primitives.len()];
+        for instance in &self.lowered.instances {
+            let stretch = &mut stretches[instance.primitive as usize];
+            *stretch = stretch.max(instance.to_world.stretch());
+        }
+        for (primitive, stretch) in Arc::make_mut(&mut self.primitives).iter_mut().zip(stretches) {
+            if let Shape::Patches { shell, facets } = &mut primitive.shape
+                && stretch > 0.0
+            {
+                let within = within / stretch;
+                let count = shell.facet_count(within);
+                if count > MAX_FACETS {
+                    let found = format!("cells so small that {} needs {count} facets", primitive.name());
+                    return Err(Error::invalid("cells", found, "larger cells, for at most 1048576 facets"));
+                }
+                *facets = Arc::new(FacetTree::of(&shell.facets(within)));
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the shells of patches: name, number of patches, and volume in world coordinates.
+    pub(crate) fn shells(&self) -> impl Iterator<Item = (String, usize, f64)> {
+        self.lowered.instances.iter().filter_map(|instance| {
+            let primitive = &self.primitives[instance.primitive as usize];
+            let Shape::Patches { shell, .. } = &primitive.shape else { return None };
+            let volume = shell.volume * instance.to_world.determinant().abs();
+            Some((primitive.name(), shell.len(), volume))
+        })
     }
 }
 

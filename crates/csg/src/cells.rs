@@ -11,6 +11,9 @@ use spinney_container::Tag;
 use spinney_engine::store::build_with;
 use spinney_mesh::import::{Attribute, FittedCells, SolidOptions, fit_cells};
 
+/// Ratio of the width of cells to the distance of facets from the patches that they approximate.
+const PATCH_SHARE: f64 = 16.0;
+
 /// A solid and its planned cells, ready to be built: see [`CsgImport::build`].
 pub struct CsgImport {
     csg: Csg,
@@ -57,8 +60,10 @@ impl CsgImport {
                 "centre or area: the surface of CSG primitives is not known",
             ));
         }
-        let bounded = csg.bounded()?;
+        let mut bounded = csg.bounded()?;
         let cells = fit_cells(bounded.bounds, options)?;
+        // (A cell in which facets and patches differ has its centre within this distance of both.)
+        bounded.facet_patches(cells.frame.linear().col(0).length() / PATCH_SHARE)?;
         let mut options = options.clone();
         options.unit = options.unit.or_else(|| csg.unit().map(String::from));
         let description = describe(&csg, &bounded, &cells, &options);
@@ -104,6 +109,10 @@ fn describe(
 ) -> Vec<(&'static str, String)> {
     let mut lines = vec![("input", format!("{} ({})", csg.path.display(), csg.counted()))];
     lines.extend(bounded.ends.as_ref().map(|ends| ("ends", ends.clone())));
+    let shells = bounded.shells();
+    lines.extend(shells.map(|(name, patches, volume)| {
+        ("volume", format!("{volume} in {name} ({patches} patches), by the integral of their polynomials"))
+    }));
     let [x, y, z] = cells.extent;
     let width = cells.frame.linear().col(0).length();
     let unit = options.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));

@@ -7,8 +7,10 @@ use crate::bounded_solid::BoundedSolid;
 use crate::expression::Instruction;
 use crate::lowered::{Bounds, Instance, hull, is_finite};
 use crate::model::{Csg, Primitive};
+use crate::shape::Shape;
 use spinney_base::io::{Output, directory_of};
 use spinney_base::{Error, Progress, Result, SetOperation, SilentProgress};
+use spinney_brep::query::MassProperties;
 use spinney_brep::{CombineReport, ExactModel, Grid, InsideRule, Origin, combine, combine_as};
 use spinney_container::{Codec, OpenOptions, Tag};
 use spinney_crs::Crs;
@@ -18,7 +20,7 @@ use tempfile::TempDir;
 /// Maximum number of models that are combined at once: each is an open file.
 const AT_ONCE: usize = 64;
 /// Maximum number of facets of a primitive.
-const MAX_FACETS: f64 = (1 << 20) as f64;
+pub(crate) const MAX_FACETS: f64 = (1 << 20) as f64;
 /// Default ratio of the longest side to the deviation of facets from curved surfaces.
 const USUAL_SHARE: f64 = 1000.0;
 /// Maximum length, in bytes, of a CSG text that a model's formula includes.
@@ -71,12 +73,28 @@ pub struct CsgExactReport {
     pub deviation: f64,
     /// Number of faces of all primitives.
     pub facets: u64,
+    /// Shells of Bezier patches, one for each primitive with patches.
+    pub shells: Vec<ShellReport>,
     /// A remark on where an infinite solid was clipped.
     pub ends: Option<String>,
     /// Maximum displacement of a primitive's vertex by snapping to the grid.
     pub displacement: f64,
     /// Statistics of the model.
     pub model: CombineReport,
+}
+
+/// A shell of Bezier patches in the exact model of a CSG solid.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct ShellReport {
+    /// Name of its part of the model.
+    pub name: String,
+    /// Number of patches.
+    pub patches: usize,
+    /// The volume in the patches, by integrals of their polynomials. Exact except for rounding.
+    pub volume: f64,
+    /// The volume in the facets, with vertices on the grid.
+    pub facet_volume: f64,
 }
 
 /// Builds an exact model of a solid. Planar primitives are exact except that their vertices are
@@ -129,6 +147,7 @@ pub fn import_exact_csg(
         open: output.access().into(),
         files: 0,
         facets: 0,
+        facet_volumes: Vec::new(),
         displacement: 0.0,
         progress,
     };
@@ -146,12 +165,23 @@ pub fn import_exact_csg(
     };
     let operation = if root.is_negated { SetOperation::Complement } else { SetOperation::First };
     let report = combine_as(operation, &[&model], &origin, output, options.codec, options.memory, progress)?;
+    // (Instances are evaluated in their order.)
+    let shells = bounded.shells().zip(&body_builder.facet_volumes);
+    let shells = shells
+        .map(|((name, patches, volume), facet_volume)| ShellReport {
+            name,
+            patches,
+            volume,
+            facet_volume: *facet_volume,
+        })
+        .collect();
     let shapes = bounded.lowered.instances.iter().map(|instance| bounded.shape_of(instance));
     Ok(CsgExactReport {
         primitives: csg.primitives(),
         curved: shapes.filter(|primitive| primitive.shape.is_curved()).count(),
         deviation: within,
         facets: body_builder.facets,
+        shells,
         displacement: body_builder.displacement,
         model: report,
         ends: bounded.ends.clone(),
@@ -217,6 +247,8 @@ struct BodyBuilder<'a> {
     open: OpenOptions,
     files: u64,
     facets: u64,
+    /// Volumes of the polyhedra of patches, in the order of the instances.
+    facet_volumes: Vec<f64>,
     displacement: f64,
     progress: &'a dyn Progress,
 }
@@ -359,10 +391,11 @@ impl BodyBuilder<'_> {
 
     /// Writes the file of a primitive.
     fn primitive(&mut self, instance: &Instance) -> Result<PathBuf> {
-        let Primitive { shape, word, at, .. } = self.bounded.shape_of(instance);
+        let primitive = self.bounded.shape_of(instance);
+        let shape = &primitive.shape;
         let within = self.within / instance.to_world.stretch();
         let facets = shape.facets(within);
-        let name = if word == "bounds" { word.clone() } else { format!("{word} in line {}", at.line) };
+        let name = primitive.name();
         if facets > MAX_FACETS {
             let found = format!("{} for {facets} facets of the {name}", self.within);
             return Err(Error::invalid("deviation", found, "a larger distance, for at most 1048576 facets"));
@@ -396,6 +429,10 @@ impl BodyBuilder<'_> {
         };
         let report = report.map_err(|error| self.with_csg_path(error))?;
         self.displacement = self.displacement.max(report.displacement);
+        if matches!(shape, Shape::Patches { .. }) {
+            let model = ExactModel::open(&path, &self.open)?;
+            self.facet_volumes.push(MassProperties::of(&model, self.progress)?.volume);
+        }
         Ok(path)
     }
 

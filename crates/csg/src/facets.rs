@@ -55,7 +55,7 @@ impl Shape {
                 let farthest = points.clone().fold(0.0, |most: f64, point| most.max(point[0]));
                 Some((sides(farthest, within), points.count() as f64))
             }
-            Shape::Block { .. } | Shape::HalfSpace | Shape::Prism { .. } => None,
+            Shape::Block { .. } | Shape::HalfSpace | Shape::Prism { .. } | Shape::Patches { .. } => None,
         }
     }
 
@@ -84,7 +84,9 @@ impl Shape {
                 (0..corners as usize).map(point).collect()
             }
             Shape::Revolved { outline } => return Some(outline.clone()),
-            Shape::Block { .. } | Shape::HalfSpace | Shape::Prism { .. } => return None,
+            Shape::Block { .. } | Shape::HalfSpace | Shape::Prism { .. } | Shape::Patches { .. } => {
+                return None;
+            }
         };
         Some(Outline::new(vec![ring]))
     }
@@ -96,13 +98,18 @@ impl Shape {
             (None, Shape::Prism { outline, .. }) => {
                 outline.rings.iter().map(|ring| ring.points.len() as f64 + 2.0).sum()
             }
+            (None, Shape::Patches { shell, .. }) => shell.facet_count(within),
             (None, _) => 6.0,
         }
     }
 
     /// Whether the polyhedron only approximates the primitive.
     pub(crate) fn is_curved(&self) -> bool {
-        !matches!(self, Shape::Block { .. } | Shape::HalfSpace | Shape::Prism { .. })
+        match self {
+            Shape::Block { .. } | Shape::HalfSpace | Shape::Prism { .. } => false,
+            Shape::Patches { shell, .. } => shell.is_curved(),
+            _ => true,
+        }
     }
 
     /// Returns the polyhedron in world coordinates. The caller has checked that the number of
@@ -124,6 +131,11 @@ impl Shape {
                 made.block(&[min, [x + radius, y + radius, top]]);
             }
             Shape::Prism { outline, heights } => made.prism(outline, *heights),
+            Shape::Patches { shell, .. } => {
+                let facets = shell.facets(within);
+                made.vertices = facets.vertices;
+                facets.triangles.iter().for_each(|triangle| made.face(*triangle));
+            }
             curved => {
                 if let Some((sides, corners)) = curved.turned(within)
                     && let Some(profile) = curved.profile(corners)

@@ -15,6 +15,7 @@ mod field;
 mod lowered;
 mod model;
 mod outline;
+mod patches;
 mod shape;
 mod source;
 mod syntax;
@@ -22,5 +23,5 @@ mod syntax;
 mod tests;
 
 pub use cells::CsgImport;
-pub use exact::{CsgExactOptions, CsgExactReport, import_exact_csg};
+pub use exact::{CsgExactOptions, CsgExactReport, ShellReport, import_exact_csg};
 pub use model::Csg;

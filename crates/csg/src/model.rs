@@ -7,13 +7,27 @@ use std::path::{Path, PathBuf};
 
 use crate::affine::Affine;
 use crate::lowered::Lowered;
+use crate::patches::{csg_of_patches, is_patch_file};
 use crate::shape::Shape;
-use crate::syntax::{At, parse, wrong};
+use crate::syntax::{At, parse, solid_of_patches, wrong};
 use spinney_base::{Error, Result};
 
 /// Maximum number of primitives, operations and transforms of a solid. Named subgraphs count each
 /// time they are used.
 const MAX_NODES: u32 = 1 << 20;
+
+/// Maximum length of a text, in bytes.
+const MAX_BYTES: u64 = 8 << 20;
+
+/// Checks the length of a text.
+pub(crate) fn check_length(path: &Path, text: &str) -> Result<()> {
+    if text.len() as u64 <= MAX_BYTES {
+        return Ok(());
+    }
+    let found = format!("a CSG text of {} bytes, above {MAX_BYTES},", text.len());
+    let advice = "divide it into several files, build each, and combine the results";
+    Err(Error::unsupported(path, found, advice))
+}
 
 /// Handle of a node while the text is parsed.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +59,16 @@ pub(crate) struct Primitive {
     /// The keyword that defines it.
     pub(crate) word: String,
     pub(crate) at: At,
+}
+
+impl Primitive {
+    /// Returns the name of the primitive in messages, and of its part of a model.
+    pub(crate) fn name(&self) -> String {
+        match self.word == "bounds" {
+            true => self.word.clone(),
+            false => format!("{} in line {}", self.word, self.at.line),
+        }
+    }
 }
 
 /// Builds the graph of a solid.
@@ -173,7 +197,7 @@ pub struct Csg {
 }
 
 impl Csg {
-    /// Parses a file.
+    /// Parses a file: a CSG text, or a file of Bezier patches (`.bpt`), which becomes a CSG text.
     ///
     /// # Errors
     /// If it cannot be read, is not UTF-8, is longer than 8 MiB, or is not a valid solid.
@@ -181,12 +205,28 @@ impl Csg {
         let mut bytes = Vec::new();
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         // (One byte over the limit is enough to detect that the text is too long.)
-        file.take((8 << 20) + 1).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
+        file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
         let text = String::from_utf8(bytes).map_err(|error| {
             let place = format!("byte {}", error.utf8_error().valid_up_to());
             Error::corrupt(path, place, "bytes that are not UTF-8", "a CSG text in UTF-8")
         })?;
-        Csg::parse(path, &text)
+        if is_patch_file(path) { Csg::of_patches(path, &text) } else { Csg::parse(path, &text) }
+    }
+
+    /// Parses a text of Bezier patches (`.bpt`): the number of patches, and for each its degrees
+    /// (`3 3` or `2 2`) and its 16 or 9 control points. Error messages name `path`.
+    ///
+    /// # Errors
+    /// If it is malformed, or the patches do not enclose a solid. The error reports line and
+    /// column.
+    pub(crate) fn of_patches(path: &Path, text: &str) -> Result<Csg> {
+        check_length(path, text)?;
+        let (patches, csg) = csg_of_patches(path, text)?;
+        // (Results record the CSG text, and it must be readable.)
+        check_length(path, &csg)?;
+        let mut builder = Builder::new(path);
+        let root = solid_of_patches(&mut builder, path, patches, At { line: 1, column: 1 })?;
+        builder.finish(&csg, root, None, None)
     }
 
     /// Parses a CSG text. Error messages name `path`.
@@ -222,8 +262,8 @@ impl Csg {
         }
     }
 
-    /// Whether a file name has the extension of CSG text, `.csg`.
+    /// Whether a file name has the extension of CSG text, `.csg`, or of patches, `.bpt`.
     pub fn is_name(path: &Path) -> bool {
-        path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csg"))
+        is_patch_file(path) || path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csg"))
     }
 }

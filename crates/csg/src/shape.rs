@@ -1,7 +1,10 @@
 //! Primitives in local coordinates: point tests, extents and classification of boxes.
 
 use crate::box_state::BoxState;
+use std::sync::Arc;
+
 use crate::outline::Outline;
+use crate::patches::{FacetTree, Shell};
 
 /// A primitive in local coordinates.
 #[derive(Clone, Debug)]
@@ -21,6 +24,9 @@ pub(crate) enum Shape {
     Prism { outline: Outline, heights: [f64; 2] },
     /// An outline in radius and z, revolved around the z axis.
     Revolved { outline: Outline },
+    /// A solid in a shell of Bezier patches. Points and boxes are tested against facets, which
+    /// [`BoundedSolid::facet_patches`](crate::bounded_solid::BoundedSolid::facet_patches) makes.
+    Patches { shell: Arc<Shell>, facets: Arc<FacetTree> },
 }
 
 /// An interval: minimum and maximum.
@@ -38,6 +44,7 @@ impl Shape {
             Shape::HalfSpace => 0.0,
             Shape::Prism { outline, heights } => outline.magnitude().max(most(heights)),
             Shape::Revolved { outline } => outline.magnitude(),
+            Shape::Patches { shell, .. } => shell.points().map(|point| most(point)).fold(0.0, f64::max),
         }
     }
 
@@ -63,6 +70,7 @@ impl Shape {
             Shape::HalfSpace => z <= 0.0,
             Shape::Prism { outline, heights } => z >= heights[0] && z < heights[1] && outline.has([x, y]),
             Shape::Revolved { outline } => outline.has([(x * x + y * y).sqrt(), z]),
+            Shape::Patches { facets, .. } => facets.has([x, y, z]),
         }
     }
 
@@ -100,6 +108,7 @@ impl Shape {
                 let [near, far] = distance(&along[..2]);
                 outline.classify([(near + far) / 2.0, centre[2]], [(far - near) / 2.0, half[2]])
             }
+            Shape::Patches { facets, .. } => facets.classify(centre, half),
         }
     }
 
@@ -145,6 +154,9 @@ impl Shape {
             Shape::Revolved { outline } => {
                 let points = outline.rings.iter().flat_map(|ring| &ring.points);
                 hull(&mut points.map(|[radius, at]| [at * z - radius * across, at * z + radius * across]))
+            }
+            Shape::Patches { shell, .. } => {
+                hull(&mut shell.hull.iter().map(|[a, b, c]| [a * x + b * y + c * z; 2]))
             }
         }
     }

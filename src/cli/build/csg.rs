@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spinney::raw::csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
+use spinney::raw::csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, ShellReport, import_exact_csg};
 use spinney::{Output, Progress};
 
 use super::rasters::RasterArgs;
@@ -24,7 +24,10 @@ impl PrimitivesImport {
         (rasters, solids, common): (&RasterArgs, &SolidArgs, &Common),
     ) -> Result<PrimitivesImport> {
         let [input] = inputs else {
-            bail!("got {} inputs, expected one .csg file; consecutive solids in it are united", inputs.len())
+            bail!(
+                "got {} inputs, expected one .csg or .bpt file; consecutive solids in it are united",
+                inputs.len()
+            )
         };
         rasters.refuse(input)?;
         if common.grid == Some(Grid::Xyz) {
@@ -91,7 +94,7 @@ impl PrimitivesImport {
 /// Returns lines about an exact model.
 fn lines(report: &CsgExactReport, unit: Option<String>) -> Lines {
     let unit = unit.map_or(String::new(), |unit| format!(" {unit}"));
-    let CsgExactReport { curved, deviation, facets, displacement, model, ends, .. } = report;
+    let CsgExactReport { curved, deviation, facets, shells, displacement, model, ends, .. } = report;
     let mut lines: Lines = ends.iter().map(|ends| ("ends", ends.clone())).collect();
     lines.push(match curved {
         0 => ("facets", format!("{facets}; all primitives are planar, and exact except for rounded vertices")),
@@ -100,6 +103,14 @@ fn lines(report: &CsgExactReport, unit: Option<String>) -> Lines {
             format!("{facets}, with vertices on the surfaces; those of the {curved} curved primitives deviate by at most {deviation}{unit} (--deviation)"),
         ),
     });
+    for shell in shells {
+        let ShellReport { name, patches, volume, facet_volume, .. } = shell;
+        let cubic = if unit.is_empty() { String::new() } else { format!("{unit}3") };
+        let text = format!(
+            "{volume}{cubic} in {name} ({patches} patches), by the integral of their polynomials; {facet_volume}{cubic} in their facets"
+        );
+        lines.push(("volume", text));
+    }
     let moved = match *displacement {
         0.0 => "no vertex was moved".into(),
         most => format!("vertices moved by at most {most:e}{unit}"),

@@ -31,7 +31,7 @@ impl ExactImport {
         common: &Common,
     ) -> Result<ExactImport> {
         if solids.deviation.is_some() {
-            bail!("--deviation: works only with primitives (.csg); models have planar faces");
+            bail!("--deviation: works only with primitives (.csg, .bpt); models have planar faces");
         }
         let fitting = [
             "--brep",

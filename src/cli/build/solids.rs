@@ -61,8 +61,8 @@ pub(in crate::cli) struct SolidArgs {
     /// grid, or the smallest power of two that leaves about 2^24 units along the longest side]
     #[arg(long, value_name = "WIDTH", requires = "brep")]
     pub(super) snap: Option<f64>,
-    /// Maximum distance of facets from curved surfaces of primitives (.csg), such as 0.01 [default:
-    /// a thousandth of the longest side]
+    /// Maximum distance of facets from curved surfaces of primitives (.csg, .bpt), such as 0.01
+    /// [default: a thousandth of the longest side]
     #[arg(long, value_name = "DISTANCE", requires = "brep")]
     pub(super) deviation: Option<f64>,
     /// Levels of detail: add coarser surfaces with bounds of their error

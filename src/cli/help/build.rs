@@ -89,7 +89,7 @@ from files or a directory. `get` writes NPY or NRRD again, `contours` makes isos
 
 pub(super) const SOLIDS: Topic = Topic {
     name: "solids",
-    summary: "PLY, OBJ, STL, OFF, glTF, CityJSON, CityJSONSeq; .csg; .views; polygons (--heights)",
+    summary: "PLY, OBJ, STL, OFF, glTF, CityJSON(Seq); .csg, .bpt, .views; polygons (--heights)",
     about: "\
 Build an octree of the cells that a solid fills.
 
@@ -97,7 +97,7 @@ The cells inside of a closed surface are exact, also with overlapping bodies and
 decided by its winding field, to 0.01. Several models become one solid.
 
 Other inputs: constructive solid geometry (.csg, docs/csg.md): block, ball, cylinder, cone, torus, half_space, \
-prism, sweep and revolve, transformed and combined. Views of a solid (.views, docs/reconstruction.md): images, \
+prism, sweep, revolve and patches, transformed and combined. Files of Bezier patches (.bpt). Views of a solid (.views, docs/reconstruction.md): images, \
 silhouettes or depths with their view directions; the octree has all cells that no view shows to be empty. \
 Polygons at heights (--heights), such as sections of a body: the solid between them.",
     options: &[
@@ -133,7 +133,7 @@ Polygons at heights (--heights), such as sections of a body: the solid between t
 
 const EXACT: Topic = Topic {
     name: "exact",
-    summary: "solids with --brep: PLY, OBJ, STL, OFF, glTF, CityJSON, CityJSONSeq, .csg",
+    summary: "solids with --brep: PLY, OBJ, STL, OFF, glTF, CityJSON(Seq), .csg, .bpt",
     about: "\
 Build an exact model: the faces of a solid, on a fine grid, in an octree.
 

@@ -5,6 +5,7 @@ mod parse;
 mod words;
 
 pub(crate) use self::parse::parse;
+pub(crate) use self::words::solid_of_patches;
 
 use std::fmt;
 use std::path::Path;

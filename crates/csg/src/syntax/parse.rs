@@ -7,11 +7,9 @@ use std::path::Path;
 use super::lexer::{Lexer, Token};
 use super::words::{self, Arguments};
 use super::{At, wrong};
-use crate::model::{Builder, Csg, Solid};
-use spinney_base::{Error, Result};
+use crate::model::{Builder, Csg, Solid, check_length};
+use spinney_base::Result;
 
-/// Maximum length of a text, in bytes.
-const MAX_BYTES: u64 = 8 << 20;
 /// Maximum nesting depth of calls.
 const MAX_DEPTH: usize = 1 << 12;
 
@@ -23,6 +21,8 @@ pub(super) enum Argument {
     Numbers(Vec<f64>),
     /// A list of points in brackets.
     Points(Vec<[f64; 2]>),
+    /// A list of points in space in brackets.
+    SpacePoints(Vec<[f64; 3]>),
     Solid(Solid),
 }
 
@@ -43,11 +43,7 @@ enum Statement<'a> {
 
 /// Parses a CSG text.
 pub(crate) fn parse(path: &Path, text: &str) -> Result<Csg> {
-    if text.len() as u64 > MAX_BYTES {
-        let found = format!("a CSG text of {} bytes, above {MAX_BYTES},", text.len());
-        let advice = "divide it into several files, build each, and combine the results";
-        return Err(Error::unsupported(path, found, advice));
-    }
+    check_length(path, text)?;
     let mut parser =
         Parser { path, lexer: Lexer::new(path, text), builder: Builder::new(path), names: HashMap::new() };
     let mut solids = Vec::new();
@@ -260,18 +256,29 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Consumes a list after its opening bracket: numbers, or points of two numbers in brackets.
+    /// Consumes a list after its opening bracket: numbers, or points of two or three numbers in
+    /// brackets.
     fn list(&mut self, begin: At) -> Result<Argument> {
-        let (mut numbers, mut points) = (Vec::new(), Vec::new());
+        let (mut numbers, mut points, mut space_points) = (Vec::new(), Vec::new(), Vec::new());
         loop {
             let (token, at) = self.lexer.next()?;
             match token {
-                Token::Number(number) if points.is_empty() => numbers.push(number),
-                Token::Sign('[') if numbers.is_empty() => points.push(self.point(at)?),
+                Token::Number(number) if points.is_empty() && space_points.is_empty() => numbers.push(number),
+                Token::Sign('[') if numbers.is_empty() => match self.point(at)? {
+                    ([x, y], None) if space_points.is_empty() => points.push([x, y]),
+                    ([x, y], Some(z)) if points.is_empty() => space_points.push([x, y, z]),
+                    (_, z) => {
+                        let [found, expected] = match z {
+                            None => ["two", "three"],
+                            Some(_) => ["three", "two"],
+                        };
+                        let found = format!("a point of {found} numbers");
+                        return Err(wrong(self.path, at, found, format!("{expected}, as before")));
+                    }
+                },
                 Token::Sign(']') => break,
                 _ => {
-                    let expected =
-                        "numbers, as in [1, 2, 3], or points of two numbers, as in [[0, 0], [1, 0], [0, 1]]";
+                    let expected = "numbers, as in [1, 2, 3], or points of two or three numbers, as in [[0, 0], [1, 0], [0, 1]]";
                     return Err(wrong(self.path, at, token.text(), expected));
                 }
             }
@@ -281,30 +288,40 @@ impl<'a> Parser<'a> {
                 (token, at) => return Err(wrong(self.path, at, token.text(), "`,` or `]`")),
             }
         }
-        match (numbers.is_empty(), points.is_empty()) {
-            (true, true) => Err(wrong(self.path, begin, "nothing in brackets", "numbers or points")),
-            (false, _) => Ok(Argument::Numbers(numbers)),
-            (true, false) => Ok(Argument::Points(points)),
+        match (numbers.is_empty(), points.is_empty(), space_points.is_empty()) {
+            (true, true, true) => Err(wrong(self.path, begin, "nothing in brackets", "numbers or points")),
+            (false, ..) => Ok(Argument::Numbers(numbers)),
+            (true, false, _) => Ok(Argument::Points(points)),
+            (true, true, false) => Ok(Argument::SpacePoints(space_points)),
         }
     }
 
-    /// Consumes two numbers after the opening bracket.
-    fn point(&mut self, begin: At) -> Result<[f64; 2]> {
-        let mut point = [0.0; 2];
-        for (number, sign) in point.iter_mut().zip([',', ']']) {
+    /// Consumes two or three numbers after the opening bracket.
+    fn point(&mut self, begin: At) -> Result<([f64; 2], Option<f64>)> {
+        let mut numbers = Vec::new();
+        loop {
             match self.lexer.next()? {
-                (Token::Number(found), _) => *number = found,
+                (Token::Number(found), _) => numbers.push(found),
                 (token, at) => {
-                    let expected = format!("a number: the point at {begin} has two");
+                    let expected = format!("a number: the point at {begin} has two or three");
                     return Err(wrong(self.path, at, token.text(), expected));
                 }
             }
             let (token, at) = self.lexer.next()?;
-            if token != Token::Sign(sign) {
-                let expected = format!("`{sign}`: the point at {begin} has two numbers");
-                return Err(wrong(self.path, at, token.text(), expected));
+            match (token, &numbers[..]) {
+                (Token::Sign(']'), [x, y]) => return Ok(([*x, *y], None)),
+                (Token::Sign(']'), [x, y, z]) => return Ok(([*x, *y], Some(*z))),
+                (Token::Sign(','), [_] | [_, _]) => {}
+                _ => {
+                    let sign = match numbers.len() {
+                        1 => "`,`",
+                        2 => "`,` or `]`",
+                        _ => "`]`",
+                    };
+                    let expected = format!("{sign}: the point at {begin} has two or three numbers");
+                    return Err(wrong(self.path, at, token.text(), expected));
+                }
             }
         }
-        Ok(point)
     }
 }

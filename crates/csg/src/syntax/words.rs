@@ -2,12 +2,14 @@
 
 use std::collections::VecDeque;
 use std::path::Path;
+use std::sync::Arc;
 
 use super::parse::Argument;
 use super::{At, wrong};
 use crate::affine::{Affine, MAX_NUMBER, dot};
 use crate::model::{Builder, Solid};
 use crate::outline::Outline;
+use crate::patches::{FacetTree, Patch, shells};
 use crate::shape::Shape;
 use spinney_base::Result;
 
@@ -15,7 +17,7 @@ use spinney_base::Result;
 type Make = fn(&mut Builder<'_>, &mut Arguments<'_>) -> Result<Solid>;
 
 /// Keywords, with their usage and constructor.
-const WORDS: [(&str, &str, Make); 19] = [
+const WORDS: [(&str, &str, Make); 20] = [
     ("block", "block(x0,y0,z0, x1,y1,z1)", block),
     ("ball", "ball(x,y,z, radius)", ball),
     ("cylinder", "cylinder(x0,y0,z0, x1,y1,z1, radius)", cylinder),
@@ -25,6 +27,7 @@ const WORDS: [(&str, &str, Make); 19] = [
     ("prism", "prism([[x,y],...], ..., z0, z1)", prism),
     ("sweep", "sweep([[x,y],...], ..., dx,dy,dz [, z0])", sweep),
     ("revolve", "revolve([[r,z],...], ... [, x,y,z, ax,ay,az])", revolve),
+    ("patches", "patches([[x,y,z],...], ...), with 9 or 16 points for each patch", patches),
     ("union", "union(a, b, ...)", union),
     ("intersection", "intersection(a, b, ...)", intersection),
     ("difference", "difference(a, b, ...)", difference),
@@ -129,6 +132,9 @@ impl<'a> Arguments<'a> {
             Some((Argument::Number(number), at)) => (format!("the number {number}"), *at),
             Some((Argument::Numbers(_), at)) => ("numbers in brackets".into(), *at),
             Some((Argument::Points(_), at)) => ("an outline".into(), *at),
+            Some((Argument::SpacePoints(points), at)) => {
+                (format!("{} points of three numbers", points.len()), *at)
+            }
             Some((Argument::Solid(_), at)) => ("a solid".into(), *at),
         }
     }
@@ -172,6 +178,25 @@ impl<'a> Arguments<'a> {
             return Err(self.wrong(at, found, "an outline, such as [[0,0],[1,0],[0,1]]"));
         }
         Ok(Outline::new(rings))
+    }
+
+    /// Consumes all patches that come next, at least one.
+    fn patches(&mut self) -> Result<Vec<Patch>> {
+        let mut patches = Vec::new();
+        while let Some((Argument::SpacePoints(points), at)) = self.rest.front_mut() {
+            let (points, at) = (std::mem::take(points), *at);
+            let count = points.len();
+            let patch = Patch::new(points, at);
+            let found = || format!("{count} points of patch {}", patches.len() + 1);
+            let expected = "9 points (biquadratic) or 16 points (bicubic)";
+            patches.push(patch.ok_or_else(|| self.wrong(at, found(), expected))?);
+            self.rest.pop_front();
+        }
+        if patches.is_empty() {
+            let (found, at) = self.next_shown();
+            return Err(self.wrong(at, found, "a patch of 9 or 16 points of three numbers"));
+        }
+        Ok(patches)
     }
 
     /// Consumes all solids that come next, at least one.
@@ -333,6 +358,26 @@ fn revolve(builder: &mut Builder<'_>, arguments: &mut Arguments<'_>) -> Result<S
         Affine::IDENTITY
     };
     arguments.primitive(builder, Shape::Revolved { outline }, map)
+}
+
+fn patches(builder: &mut Builder<'_>, arguments: &mut Arguments<'_>) -> Result<Solid> {
+    let patches = arguments.patches()?;
+    solid_of_patches(builder, arguments.path, patches, arguments.at)
+}
+
+/// Creates the solid of patches: the union of their shells.
+pub(crate) fn solid_of_patches(
+    builder: &mut Builder<'_>,
+    path: &Path,
+    patches: Vec<Patch>,
+    at: At,
+) -> Result<Solid> {
+    let mut solids = Vec::new();
+    for shell in shells(path, patches)? {
+        let shape = Shape::Patches { shell: Arc::new(shell), facets: FacetTree::default().into() };
+        solids.push(builder.primitive(shape, Affine::IDENTITY, "patches", at)?);
+    }
+    builder.union(&solids, at)
 }
 
 fn union(builder: &mut Builder<'_>, arguments: &mut Arguments<'_>) -> Result<Solid> {
