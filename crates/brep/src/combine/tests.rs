@@ -620,3 +620,16 @@ fn counts_of_pairs_are_those_of_leaves() {
         }
     }
 }
+
+/// Leaves that are near several bodies: three at once are as two after each other.
+#[test]
+fn three_bodies_are_combined_as_pairs() {
+    let blocks =
+        [block(1, [100; 3], Some(10)), block(2, [500, 520, 540], Some(0)), block(3, [480, 130, 90], Some(0))];
+    let [a, b, c] = blocks.map(|faces| model_of_leaves(&faces, 4));
+    let at_once = result(1, &[&a, &b, &c]);
+    let pair = result(1, &[&a, &b]);
+    let found = six_volumes(&at_once);
+    assert_eq!(found, six_volumes(&result(1, &[&pair, &c])));
+    assert_ne!(found, six_volumes(&pair));
+}
