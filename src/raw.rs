@@ -258,8 +258,8 @@ pub mod tin {
         SurfaceInput, SurfaceReport, Tin, approximate, build_layers, triangulate,
     };
     pub use spinney_vector::{
-        SurfaceFiles, SurfacePoints, SurfaceRaster, export_isolines, read_heights, read_surfaces,
-        write_surface,
+        BoreholeAttributes, BoreholeReport, SurfaceFiles, SurfacePoints, SurfaceRaster, export_isolines,
+        read_heights, read_surfaces, write_surface,
     };
 }
 

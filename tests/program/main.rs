@@ -8,6 +8,7 @@ mod cli_bintrees;
 #[cfg(feature = "cli")]
 mod cli_body_values;
 #[cfg(all(unix, feature = "cli"))]
+mod cli_boreholes;
 mod cli_build;
 #[cfg(feature = "mbtiles")]
 mod cli_chain_codes;

@@ -17,6 +17,7 @@ pub use line_tree::{CrossingSummary, JoinSummary, export_lines, join_crossing_li
 pub use point_raster::{CellRule, PointRaster, rasterize_points};
 pub use reproject::{ReprojectOptions, SystemChange, reproject_features};
 pub use surfaces::{
-    SurfaceFiles, SurfacePoints, SurfaceRaster, export_isolines, read_heights, read_surfaces, write_surface,
+    BoreholeAttributes, BoreholeReport, SurfaceFiles, SurfacePoints, SurfaceRaster, export_isolines,
+    read_heights, read_surfaces, write_surface,
 };
 pub use within::region_of_polygons;

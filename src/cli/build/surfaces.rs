@@ -7,8 +7,9 @@ use spinney::import::feature::FeatureOptions;
 use spinney::raw::import::feature::is_feature_file;
 use spinney::raw::store::Packing;
 use spinney::raw::tin::{
-    Duplicates, LayerInput, LayerOptions, LayerSurface, SurfaceFiles, SurfaceInput, SurfacePoints,
-    SurfaceRaster, SurfaceReport, build_layers, read_surfaces, triangulate, write_surface,
+    BoreholeAttributes, BoreholeReport, Duplicates, LayerInput, LayerOptions, LayerSurface, SurfaceFiles,
+    SurfaceInput, SurfacePoints, SurfaceRaster, SurfaceReport, build_layers, read_surfaces, triangulate,
+    write_surface,
 };
 use spinney::{Frame, Output, Progress};
 
@@ -31,6 +32,14 @@ pub(super) struct SurfaceArgs {
     /// Polygons that limit the surface: features [default: the convex hull of the points]
     #[arg(long, value_name = "FILE", requires = "tin")]
     outline: Option<PathBuf>,
+    /// Attribute with the name of a borehole's layer, one of those of --tin: there is a row for
+    /// each borehole and layer
+    #[arg(long, value_name = "ATTRIBUTE", requires = "tin", requires = "depth_attribute")]
+    layer_attribute: Option<String>,
+    /// Attribute with the depth of a borehole's layer below the mouth, whose height is attribute z
+    /// or the z of the point; without these, surfaces have negative depths as heights
+    #[arg(long, value_name = "ATTRIBUTE", requires = "tin", requires = "layer_attribute")]
+    depth_attribute: Option<String>,
 }
 
 /// Points that were read, and what to build from them.
@@ -61,7 +70,17 @@ impl SurfaceArgs {
         if !is_feature_file(input) {
             bail!("--tin: works only with point features, {} has none", input.display());
         }
-        let of_both = ["--tin", "--breaklines", "--outline", "--crs", "--where", "--layer", "--codec"];
+        let of_both = [
+            "--tin",
+            "--breaklines",
+            "--outline",
+            "--layer-attribute",
+            "--depth-attribute",
+            "--crs",
+            "--where",
+            "--layer",
+            "--codec",
+        ];
         let (what, of_one): (_, &[&str]) = match solids.brep {
             false => ("the raster of a surface", &["--cell", "--max-error"]),
             true => ("layers between surfaces", &["--brep", "--snap", "--unit"]),
@@ -97,9 +116,11 @@ impl SurfaceArgs {
                 Target::Layers(options)
             }
         };
+        let boreholes = self.layer_attribute.clone().zip(self.depth_attribute.clone());
         let files = SurfaceFiles {
             points: input.clone(),
             heights: names.clone(),
+            boreholes: boreholes.map(|(layer, depth)| BoreholeAttributes { layer, depth }),
             options: FeatureOptions {
                 layer: rasters.layer.clone(),
                 filter: features.filter.clone().unwrap_or_default(),
@@ -115,12 +136,36 @@ impl SurfaceArgs {
             points.crs_file = None;
         }
         let mut description = vec![("input", input.display().to_string())];
+        description.extend(points.boreholes.as_ref().map(borehole_lines).unwrap_or_default());
+        let missing = if points.boreholes.is_some() { "depth" } else { "height" };
         for ((name, found), without) in names.iter().zip(&points.points).zip(&points.without) {
-            let none = if *without > 0 { format!(", {without} without a height") } else { String::new() };
+            let none = if *without > 0 { format!(", {without} without a {missing}") } else { String::new() };
             description.push(("heights", format!("{name}: {} points{none}", found.len())));
         }
         Ok(SurfaceImport { points, names, target, provenance, description })
     }
+}
+
+/// Returns lines about boreholes in long form.
+fn borehole_lines(report: &BoreholeReport) -> Lines {
+    let mouths = match report.has_mouths {
+        true => "heights are those of mouths, minus depths",
+        false => "mouths have no heights: heights are negative depths",
+    };
+    let mut lines = vec![("boreholes", format!("{} rows; {mouths}", report.features))];
+    let names = report.other_names.join(", ");
+    let more = if report.others > report.other_names.len() as u64 { " ..." } else { "" };
+    let others = format!("are of layers that --tin does not name, and left out: {names}{more}");
+    let counts = [
+        ("repeated", report.repeated, "have the borehole, layer and depth of another one"),
+        ("other", report.others, &others),
+        ("left out", report.without_layer, "have no name of a layer"),
+        ("left out", report.without_position, "have no position"),
+        ("left out", report.without_mouth, "have no height of the mouth"),
+    ];
+    let counts = counts.into_iter().filter(|(_, count, _)| *count > 0);
+    lines.extend(counts.map(|(name, count, text)| (name, format!("{count} rows {text}"))));
+    lines
 }
 
 /// Returns lines about points and breaklines.

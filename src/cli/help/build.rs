@@ -259,6 +259,8 @@ and several heights the layers between their surfaces as an exact model, each an
         ("cell", "Width of the raster's cells, in units of the points' coordinates"),
         ("breaklines", ""),
         ("outline", ""),
+        ("layer-attribute", ""),
+        ("depth-attribute", ""),
         ("brep", "Build the layers between the surfaces as an exact model, instead of a raster"),
         ("snap", ""),
         ("unit", "Unit of the layers' coordinates: mm, cm, m, km, in or ft"),
@@ -268,6 +270,7 @@ and several heights the layers between their surfaces as an exact model, each an
     examples: &[
         "spinney build boreholes.csv -o surface.goblin --tin z --cell 10 --breaklines faults.geojson",
         "spinney build boreholes.csv -o layers.goblin --tin top,coal,base --brep --outline area.geojson",
+        "spinney build picks.csv -o layers.goblin --tin top,coal --brep --layer-attribute layer --depth-attribute depth",
     ],
 };
 

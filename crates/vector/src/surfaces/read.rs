@@ -2,20 +2,23 @@
 
 use std::path::{Path, PathBuf};
 
+use super::boreholes::{BoreholeAttributes, BoreholeReport, read_boreholes};
 use crate::import::feature::{FeatureAttribute, FeatureGeometry, FeatureOptions, open_features};
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, PolygonParts};
 
-/// Name of the height attribute of breaklines, in any case.
-const HEIGHT: &str = "z";
+/// Name of the height attribute of breaklines and of boreholes' mouths, in any case.
+pub(super) const HEIGHT: &str = "z";
 
 /// Input files of surfaces.
 #[derive(Clone, Debug, Default)]
 pub struct SurfaceFiles {
     /// Point features.
     pub points: PathBuf,
-    /// Names of the height attributes, one per surface.
+    /// Names of the height attributes, one per surface; with `boreholes`, names of layers.
     pub heights: Vec<String>,
+    /// Attributes of boreholes in long form: a feature for each borehole and layer.
+    pub boreholes: Option<BoreholeAttributes>,
     /// Selection of the points, and whether coordinates of all files are checked to be degrees.
     pub options: FeatureOptions,
     /// Lines that become edges; their height is the attribute `z`, if they have it.
@@ -39,44 +42,27 @@ pub struct SurfacePoints {
     pub crs: Option<Crs>,
     /// The first file that has it.
     pub crs_file: Option<PathBuf>,
+    /// Counts of boreholes in long form.
+    pub boreholes: Option<BoreholeReport>,
 }
 
 /// Reads the input of surfaces. A feature without a numeric height is left out of that surface.
+/// Features are read one by one; points and lines are kept in memory.
 ///
 /// # Errors
 /// Those of [`open_features`]; if the features are of other kinds, heights are not numeric, or the
-/// files have different coordinate systems.
+/// files have different coordinate systems; if a borehole has a layer at several depths.
 pub fn read_surfaces(files: &SurfaceFiles) -> Result<SurfacePoints> {
     let path = &files.points;
-    let options = FeatureOptions { attributes: Some(files.heights.clone()), ..files.options.clone() };
-    let mut reader = open_features(path, &options)?;
-    let count = files.heights.len();
-    let crs = reader.schema().crs.clone();
-    let mut found = SurfacePoints {
-        points: vec![Vec::new(); count],
-        without: vec![0; count],
-        crs_file: crs.is_some().then(|| path.clone()),
-        crs,
-        ..SurfacePoints::default()
+    let mut found = match &files.boreholes {
+        Some(attributes) => read_boreholes(path, &files.heights, attributes, &files.options)?,
+        None => read_points(path, &files.heights, &files.options)?,
     };
-    while let Some(feature) = reader.next()? {
-        let points = match feature.geometry {
-            None => continue,
-            Some(FeatureGeometry::Points(points)) => points,
-            Some(_) => {
-                let advice = "surfaces need points; give lines as --breaklines, and polygons as --outline";
-                return Err(Error::unsupported(path, "a feature that is not a point", advice));
-            }
-        };
-        for (surface, value) in feature.attributes.iter().enumerate() {
-            match number(value) {
-                Some(height) => found.points[surface].extend(points.iter().map(|[x, y]| [*x, *y, height])),
-                None => found.without[surface] += points.len() as u64,
-            }
-        }
-    }
     if let Some(at) = found.points.iter().position(Vec::is_empty) {
-        let expected = "an attribute that is a number for at least three points";
+        let expected = match files.boreholes {
+            None => "an attribute that is a number for at least three points",
+            Some(_) => "the name of a layer, with a depth in at least three boreholes",
+        };
         return Err(Error::invalid(
             "heights",
             format!("`{}` without any in {}", files.heights[at], path.display()),
@@ -97,13 +83,47 @@ pub fn read_surfaces(files: &SurfaceFiles) -> Result<SurfacePoints> {
     Ok(found)
 }
 
-/// Converts a value to a number, if it is finite.
-fn number(value: &FeatureAttribute) -> Option<f64> {
-    match value {
-        FeatureAttribute::Integer(number) => Some(*number as f64),
-        FeatureAttribute::Number(number) => Some(*number).filter(|number| number.is_finite()),
-        _ => None,
+/// Reads points whose attributes are the heights of surfaces.
+fn read_points(path: &Path, heights: &[String], options: &FeatureOptions) -> Result<SurfacePoints> {
+    let options = FeatureOptions { attributes: Some(heights.to_vec()), ..options.clone() };
+    let mut reader = open_features(path, &options)?;
+    let crs = reader.schema().crs.clone();
+    let mut found = SurfacePoints {
+        points: vec![Vec::new(); heights.len()],
+        without: vec![0; heights.len()],
+        crs_file: crs.is_some().then(|| path.to_path_buf()),
+        crs,
+        ..SurfacePoints::default()
+    };
+    while let Some(feature) = reader.next()? {
+        let points = match feature.geometry {
+            None => continue,
+            Some(FeatureGeometry::Points(points)) => points,
+            Some(_) => {
+                let advice = "surfaces need points; give lines as --breaklines, and polygons as --outline";
+                return Err(Error::unsupported(path, "a feature that is not a point", advice));
+            }
+        };
+        for (surface, value) in feature.attributes.iter().enumerate() {
+            match number(value) {
+                Some(height) => found.points[surface].extend(points.iter().map(|[x, y]| [*x, *y, height])),
+                None => found.without[surface] += points.len() as u64,
+            }
+        }
     }
+    Ok(found)
+}
+
+/// Converts a value to a number, if it is finite. (In a column that has words too, such as `n/a`,
+/// all values of CSV files are strings.)
+pub(super) fn number(value: &FeatureAttribute) -> Option<f64> {
+    let number = match value {
+        FeatureAttribute::Integer(number) => *number as f64,
+        FeatureAttribute::Number(number) => *number,
+        FeatureAttribute::Text(text) => text.trim().parse().ok()?,
+        _ => return None,
+    };
+    Some(number).filter(|number| number.is_finite())
 }
 
 /// Fails if a file's coordinate system differs from that of the previous files.
