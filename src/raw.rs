@@ -255,7 +255,8 @@ pub mod body_values {
 pub mod tin {
     pub use spinney_tin::{
         Duplicates, HeightGrid, Isoline, LayerInput, LayerMeasure, LayerOptions, LayerReport, LayerSurface,
-        SurfaceInput, SurfaceReport, Tin, approximate, build_layers, triangulate,
+        OrderedSurfaces, Smoothing, SurfaceInput, SurfaceReport, Tin, approximate, build_layers,
+        order_surfaces, triangulate,
     };
     pub use spinney_vector::{
         BoreholeAttributes, BoreholeReport, SurfaceFiles, SurfacePoints, SurfaceRaster, export_isolines,

@@ -3,7 +3,7 @@
 use spinney::brep::Faces;
 use spinney::raw::brep::topology::{Topology, TopologyOptions};
 use spinney::raw::tin::{
-    LayerInput, LayerOptions, LayerSurface, SurfaceInput, Tin, build_layers, triangulate,
+    LayerInput, LayerOptions, LayerSurface, Smoothing, SurfaceInput, Tin, build_layers, triangulate,
 };
 use spinney::{ExactModel, Output};
 
@@ -221,7 +221,7 @@ fn item_54_triangulations_are_smoothed_and_have_isolines() {
     let expected = 3600.0 * 900.0 - 2.0 * 60.0 * (2.0 * 30f64.powi(3) / 3.0);
     assert_eq!(area, 3600.0);
     assert!((0.0..3600.0 * 25.0 / 2.0).contains(&(expected - volume)), "{volume} {expected}");
-    let smooth = tin.smoothed(3);
+    let (smooth, _) = tin.smoothed(&Smoothing::of_passes(3), &()).unwrap();
     assert!(smooth.range().unwrap().1 < 900.0);
     for [x, _, z] in smooth.vertices().filter(|vertex| vertex[1] == 15.0) {
         assert_eq!(z, hill(x, 15.0));

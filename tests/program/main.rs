@@ -67,6 +67,7 @@ mod cli_sources;
 mod cli_stacks;
 mod cli_structures;
 mod cli_styles;
+mod cli_surfaces;
 #[cfg(feature = "cli")]
 mod cli_tin;
 mod cli_together;

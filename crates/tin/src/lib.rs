@@ -9,7 +9,9 @@ mod grid;
 mod isolines;
 mod layers;
 mod mesh;
+mod overlap;
 mod smooth;
+mod stack;
 mod surface;
 #[cfg(test)]
 mod tests;
@@ -19,5 +21,7 @@ pub use greedy::approximate;
 pub use grid::HeightGrid;
 pub use isolines::Isoline;
 pub use layers::{LayerInput, LayerMeasure, LayerOptions, LayerReport, LayerSurface, build_layers};
+pub use smooth::Smoothing;
+pub use stack::{OrderedSurfaces, order_surfaces};
 pub use surface::{Duplicates, SurfaceInput, SurfaceReport, triangulate};
 pub use tin::Tin;

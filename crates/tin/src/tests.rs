@@ -1,8 +1,8 @@
 //! Surfaces compared with brute-force models.
 
 use crate::{
-    Duplicates, HeightGrid, Isoline, LayerInput, LayerOptions, LayerSurface, SurfaceInput, Tin, approximate,
-    build_layers, triangulate,
+    Duplicates, HeightGrid, Isoline, LayerInput, LayerOptions, LayerSurface, Smoothing, SurfaceInput, Tin,
+    approximate, build_layers, triangulate,
 };
 use robust::{Coord, incircle};
 use spinney_base::io::Output;
@@ -10,7 +10,7 @@ use spinney_brep::ExactModel;
 use spinney_brep::query::MassProperties;
 
 /// Pseudorandom numbers below a bound, from a seed.
-fn random(seed: u64) -> impl FnMut(u64) -> u64 {
+pub(crate) fn random(seed: u64) -> impl FnMut(u64) -> u64 {
     let mut state = seed;
     move |below| {
         state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -395,12 +395,13 @@ fn isolines_have_the_height_of_the_surface() {
 #[test]
 fn smoothing_keeps_lines_boundary_and_planes() {
     let plane = triangulate(&of_points(scattered(200, 50, 1, &|_, _| 7.0))).unwrap().0;
-    assert!(plane.smoothed(9).vertices().all(|[_, _, z]| z == 7.0));
+    assert!(plane.smoothed(&Smoothing::of_passes(9), &()).unwrap().0.vertices().all(|[_, _, z]| z == 7.0));
     let mut input =
         of_points(scattered(300, 64, 5, &|x, y| if ((x + y) as u64).is_multiple_of(2) { 0.0 } else { 10.0 }));
     input.breaklines = vec![vec![[5.0, 20.5, 100.0], [60.0, 20.5, 100.0]]];
     let (tin, _) = triangulate(&input).unwrap();
-    let smooth = tin.smoothed(5);
+    let (smooth, moved) = tin.smoothed(&Smoothing::of_passes(5), &()).unwrap();
+    assert!(moved > 0.0);
     let (before, after): (Vec<_>, Vec<_>) = (tin.vertices().collect(), smooth.vertices().collect());
     for edge in tin.constraints().iter().flatten() {
         assert_eq!(before[*edge as usize], after[*edge as usize]);

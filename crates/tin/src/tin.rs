@@ -1,8 +1,9 @@
 //! Triangulated surfaces.
 
 use crate::mesh::{Mesh, NONE, neighbours, side};
+use crate::overlap::check_overlaps;
 use crate::surface::{DistinctPoints, Duplicates, SurfaceReport};
-use spinney_base::{Error, Result};
+use spinney_base::Result;
 
 /// A surface over the plane: triangles with a height at each vertex, linear in between.
 #[derive(Clone, Debug)]
@@ -17,7 +18,7 @@ impl Tin {
     ///
     /// # Errors
     /// If a coordinate is not finite; if corners at the same position have different heights; if
-    /// triangles overlap along an edge.
+    /// triangles overlap.
     pub fn from_triangles(triangles: &[[[f64; 3]; 3]]) -> Result<Tin> {
         let corners: Vec<[f64; 3]> = triangles.iter().flatten().copied().collect();
         let distinct = DistinctPoints::of(&corners, Duplicates::Refuse, &mut SurfaceReport::default())?;
@@ -33,13 +34,8 @@ impl Tin {
                 turned.push(if area > 0.0 { [a, b, c] } else { [a, c, b] });
             }
         }
-        let mut edges: Vec<[u32; 2]> =
-            turned.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]).collect();
-        edges.sort_unstable();
-        if let Some(pair) = edges.windows(2).find(|pair| pair[0] == pair[1]) {
-            let [x, y] = distinct.positions[pair[0][0] as usize];
-            let found = format!("triangles that overlap at {x}, {y}");
-            return Err(Error::invalid("surface", found, "one height per position"));
+        if !turned.is_empty() {
+            check_overlaps(&distinct.positions, &turned)?;
         }
         let neighbours = neighbours(&turned);
         let mesh =

@@ -261,6 +261,11 @@ impl Import {
         }
     }
 
+    /// Whether the output is a tree file, not a mesh.
+    fn is_tree(&self) -> bool {
+        !matches!(self, Import::Surface(import) if import.is_mesh())
+    }
+
     /// Returns the command for inspecting the tree.
     fn next(&self) -> &'static str {
         match self {
@@ -347,13 +352,15 @@ impl Args {
     fn plan(&self) -> Result<Import> {
         let Args { inputs, output, rasters, common, solids, features, surfaces, bodies } = self;
         check_output(inputs.iter().map(PathBuf::as_path), output)?;
-        check_tree_name(output)?;
+        if surfaces.tin.is_none() || SurfaceArgs::mesh_format(output).is_none() {
+            check_tree_name(output)?;
+        }
         if features.index == Some(Index::Lines) {
             let import = lines::plan(inputs, (common, rasters, solids, features), output)?;
             return Ok(Import::Lines(Box::new(import)));
         }
         if surfaces.tin.is_some() {
-            let import = surfaces.plan(inputs, (common, rasters, solids, features))?;
+            let import = surfaces.plan(inputs, output, (common, rasters, solids, features))?;
             return Ok(Import::Surface(Box::new(import)));
         }
         if let Some(body) = &bodies.body {
@@ -474,15 +481,18 @@ pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
         .map(|input| std::fs::metadata(input).map_or(Some(0), |file| file.is_file().then_some(file.len())));
     let input = sizes.sum();
     let work = Work::start(global, import.unit())?;
-    let output = args.common.limit.create_tree(&args.output, global)?;
-    let next = import.next();
+    let (limit, is_tree, next) = (&args.common.limit, import.is_tree(), import.next());
+    let output = match is_tree {
+        true => limit.create_tree(&args.output, global)?,
+        false => limit.create(&args.output, global)?,
+    };
     let lines = import.build(output, &args.solids, &work)?;
     work.finish();
     for (heading, text) in lines {
         global.report(heading, text);
     }
     report_built(global, &args.output, start, input);
-    if args.output != Path::new("-") {
+    if is_tree && args.output != Path::new("-") {
         global.report("next", format_args!("spinney {next} {}", args.output.display()));
     }
     Ok(())

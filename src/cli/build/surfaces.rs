@@ -1,18 +1,22 @@
 //! `spinney build` of triangulated surfaces from points.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
+use spinney::export::MeshFormat;
 use spinney::import::feature::FeatureOptions;
+use spinney::raw::export::mesh::{SurfaceMesh, export_triangles};
 use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::space::PolygonParts;
 use spinney::raw::store::Packing;
 use spinney::raw::tin::{
-    BoreholeAttributes, BoreholeReport, Duplicates, LayerInput, LayerOptions, LayerSurface, SurfaceFiles,
-    SurfaceInput, SurfacePoints, SurfaceRaster, SurfaceReport, build_layers, read_surfaces, triangulate,
-    write_surface,
+    BoreholeAttributes, BoreholeReport, Duplicates, LayerInput, LayerOptions, LayerSurface, Smoothing,
+    SurfaceFiles, SurfaceInput, SurfacePoints, SurfaceRaster, SurfaceReport, Tin, build_layers,
+    order_surfaces, read_surfaces, triangulate, write_surface,
 };
-use spinney::{Frame, Output, Progress};
+use spinney::{Frame, Metadata, Output, Progress};
 
+use super::super::args::number;
 use super::features::FeatureArgs;
 use super::rasters::RasterArgs;
 use super::solids::SolidArgs;
@@ -21,8 +25,9 @@ use super::{Common, Lines};
 /// Options for surfaces only.
 #[derive(clap::Args, Debug)]
 pub(super) struct SurfaceArgs {
-    /// Triangulated surface (TIN) of points whose heights are an attribute, as a raster (--cell);
-    /// with --brep the layers between the surfaces of several attributes, from the top down
+    /// Triangulated surface (TIN) of points whose heights are an attribute, as a raster (--cell) or
+    /// its triangles (if the output is .ply, .obj or .off); with --brep the layers between the
+    /// surfaces of several attributes, from the top down
     #[arg(long, value_name = "ATTRIBUTE,...", value_delimiter = ',')]
     pub(super) tin: Option<Vec<String>>,
     /// Lines that become edges of the triangles, such as faults and ridges: features, with an
@@ -40,6 +45,17 @@ pub(super) struct SurfaceArgs {
     /// or the z of the point; without these, surfaces have negative depths as heights
     #[arg(long, value_name = "ATTRIBUTE", requires = "tin", requires = "layer_attribute")]
     depth_attribute: Option<String>,
+    /// Smooth surfaces: number of passes, in each of which heights move half of the way to the mean
+    /// of their neighbours, except those on breaklines and at the border (Laplacian smoothing)
+    #[arg(long, value_name = "PASSES", requires = "tin", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    smooth: Option<u32>,
+    /// Maximum distance by which --smooth moves a height [default: no limit]
+    #[arg(long, value_name = "DISTANCE", requires = "smooth", value_parser = number::<f64>)]
+    smooth_distance: Option<f64>,
+    /// Keep the heights of points: --smooth divides triangles into four, and moves the midpoints of
+    /// edges only
+    #[arg(long, requires = "smooth")]
+    keep_points: bool,
 }
 
 /// Points that were read, and what to build from them.
@@ -47,6 +63,7 @@ pub(super) struct SurfaceImport {
     points: SurfacePoints,
     names: Vec<String>,
     target: Target,
+    smoothing: Option<Smoothing>,
     provenance: String,
     description: Lines,
 }
@@ -55,13 +72,28 @@ enum Target {
     /// A raster: cell width, memory limit in bytes, packing.
     Raster(f64, u64, Packing),
     Layers(LayerOptions),
+    /// Triangles of the surfaces.
+    Mesh(MeshFormat),
 }
 
 impl SurfaceArgs {
+    /// Returns the format of an output that is a mesh of triangles.
+    pub(super) fn mesh_format(output: &Path) -> Option<MeshFormat> {
+        MeshFormat::of(output).filter(|format| *format != MeshFormat::CityJson)
+    }
+
+    fn smoothing(&self) -> Option<Smoothing> {
+        let mut smoothing = Smoothing::of_passes(self.smooth?);
+        smoothing.max_distance = self.smooth_distance.unwrap_or(smoothing.max_distance);
+        smoothing.keeps_points = self.keep_points;
+        Some(smoothing)
+    }
+
     /// Reads the points.
     pub(super) fn plan(
         &self,
         inputs: &[PathBuf],
+        output: &Path,
         (common, rasters, solids, features): (&Common, &RasterArgs, &SolidArgs, &FeatureArgs),
     ) -> Result<SurfaceImport> {
         let [input] = inputs else {
@@ -70,27 +102,33 @@ impl SurfaceArgs {
         if !is_feature_file(input) {
             bail!("--tin: works only with point features, {} has none", input.display());
         }
-        let of_both = [
+        let of_all = [
             "--tin",
             "--breaklines",
             "--outline",
             "--layer-attribute",
             "--depth-attribute",
+            "--smooth",
+            "--smooth-distance",
+            "--keep-points",
             "--crs",
             "--where",
             "--layer",
-            "--codec",
         ];
-        let (what, of_one): (_, &[&str]) = match solids.brep {
-            false => ("the raster of a surface", &["--cell", "--max-error"]),
-            true => ("layers between surfaces", &["--brep", "--snap", "--unit"]),
-        };
-        common.given.check(what, &[&of_both[..], of_one].concat())?;
         let names = self.tin.clone().unwrap_or_default();
+        let mesh = SurfaceArgs::mesh_format(output);
+        let (what, of_one): (_, &[&str]) = match (mesh, solids.brep) {
+            (Some(_), _) => ("the triangles of a surface", &[]),
+            (None, false) => ("the raster of a surface", &["--cell", "--max-error", "--codec"]),
+            (None, true) => ("layers between surfaces", &["--brep", "--snap", "--unit", "--codec"]),
+        };
+        common.given.check(what, &[&of_all[..], of_one].concat())?;
         let packing = common.packing.choice();
         let provenance = format!("{}: triangulated surface of {}", input.display(), names.join(", "));
-        let target = match solids.brep {
-            false => {
+        let smoothing = self.smoothing();
+        let target = match (mesh, solids.brep) {
+            (Some(format), _) => Target::Mesh(format),
+            (None, false) => {
                 let (None, Some(cell), None) = solids.of_features()? else {
                     bail!("--tin: needs --cell, the width of the raster's cells, or --brep for layers");
                 };
@@ -102,14 +140,17 @@ impl SurfaceArgs {
                 }
                 Target::Raster(cell, common.memory.bytes, packing)
             }
-            true => {
+            (None, true) => {
                 if names.len() < 2 {
                     bail!(
-                        "--tin: got one attribute, expected at least two for layers, from the top down, as in --tin top,base"
+                        "--tin: got one attribute, expected at least two for layers, from the top down, as in --tin top,base; \
+                         for the triangles of one surface, which bound no body, write a mesh: -o {}.ply",
+                        names.join(",")
                     );
                 }
                 let mut options = LayerOptions::new();
                 options.snap = solids.snap;
+                options.smoothing = smoothing;
                 options.unit.clone_from(&solids.unit);
                 (options.codec, options.memory) = (packing.codec, common.memory.bytes);
                 options.provenance.clone_from(&provenance);
@@ -142,7 +183,7 @@ impl SurfaceArgs {
             let none = if *without > 0 { format!(", {without} without a {missing}") } else { String::new() };
             description.push(("heights", format!("{name}: {} points{none}", found.len())));
         }
-        Ok(SurfaceImport { points, names, target, provenance, description })
+        Ok(SurfaceImport { points, names, target, smoothing, provenance, description })
     }
 }
 
@@ -184,41 +225,117 @@ fn count_lines(report: &SurfaceReport) -> Lines {
     count_lines.map(|(name, count, text)| (name, format!("{count} {text}"))).collect()
 }
 
+/// Smooths a surface, if there is any smoothing, and adds a line about it.
+fn smoothed(
+    tin: Tin,
+    smoothing: Option<Smoothing>,
+    lines: &mut Lines,
+    progress: &dyn Progress,
+) -> Result<Tin> {
+    let Some(smoothing) = smoothing else { return Ok(tin) };
+    let (tin, moved) = tin.smoothed(&smoothing, progress)?;
+    lines.push(smoothed_line(&smoothing, moved));
+    Ok(tin)
+}
+
+/// Returns a line about smoothing.
+fn smoothed_line(smoothing: &Smoothing, moved: f64) -> (&'static str, String) {
+    let what = if smoothing.keeps_points { "between points" } else { "of points" };
+    let passes = if smoothing.passes == 1 { "1 pass".into() } else { format!("{} passes", smoothing.passes) };
+    ("smoothed", format!("{passes}; heights {what} moved by at most {moved}"))
+}
+
+/// Returns a line about heights that were raised.
+fn clipped_line(clipped: u64) -> Option<(&'static str, String)> {
+    let text = "heights of upper surfaces were below the next one, and are raised to it";
+    (clipped > 0).then(|| ("clipped", format!("{clipped} {text}")))
+}
+
+/// Returns the input of several surfaces. (The report counts points whose heights differ.)
+fn layer_input(
+    names: Vec<String>,
+    points: Vec<Vec<[f64; 3]>>,
+    breaklines: Vec<Vec<[f64; 3]>>,
+    outlines: PolygonParts,
+) -> LayerInput {
+    let surfaces = names.into_iter().zip(points);
+    let flat = |line: Vec<[f64; 3]>| line.into_iter().map(|[x, y, _]| [x, y]).collect();
+    LayerInput {
+        surfaces: surfaces.map(|(name, points)| LayerSurface { name, points }).collect(),
+        breaklines: breaklines.into_iter().map(flat).collect(),
+        outlines,
+        duplicates: Duplicates::Mean,
+    }
+}
+
 impl SurfaceImport {
     pub(super) fn description(&self) -> &[(&'static str, String)] {
         &self.description
     }
 
+    /// Whether the output is a mesh of triangles, not a tree.
+    pub(super) fn is_mesh(&self) -> bool {
+        matches!(self.target, Target::Mesh(_))
+    }
+
     /// Builds the file. Returns lines about it.
     pub(super) fn build(self, output: Output, progress: &dyn Progress) -> Result<Lines> {
-        let SurfaceImport { points, names, target, provenance, .. } = self;
+        let SurfaceImport { points, names, target, smoothing, provenance, .. } = self;
         let SurfacePoints { points, breaklines, outlines, crs, crs_file, .. } = points;
-        // (The report counts points whose heights differ.)
         let duplicates = Duplicates::Mean;
         match target {
             Target::Raster(cell, memory, packing) => {
                 let points = points.into_iter().next().unwrap_or_default();
                 let input = SurfaceInput { points, breaklines, outlines, duplicates };
                 let (tin, report) = triangulate(&input)?;
+                let mut lines = count_lines(&report);
+                let tin = smoothed(tin, smoothing, &mut lines, progress)?;
                 let name = names.into_iter().next().unwrap_or_default();
                 let raster = SurfaceRaster { cell, name, crs, provenance, memory, packing };
                 let [columns, rows] = write_surface(&tin, raster, output, progress)?;
-                let mut lines = count_lines(&report);
                 lines.push((
                     "surface",
                     format!("{} triangles, {columns} x {rows} cells", tin.triangles().len()),
                 ));
                 Ok(lines)
             }
-            Target::Layers(mut options) => {
-                let surfaces = names.into_iter().zip(points);
-                let flat = |line: Vec<[f64; 3]>| line.into_iter().map(|[x, y, _]| [x, y]).collect();
-                let input = LayerInput {
-                    surfaces: surfaces.map(|(name, points)| LayerSurface { name, points }).collect(),
-                    breaklines: breaklines.into_iter().map(flat).collect(),
-                    outlines,
-                    duplicates,
+            Target::Mesh(format) => {
+                let (tins, mut lines) = match names.len() {
+                    1 => {
+                        let points = points.into_iter().next().unwrap_or_default();
+                        let input = SurfaceInput { points, breaklines, outlines, duplicates };
+                        let (tin, report) = triangulate(&input)?;
+                        let mut lines = count_lines(&report);
+                        (vec![smoothed(tin, smoothing, &mut lines, progress)?], lines)
+                    }
+                    _ => {
+                        let input = layer_input(names.clone(), points, breaklines, outlines);
+                        let mut options = LayerOptions::new();
+                        options.smoothing = smoothing;
+                        let found = order_surfaces(&input, &options, progress)?;
+                        let mut lines = count_lines(&found.surface);
+                        lines.extend(smoothing.map(|smoothing| smoothed_line(&smoothing, found.smoothed)));
+                        lines.extend(clipped_line(found.clipped));
+                        (found.tins, lines)
+                    }
                 };
+                let mesh = |tin: &Tin| SurfaceMesh {
+                    vertices: tin.vertices().collect(),
+                    triangles: tin.triangles().to_vec(),
+                };
+                let meshes: Vec<_> =
+                    names.into_iter().zip(&tins).map(|(name, tin)| (name, mesh(tin))).collect();
+                let frame = Frame { crs, ..Frame::identity() };
+                let metadata = Metadata { frame, ..Metadata::default() };
+                export_triangles(&meshes, &metadata, output, format, progress)?;
+                lines.extend(meshes.iter().map(|(name, mesh)| {
+                    let (triangles, vertices) = (mesh.triangles.len(), mesh.vertices.len());
+                    ("surface", format!("{name}: {triangles} triangles, {vertices} vertices"))
+                }));
+                Ok(lines)
+            }
+            Target::Layers(mut options) => {
+                let input = layer_input(names, points, breaklines, outlines);
                 let frame = Frame { crs: crs.clone(), ..Frame::identity() };
                 let unknown = frame.cell_volume().err().map(|reason| match (&crs, crs_file) {
                     (Some(crs), Some(file)) => format!("{}, in {crs}: {reason}", file.display()),
@@ -227,10 +344,8 @@ impl SurfaceImport {
                 options.crs = crs;
                 let report = build_layers(&input, &options, output, progress)?;
                 let mut lines = count_lines(&report.surface);
-                if report.clipped > 0 {
-                    let text = "heights of upper surfaces were below the next one, and are raised to it";
-                    lines.push(("clipped", format!("{} {text}", report.clipped)));
-                }
+                lines.extend(smoothing.map(|smoothing| smoothed_line(&smoothing, report.smoothed)));
+                lines.extend(clipped_line(report.clipped));
                 for layer in &report.layers {
                     let nothing = if layer.volume > 0.0 { "" } else { "; not in the model" };
                     let measures = match &unknown {

@@ -13,6 +13,7 @@ const EXAMPLES: &str = "Examples:
   spinney contours dem.goblin --at 0,200,500,1000 --filled -o zones.gpkg
   spinney contours dem.goblin --every 20 --view window=5,44,17,48,in=world -o alps.csv
   spinney contours relief.ply --every 10 -o lines.gpkg
+  spinney contours layers.goblin --every 5 --object 'coal to base' --side bottom -o base.gpkg
   spinney contours scan.goblin --at 127.5 -o bone.ply
   spinney contours scan.goblin --at 300,1200 --ends close --level 7 -o parts.obj
 
@@ -31,7 +32,8 @@ GeoJSON has the coordinates of the file's own coordinate system; if that is not 
 /// Write contour lines of a raster, the areas between them, or isosurfaces
 ///
 /// Rasters are read at any level of detail. Octrees have isosurfaces. Isolines of a triangulated
-/// surface (TIN: a PLY, OBJ or OFF file, such as `export --tin` writes) are exact.
+/// surface (TIN: a PLY, OBJ or OFF file, such as `export --tin` writes, or a side of an exact
+/// model) are exact.
 ///
 /// The values are those of the first channel. Subtrees whose extremes exclude all levels are not
 /// read. Lines have the attribute value; areas, which are polygons with holes, min and max. Memory
@@ -70,6 +72,13 @@ pub(crate) struct Args {
     #[arg(long, value_name = "TIMES", default_value_t = 0, conflicts_with = "filled")]
     #[arg(value_parser = clap::value_parser!(u8).range(0..=8))]
     pub(super) smooth: u8,
+    /// Name of the object of an exact model, or of a mesh file, whose surface has isolines
+    /// [default: all objects]
+    #[arg(long, value_name = "NAME")]
+    pub(super) object: Option<String>,
+    /// Side of an exact model whose isolines are written [default: top]
+    #[arg(long, value_name = "SIDE")]
+    pub(super) side: Option<Side>,
     /// Points with a third coordinate: the value, of areas the minimum
     #[arg(long = "3d")]
     pub(super) has_z: bool,
@@ -99,4 +108,22 @@ pub(super) enum Ends {
     Extend,
     /// Continue along the edge of the last cells, and of the extent, so that everything is closed
     Close,
+}
+
+/// The faces of a model that point up, or down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Side {
+    /// Faces that point up
+    Top,
+    /// Faces that point down
+    Bottom,
+}
+
+impl Side {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Side::Top => "top",
+            Side::Bottom => "bottom",
+        }
+    }
 }

@@ -7,7 +7,7 @@ mod surface;
 
 use std::time::Instant;
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use spinney::export::export_contours;
 use spinney::query::{ContourLevels, ContourRequest};
 use spinney::raw::export::vector::ContourFeatures;
@@ -26,11 +26,17 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         (Some(step), _) => ContourLevels::Every { step, base: args.base },
         (None, levels) => ContourLevels::At(levels.clone().unwrap_or_default()),
     };
-    if exact::open(&args.tree.file, global)?.is_some() {
-        exact::refuse(&args.tree.file, &[("`spinney contours`", true)])?;
+    if let Some(model) = exact::open(&args.tree.file, global)? {
+        return surface::run(args, Some(&model), &levels, global, start);
     }
     if is_model(&args.tree.file, global.access())? {
-        return surface::run(args, &levels, global, start);
+        return surface::run(args, None, &levels, global, start);
+    }
+    if let Some(option) = ["--object", "--side"].into_iter().find(|option| global.given().has(option)) {
+        bail!(
+            "{option}: works only with exact models and mesh files, {} is neither",
+            args.tree.file.display()
+        );
     }
     let tree = args.tree.open(global)?;
     check_output([args.tree.file.as_path()], &args.output)?;

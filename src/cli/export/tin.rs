@@ -39,7 +39,7 @@ pub(super) fn run(args: &Args, most: f64, format: MeshFormat, global: &Global) -
     let summary = global
         .access()
         .create(args.output.path())
-        .and_then(|output| export_triangles(&mesh, tree.metadata(), output, format, &work))
+        .and_then(|output| export_triangles(&[(String::new(), mesh)], tree.metadata(), output, format, &work))
         .with_context(|| format!("{}: cannot write", args.output.path().display()))?;
     work.finish();
     global.report("surface", format_args!("{} triangles, {} vertices", summary.faces, summary.vertices));

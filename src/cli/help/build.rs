@@ -248,9 +248,9 @@ const SURFACES: Topic = Topic {
     name: "surfaces",
     summary: "with --tin: features (points with heights)",
     about: "\
-Build a triangulated surface of points with heights, such as boreholes: a raster of its heights, or with --brep \
-and several heights the layers between their surfaces as an exact model, each an object of its own \
-(docs/surfaces.md).",
+Build a triangulated surface of points with heights, such as boreholes: a raster of its heights, its triangles \
+(-o NAME.ply, .obj or .off), or with --brep and several heights the layers between their surfaces as an exact \
+model, each an object of its own (docs/surfaces.md).",
     options: &[
         (
             "tin",
@@ -261,6 +261,9 @@ and several heights the layers between their surfaces as an exact model, each an
         ("outline", ""),
         ("layer-attribute", ""),
         ("depth-attribute", ""),
+        ("smooth", ""),
+        ("smooth-distance", ""),
+        ("keep-points", ""),
         ("brep", "Build the layers between the surfaces as an exact model, instead of a raster"),
         ("snap", ""),
         ("unit", "Unit of the layers' coordinates: mm, cm, m, km, in or ft"),
@@ -269,6 +272,7 @@ and several heights the layers between their surfaces as an exact model, each an
     ],
     examples: &[
         "spinney build boreholes.csv -o surface.goblin --tin z --cell 10 --breaklines faults.geojson",
+        "spinney build boreholes.csv -o coal.ply --tin coal --smooth 5 --smooth-distance 2",
         "spinney build boreholes.csv -o layers.goblin --tin top,coal,base --brep --outline area.geojson",
         "spinney build picks.csv -o layers.goblin --tin top,coal --brep --layer-attribute layer --depth-attribute depth",
     ],

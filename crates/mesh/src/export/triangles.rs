@@ -7,15 +7,16 @@ use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 
-/// Writes a triangle surface, open or closed, in double precision: PLY, OBJ or OFF. These formats
-/// cannot store the source's coordinate system and unit of length, which is reported as a
+/// Writes triangle surfaces, open or closed, in double precision: PLY, OBJ or OFF. Surfaces with
+/// names become objects in OBJ. Names of several surfaces in other formats, and the source's
+/// coordinate system and unit of length, cannot be stored, which is reported as a
 /// [warning](Progress::warn).
 ///
 /// # Errors
 /// If the format has another precision or requires bodies; if a vertex index is out of range; if
 /// the output cannot be written; or on cancellation.
 pub fn export_triangles(
-    mesh: &SurfaceMesh,
+    surfaces: &[(String, SurfaceMesh)],
     made_of: &Metadata,
     output: Output,
     format: MeshFormat,
@@ -32,23 +33,34 @@ pub fn export_triangles(
             return Err(Error::unsupported(output.path(), found, "write PLY, OBJ or OFF"));
         }
     };
-    for at in &mesh.vertices {
-        sink.vertex(*at)?;
-    }
+    let names = surfaces.iter().filter(|(name, _)| !name.is_empty()).count();
+    losses.add(names > 1 && format != MeshFormat::Obj, "the names of the surfaces");
+    let mut summary = MeshSummary { vertices: 0, faces: 0 };
     let mut ring = Vec::with_capacity(3);
-    for corners in &mesh.triangles {
-        ring.clear();
-        for corner in corners {
-            let Some(at) = mesh.vertices.get(*corner as usize) else {
-                let expected = format!("less than {}", mesh.vertices.len());
-                return Err(Error::invalid("vertex index", corner.to_string(), expected));
-            };
-            ring.push(Vertex { index: (*corner).into(), at: *at });
+    for (name, mesh) in surfaces {
+        progress.check()?;
+        if !name.is_empty() {
+            sink.part(name)?;
         }
-        sink.face(&ring, 0)?;
+        for at in &mesh.vertices {
+            sink.vertex(*at)?;
+        }
+        for corners in &mesh.triangles {
+            ring.clear();
+            for corner in corners {
+                let Some(at) = mesh.vertices.get(*corner as usize) else {
+                    let expected = format!("less than {}", mesh.vertices.len());
+                    return Err(Error::invalid("vertex index", corner.to_string(), expected));
+                };
+                ring.push(Vertex { index: summary.vertices + u64::from(*corner), at: *at });
+            }
+            sink.face(&ring, 0)?;
+        }
+        summary.vertices += mesh.vertices.len() as u64;
+        summary.faces += mesh.triangles.len() as u64;
     }
     progress.check()?;
     sink.finish()?;
     losses.report(progress);
-    Ok(MeshSummary { vertices: mesh.vertices.len() as u64, faces: mesh.triangles.len() as u64 })
+    Ok(summary)
 }
