@@ -387,8 +387,10 @@ pub mod export {
     pub mod vector {
         pub use spinney_vector::export::{
             AttributeType, AttributeValue, ContourFeatures, FeatureParts, Geometry, GeometryKind,
-            IntersectionSummary, SectionPlanes, SectionSummary, Smoothed, VectorFeature, VectorLayer,
-            VectorWriter, export_intersection, export_objects, export_section, export_zones, quantile_name,
+            IntersectionSummary, LineSectionFigure, LineSectionOptions, LineSectionSummary, SectionLine,
+            SectionPlanes, SectionSummary, Smoothed, VectorFeature, VectorLayer, VectorWriter,
+            export_intersection, export_line_section, export_objects, export_section, export_zones,
+            line_section, quantile_name,
         };
     }
 }

@@ -71,7 +71,7 @@ impl Model {
         match &models[..] {
             [] => {
                 let made = jobs::run(py, terms, |work| {
-                    export_section(&model, &planes, flat, work.create(&path)?, format, work)
+                    export_section(&model, &planes, (flat, false), work.create(&path)?, format, work)
                 })?;
                 facts.set_item("planes", made.planes)?;
                 facts.set_item("polygons", made.polygons)?;

@@ -177,7 +177,7 @@ fn cancelled_operations_on_models_leave_no_files() {
         export_section(
             view,
             &planes,
-            false,
+            (false, false),
             file(directory, "made.geojson")?,
             VectorFormat::GeoJson,
             progress,

@@ -2,6 +2,7 @@
 
 use spinney::brep::Faces;
 use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::export::vector::{LineSectionOptions, SectionLine, line_section};
 use spinney::raw::tin::{
     LayerInput, LayerOptions, LayerSurface, Smoothing, SurfaceInput, Tin, build_layers, triangulate,
 };
@@ -238,4 +239,46 @@ fn item_54_triangulations_are_smoothed_and_have_isolines() {
     let circle = |level: f64| 2.0 * std::f64::consts::PI * (900.0 - level).sqrt();
     assert_eq!(lengths.len(), 2);
     assert!(lengths[0] / circle(600.0) > 0.9 && lengths[0] / circle(600.0) < 1.1, "{lengths:?}");
+}
+
+#[test]
+fn item_54_sections_of_layers_are_triangulated() {
+    // A layer between a tilted plane and a fold, cut at an angle: its section is not convex.
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("fold.goblin");
+    let top = |x: f64, _: f64| 20.0 + (x - 16.0).abs() / 2.0;
+    let base = |x: f64, y: f64| x / 4.0 - y / 8.0;
+    let surface = |name: &str, height: Height| {
+        let positions = (0..=8).flat_map(|row| (0..=8).map(move |column| [column, row]));
+        let points = positions.map(|at| at.map(|at| f64::from(at) * 4.0));
+        LayerSurface { name: name.into(), points: points.map(|[x, y]| [x, y, height(x, y)]).collect() }
+    };
+    let input =
+        LayerInput { surfaces: vec![surface("top", top), surface("base", base)], ..LayerInput::default() };
+    let report = build_layers(&input, &LayerOptions::new(), Output::create(&path).unwrap(), &()).unwrap();
+    // Over a square of side 32: the mean of |x - 16| is 8, that of x and of y is 16.
+    assert!((report.layers[0].volume - 1024.0 * (20.0 + 4.0 - 4.0 + 2.0)).abs() < 1e-3, "{report:?}");
+    let view = ExactModel::open(&path, &Default::default()).unwrap().into();
+    for (line, expected) in [
+        ("0,10,32,10", 32.0 * (20.0 + 4.0 - 4.0 + 1.25)),
+        ("16,-5,16,99", 32.0 * (20.0 - 4.0 + 2.0)),
+        ("32,0,0,32", 32.0 * 2f64.sqrt() * (20.0 + 4.0 - 4.0 + 2.0)),
+    ] {
+        let line: SectionLine = line.parse().unwrap();
+        let (mut areas, mut counts) = ([0.0; 2], [0; 2]);
+        for triangles in [false, true] {
+            let options = LineSectionOptions { flat: true, triangles };
+            let made = line_section(&view, &line, &options, &(), &mut |figure| {
+                areas[usize::from(triangles)] += figure.area;
+                // A triangulated ring of n vertices has n - 2 triangles, some of which are slivers
+                // between vertices on a line.
+                counts[usize::from(triangles)] += if triangles { 1 } else { figure.rings[0].len() - 3 };
+                assert!(figure.area > 0.0 && figure.object == "top to base");
+                Ok(())
+            });
+            assert_eq!(made.unwrap().objects.len(), 1);
+        }
+        assert!((areas[0] - expected).abs() < 1e-4 && (areas[1] - expected).abs() < 1e-4, "{areas:?}");
+        assert!(counts[1] > 4 && counts[1] <= counts[0], "{counts:?}");
+    }
 }

@@ -132,7 +132,7 @@ fn areas_add_up_to_volumes() {
             }
             Ok(())
         };
-        body.model.plane_sections([0.0, 1.0, 0.0], &mut heights, &(), &mut each).unwrap();
+        body.model.plane_sections([0.0, 1.0, 0.0], &mut heights, false, &(), &mut each).unwrap();
         assert!((volume - body.volume()).abs() < 1e-4 * body.volume(), "{name}: {volume} {}", body.volume());
     }
 }

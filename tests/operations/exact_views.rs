@@ -258,7 +258,7 @@ fn measures_and_sections_are_those_of_what_was_moved() {
             let middle: f64 = (0..3).map(|axis| normal[axis] * centre[axis]).sum();
             let mut planes = Vec::new();
             let mut distances = (0..3).map(|number| middle + f64::from(number) * 0.37);
-            view.plane_sections(normal, &mut distances, &(), &mut |_, found| {
+            view.plane_sections(normal, &mut distances, false, &(), &mut |_, found| {
                 planes.push(found.to_vec());
                 Ok(())
             })

@@ -199,3 +199,104 @@ fn surfaces_are_smoothed_within_a_distance() {
         assert!(printed.contains(expected), "{arguments:?}: {printed}");
     }
 }
+
+/// Returns the area of each object that the program reports.
+fn areas(printed: &str) -> Vec<(String, f64)> {
+    let lines = printed.lines().filter_map(|line| line.strip_prefix("object")?.trim().split_once(": area "));
+    lines.map(|(name, area)| (name.to_owned(), area.parse().unwrap())).collect()
+}
+
+/// Fails unless the objects have these areas.
+fn check_areas(printed: &str, expected: [f64; 2]) {
+    let found = areas(printed);
+    let names: Vec<&str> = found.iter().map(|(name, _)| &name[..]).collect();
+    assert_eq!(names, ["ground to coal", "coal to base"], "{printed}");
+    for ((_, area), expected) in found.iter().zip(expected) {
+        assert!((area - expected).abs() < 1e-6, "{area} {expected}");
+    }
+}
+
+#[test]
+fn vertical_sections_have_the_areas_of_formulas() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let [holes, layers, out, line, mesh] =
+        ["holes.csv", "layers.goblin", "out.geojson", "line.csv", "out.obj"].map(at);
+    fs::write(&holes, planes()).unwrap();
+    stdout(&["build", &holes, "-o", &layers, "--tin", "ground,coal,base", "--brep"]);
+    let section = |along: &str, output: &str, more: &[&str]| {
+        let arguments = [&["section", &layers, "--along", along, "-o", output][..], more].concat();
+        stderr(spinney(&arguments).success())
+    };
+    // Between planes: 15 + x / 2 and 25 at y = 20, beyond both ends of the model.
+    check_areas(&section("-10,20,50,20", &out, &[]), [1000.0, 1000.0]);
+    check_areas(&section("50,20,-10,20", &out, &[]), [1000.0, 1000.0]);
+    let diagonal = 25.0 * 40.0 * 2f64.sqrt();
+    check_areas(&section("0,0,40,40", &out, &[]), [diagonal; 2]);
+    // Along a wall, which has the model at its left.
+    check_areas(&section("0,0,40,0", &out, &[]), [20.0 * 40.0, 1200.0]);
+    // A line with a bend, in the model and out of it.
+    let printed = section("10,20,30,20,30,50", &out, &[]);
+    check_areas(&printed, [500.0 + 650.0, 500.0 + 450.0]);
+    assert!(printed.contains("4 polygons along 2 segments"), "{printed}");
+    let found: serde_json::Value = serde_json::from_str(&fs::read_to_string(&out).unwrap()).unwrap();
+    let features = found["features"].as_array().unwrap();
+    assert_eq!(features[2]["properties"]["segment"], 2);
+    assert_eq!(features[2]["properties"]["object"], "ground to coal");
+    assert!((features[2]["properties"]["area"].as_f64().unwrap() - 650.0).abs() < 1e-6);
+    for point in features[2]["geometry"]["coordinates"][0].as_array().unwrap() {
+        assert!((point[0].as_f64().unwrap() - 30.0).abs() < 1e-9);
+    }
+    // The line from files, as a line and as points; and coordinates in the section.
+    for text in ["wkt\n\"LINESTRING (10 20, 30 20, 30 50)\"\n", "x,y\n10,20\n30,20\n30,50\n"] {
+        fs::write(&line, text).unwrap();
+        let printed = section(&line, &out, &["--flat"]);
+        check_areas(&printed, [1150.0, 950.0]);
+        let found: serde_json::Value = serde_json::from_str(&fs::read_to_string(&out).unwrap()).unwrap();
+        let rings = found["features"].as_array().unwrap().iter();
+        let points = rings.flat_map(|feature| feature["geometry"]["coordinates"][0].as_array().unwrap());
+        let points: Vec<[f64; 2]> = points.map(|at| [0, 1].map(|axis| at[axis].as_f64().unwrap())).collect();
+        let most = |axis: usize| points.iter().map(|at| at[axis]).fold(0.0, f64::max);
+        assert!((most(0) - 40.0).abs() < 1e-6 && (most(1) - 55.0).abs() < 1e-6, "{points:?}");
+    }
+    // Triangles, as features and as faces.
+    let printed = section(&line, &out, &["--triangles"]);
+    check_areas(&printed, [1150.0, 950.0]);
+    let found: serde_json::Value = serde_json::from_str(&fs::read_to_string(&out).unwrap()).unwrap();
+    let triangles = found["features"].as_array().unwrap();
+    let area: f64 = triangles.iter().map(|one| one["properties"]["area"].as_f64().unwrap()).sum();
+    assert!((area - 2100.0).abs() < 1e-6);
+    assert!(triangles.iter().all(|one| one["geometry"]["coordinates"][0].as_array().unwrap().len() == 4));
+    section(&line, &mesh, &["--triangles"]);
+    let text = fs::read_to_string(&mesh).unwrap();
+    let names: Vec<String> = objects(&text).into_iter().map(|(name, _)| name).collect();
+    assert_eq!(names, ["ground to coal", "coal to base"]);
+    assert_eq!(text.lines().filter(|line| line.starts_with("f ")).count(), triangles.len());
+    // Planes, object by object.
+    let printed = stderr(spinney(&["section", &layers, "x=20", "--each", "-o", &out]).success());
+    check_areas(&printed, [1000.0, 1000.0]);
+    assert!(fs::read_to_string(&out).unwrap().contains("\"object\":\"coal to base\""));
+    let printed = stderr(spinney(&["section", &layers, "x=20", "-o", &out]).success());
+    assert!(printed.contains("area of 2000") && !printed.contains("object"), "{printed}");
+    let printed = section("50,50,60,60", &out, &[]);
+    assert!(printed.contains("the line is not over the model"), "{printed}");
+
+    fs::write(&line, "wkt\n\"LINESTRING (1 2, 3 4)\"\n\"LINESTRING (1 2, 3 5)\"\n").unwrap();
+    for (arguments, expected) in [
+        (&["--along", &line, "-o", &out][..], "several lines"),
+        (&["--along", &holes, "-o", &holes], "holes.csv"),
+        (&["--along", "1,2,3", "-o", &out], "X,Y,X,Y"),
+        (&["--along", "1,2", "-o", &out], "at least two"),
+        (&["--along", "1,2,1,2", "-o", &out], "at least two"),
+        (&["--along", "1,2,nan,2", "-o", &out], "finite"),
+        (&["--along", "none.csv", "-o", &out], "an existing file"),
+        (&["--along", "1,2,3,4"], "--output"),
+        (&["--along", "1,2,3,4", "z=1", "-o", &out], "cannot be used with"),
+        (&["z=1", "--triangles", "-o", &out], "only with --along"),
+        (&[&layers, "--each", "-o", &out], "--each"),
+        (&["--along", "1,2,3,4", "--triangles", "-o", &at("x.stl")], "PLY, OBJ or OFF"),
+    ] {
+        let printed = stderr(spinney(&[&["section", &layers], arguments].concat()).failure());
+        assert!(printed.contains(expected) && !printed.contains("panicked"), "{arguments:?}: {printed}");
+    }
+}

@@ -55,7 +55,7 @@ pub(crate) struct Args {
     /// FlatGeobuf, shapefile or CSV: statistics of the cells in each
     #[arg(long, value_name = "FILE", group = "table", conflicts_with_all = ["window", "solid", "surface", "level"])]
     zones: Option<PathBuf>,
-    /// A row for each object of an exact model: name, type, whether it is closed, volume, area,
+    /// Each object of an exact model has a row: name, type, whether it is closed, volume, area,
     /// heights, centre and attributes; as a table, or as features with their bounding rectangles
     #[arg(long, group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels"])]
     each: bool,

@@ -341,16 +341,17 @@ impl ModelView {
         &self,
         normal: [f64; 3],
         distances: &mut dyn ExactSizeIterator<Item = f64>,
+        by_part: bool,
         progress: &dyn Progress,
         each: &mut SectionVisitor<'_>,
     ) -> Result<()> {
         let Some(rest) = &self.rest else {
-            return self.model.plane_sections(normal, distances, progress, each);
+            return self.model.plane_sections(normal, distances, by_part, progress, each);
         };
         let own = rest.normal(normal);
         let shift = dot(normal, rest.there.shift());
         let mut distances = distances.map(|distance| distance - shift);
-        self.model.plane_sections(own, &mut distances, progress, &mut |number, polygons| {
+        self.model.plane_sections(own, &mut distances, by_part, progress, &mut |number, polygons| {
             each(number, &rest.polygons(polygons, own))
         })
     }
@@ -473,6 +474,7 @@ impl Rest {
         let carried = found.iter().map(|polygon| SectionPolygon {
             rings: polygon.rings.iter().map(ring).collect(),
             area: polygon.area * share,
+            part: polygon.part,
         });
         carried.collect()
     }

@@ -58,6 +58,8 @@ pub struct SectionPolygon {
     pub rings: Vec<Vec<[f64; 3]>>,
     /// Its area, without that of the holes.
     pub area: f64,
+    /// Number of the part that was cut, if parts were cut one by one.
+    pub part: Option<u32>,
 }
 
 impl ExactModel {
@@ -89,7 +91,7 @@ impl ExactModel {
     /// corrupt or cannot be read, or on cancellation.
     pub fn section(&self, plane: &CuttingPlane, progress: &dyn Progress) -> Result<Vec<SectionPolygon>> {
         self.check_plane(plane)?;
-        let mut found = self.cut(plane.normal, &[plane.distance], progress)?;
+        let mut found = self.cut(plane.normal, &[plane.distance], false, progress)?;
         Ok(found.pop().unwrap_or_default())
     }
 
@@ -108,36 +110,54 @@ impl ExactModel {
         Ok(())
     }
 
-    /// Cuts the body by parallel planes with ascending distances.
+    /// Cuts the body, or each of its parts, by parallel planes with ascending distances.
     fn cut(
         &self,
         normal: [f64; 3],
         distances: &[f64],
+        by_part: bool,
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<SectionPolygon>>> {
-        let mut cut = run_batched(|| {
-            let mut cut = PlaneCut::new(self.grid(), normal, distances);
+        let cuts = run_batched(|| {
+            let empty = PlaneCut::new(self.grid(), normal, distances);
+            let mut cuts = PartCuts { empty, by_part, of_parts: BTreeMap::new() };
             let (known, buffer) = (HashSet::new(), FaceBuffer::default());
-            SectionTraversal { model: self, progress, cut: &mut cut, known, buffer }.node(&self.root()?)?;
-            Ok(cut)
+            SectionTraversal { model: self, progress, cuts: &mut cuts, known, buffer }.node(&self.root()?)?;
+            Ok(cuts)
         })?;
         let world = |point: &[f64; 3]| self.grid().to_world_between(*point);
-        let mut found = Vec::with_capacity(distances.len());
-        for (plane, distance) in distances.iter().enumerate() {
-            progress.check()?;
-            let rings = cut.rings(plane).map_err(|end| Error::NotASolid {
-                path: self.path().to_path_buf(),
-                what: "the outline of the section is open, so the surface is not closed".into(),
-                locations: vec![format!("it ends at {}", format_position(world(&end)))],
-                count: 1,
-                advice: "find the cause with `spinney verify`, and build the model again".into(),
-            })?;
-            let plane = CuttingPlane { normal, distance: *distance };
-            let rings = simple_rings(rings, plane.axes());
-            let rings = rings.into_iter().map(|ring| ring.iter().map(world).collect());
-            found.push(polygons(rings, &plane));
+        let mut found = vec![Vec::new(); distances.len()];
+        for (part, mut cut) in cuts.of_parts {
+            for (plane, distance) in distances.iter().enumerate() {
+                progress.check()?;
+                let rings = cut.rings(plane).map_err(|end| {
+                    let at = format!("it ends at {}", format_position(world(&end)));
+                    self.open_outline(at, by_part.then_some(part))
+                })?;
+                let of_plane = CuttingPlane { normal, distance: *distance };
+                let rings = simple_rings(rings, of_plane.axes());
+                let rings = rings.into_iter().map(|ring| ring.iter().map(world).collect());
+                found[plane].extend(polygons(rings, &of_plane, by_part.then_some(part)));
+            }
         }
         Ok(found)
+    }
+
+    /// Returns the error for an outline that is not closed, of the body or of one of its parts.
+    fn open_outline(&self, at: String, part: Option<u32>) -> Error {
+        let name = part.and_then(|part| self.parts().get(part as usize));
+        let (what, advice) = match name {
+            None => (
+                "the outline of the section is open, so the surface is not closed".into(),
+                "find the cause with `spinney verify`, and build the model again",
+            ),
+            Some(name) => (
+                format!("the outline of the section of `{name}` is open, so the object is not closed"),
+                "cut the model as a whole",
+            ),
+        };
+        let path = self.path().to_path_buf();
+        Error::NotASolid { path, what, locations: vec![at], count: 1, advice: advice.into() }
     }
 }
 
@@ -145,9 +165,10 @@ impl ExactModel {
 pub type SectionVisitor<'a> = dyn FnMut(usize, &[SectionPolygon]) -> Result<()> + 'a;
 
 impl ExactModel {
-    /// Cuts the body by many parallel planes of ascending distances, and visits the polygons of
-    /// each plane in order. Works as [`ExactModel::section`], on all threads of the current pool,
-    /// with the sections of 256 planes in memory.
+    /// Cuts the body, or each of its parts (`by_part`), by many parallel planes of ascending
+    /// distances, and visits the polygons of each plane in order, those of parts by number. Works
+    /// as [`ExactModel::section`], on all threads of the current pool, with the sections of 256
+    /// planes in memory.
     ///
     /// # Errors
     /// The errors of [`ExactModel::section`], descending distances, and the errors of `each`.
@@ -155,6 +176,7 @@ impl ExactModel {
         &self,
         normal: [f64; 3],
         distances: &mut dyn ExactSizeIterator<Item = f64>,
+        by_part: bool,
         progress: &dyn Progress,
         each: &mut SectionVisitor<'_>,
     ) -> Result<()> {
@@ -174,7 +196,7 @@ impl ExactModel {
             }
             last = end;
             let tasks: Vec<&[f64]> = batch.chunks(TASK).collect();
-            let found = parallel::map(&tasks, |distances| self.cut(normal, distances, progress));
+            let found = parallel::map(&tasks, |distances| self.cut(normal, distances, by_part, progress));
             for polygons in found {
                 for polygons in polygons? {
                     progress.check()?;
@@ -190,7 +212,7 @@ impl ExactModel {
 struct SectionTraversal<'a> {
     model: &'a ExactModel,
     progress: &'a dyn Progress,
-    cut: &'a mut PlaneCut,
+    cuts: &'a mut PartCuts,
     /// Faces that were cut: large ones are in many leaves.
     known: HashSet<u64>,
     buffer: FaceBuffer,
@@ -205,7 +227,7 @@ impl SectionTraversal<'_> {
                 self.progress.check()?;
                 let bounds = node.bounds(self.model.grid());
                 for child in 0..8 {
-                    if self.cut.may_meet(&half_of(&bounds, child)) {
+                    if self.cuts.empty.may_meet(&half_of(&bounds, child)) {
                         let child = self.model.child(node, child);
                         defer_missing(child.and_then(|child| self.node(&child)), &mut is_unread)?;
                     }
@@ -216,7 +238,8 @@ impl SectionTraversal<'_> {
                     if self.known.insert(number) {
                         let read = self.model.face(number, &mut self.buffer);
                         if defer_missing(read, &mut is_unread)?.is_some() {
-                            self.cut.face(&self.buffer.face());
+                            let face = self.buffer.face();
+                            self.cuts.of_part(face.part).face(&face);
                         }
                     }
                 }
@@ -238,7 +261,24 @@ fn unpacked(point: u128) -> [i32; 3] {
     [(point >> 64) as u32 as i32, (point >> 32) as u32 as i32, point as u32 as i32]
 }
 
+/// Cuts of the body, or of each of its parts.
+struct PartCuts {
+    /// A cut without segments.
+    empty: PlaneCut,
+    by_part: bool,
+    /// By part number; that of the body has the number 0.
+    of_parts: BTreeMap<u32, PlaneCut>,
+}
+
+impl PartCuts {
+    fn of_part(&mut self, part: u32) -> &mut PlaneCut {
+        let number = if self.by_part { part } else { 0 };
+        self.of_parts.entry(number).or_insert_with(|| self.empty.clone())
+    }
+}
+
 /// The cut of a surface by parallel planes, face by face, on the grid.
+#[derive(Clone)]
 struct PlaneCut {
     normal: [f64; 3],
     /// Distance of each plane, in grid units times the normal's length; ascending.
@@ -428,7 +468,11 @@ fn joined(lines: Vec<Vec<[f64; 3]>>) -> Result<Vec<Vec<[f64; 3]>>, [f64; 3]> {
 }
 
 /// Combines rings of a plane to polygons.
-fn polygons(rings: impl Iterator<Item = Vec<[f64; 3]>>, plane: &CuttingPlane) -> Vec<SectionPolygon> {
+fn polygons(
+    rings: impl Iterator<Item = Vec<[f64; 3]>>,
+    plane: &CuttingPlane,
+    part: Option<u32>,
+) -> Vec<SectionPolygon> {
     let [u, v] = plane.axes();
     let flat = |point: &[f64; 3]| [dot(u, *point), dot(v, *point)];
     let (mut outer, mut holes) = (Vec::new(), Vec::new());
@@ -442,7 +486,7 @@ fn polygons(rings: impl Iterator<Item = Vec<[f64; 3]>>, plane: &CuttingPlane) ->
     sort::by_key(&mut outer, |ring| sort::float_key(ring.area));
     let mut found: Vec<SectionPolygon> = outer
         .iter()
-        .map(|outer| SectionPolygon { rings: vec![outer.ring.clone()], area: outer.area })
+        .map(|outer| SectionPolygon { rings: vec![outer.ring.clone()], area: outer.area, part })
         .collect();
     for hole in holes {
         let first = outer.partition_point(|outer| outer.area < -hole.area);

@@ -95,7 +95,7 @@ fn areas_of(
             ring
         };
         let rings: Vec<Vec<[f64; 3]>> = region.rings.iter().map(ring).collect();
-        let polygon = SectionPolygon { area: size(&rings), rings };
+        let polygon = SectionPolygon { area: size(&rings), rings, part: None };
         IntersectionArea { polygon, is_same_side: is_up == other_is_up }
     };
     Some(found.into_iter().map(area).collect())

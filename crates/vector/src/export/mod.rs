@@ -39,6 +39,7 @@ mod geometry;
 mod geopackage;
 mod intersection;
 mod layer;
+mod line_sections;
 mod losses;
 mod names;
 mod obj;
@@ -61,6 +62,9 @@ pub use self::geometry::Geometry;
 pub use self::intersection::{IntersectionSummary, export_intersection};
 pub(crate) use self::layer::push_attribute;
 pub use self::layer::{AttributeType, AttributeValue, GeometryKind, VectorLayer};
+pub use self::line_sections::{
+    LineSectionFigure, LineSectionOptions, LineSectionSummary, SectionLine, export_line_section, line_section,
+};
 pub use self::polygons::export_polygons;
 pub use self::sections::{SectionPlanes, SectionSummary, export_section};
 pub use self::smooth::Smoothed;

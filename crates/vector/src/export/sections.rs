@@ -1,5 +1,6 @@
 //! Sections of exact models by planes, as polygons.
 
+use std::collections::BTreeMap;
 use std::str::FromStr;
 
 use super::{AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter};
@@ -83,7 +84,7 @@ impl FromStr for SectionPlanes {
 }
 
 /// Summary of sections.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct SectionSummary {
     /// Number of planes.
     pub planes: u64,
@@ -91,12 +92,15 @@ pub struct SectionSummary {
     pub polygons: u64,
     /// Total area, excluding holes.
     pub area: f64,
+    /// Objects that were cut one by one, in the model's order, with their total areas.
+    pub objects: Vec<(String, f64)>,
 }
 
 /// Writes the sections of an exact model as polygons with the attributes `plane` (x, y, z, or the
 /// normal), `at` (the coordinate, or the dot product of the normal with its points) and `area`.
 /// Points are in 3D. If `flat`, and always in SVG, they are 2D coordinates in the plane: y and z
-/// for x planes, z and x for y planes, x and y for z planes. Memory is bounded by a single section.
+/// for x planes, z and x for y planes, x and y for z planes. If `by_object`, each object is cut by
+/// itself, and its name is an attribute `object`. Memory is bounded by a single section.
 ///
 /// ```
 /// use spinney::{ExactModel, Output};
@@ -110,7 +114,7 @@ pub struct SectionSummary {
 /// # import_exact(open_all(&[mesh], 64 << 20)?, &ExactOptions::new(), Output::create(&path)?, &())?;
 /// let model = ExactModel::open(&path, &Default::default())?;
 /// let planes = ["z=1..5/2".parse()?];
-/// let found = export_section(&model.into(), &planes, false, Output::create(&out)?, VectorFormat::Csv, &())?;
+/// let found = export_section(&model.into(), &planes, (false, false), Output::create(&out)?, VectorFormat::Csv, &())?;
 /// assert_eq!((found.polygons, found.area), (3, (25.0 + 9.0 + 1.0) / 2.0));
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -121,14 +125,15 @@ pub struct SectionSummary {
 pub fn export_section(
     view: &ModelView,
     planes: &[SectionPlanes],
-    flat: bool,
+    (flat, by_object): (bool, bool),
     output: Output,
     format: VectorFormat,
     progress: &dyn Progress,
 ) -> Result<SectionSummary> {
     let is_flat = flat || format == VectorFormat::Svg;
-    let attributes =
-        [("plane", AttributeType::Text), ("at", AttributeType::Number), ("area", AttributeType::Number)];
+    let mut attributes =
+        vec![("plane", AttributeType::Text), ("at", AttributeType::Number), ("area", AttributeType::Number)];
+    attributes.extend(by_object.then_some(("object", AttributeType::Text)));
     let layer = VectorLayer {
         name: "section".into(),
         kind: Some(GeometryKind::Polygon),
@@ -140,19 +145,25 @@ pub fn export_section(
     };
     let mut writer = VectorWriter::create(output, format, layer)?;
     let mut made = SectionSummary::default();
+    let (names, mut areas) = (view.file().parts(), BTreeMap::new());
+    let name = |part: u32| names.get(part as usize).map_or("", String::as_str);
     for planes in planes {
         made.planes += u64::from(planes.count);
         let mut distances = (0..planes.count as usize).map(|number| planes.at(number as u32));
-        view.plane_sections(planes.normal, &mut distances, progress, &mut |number, polygons| {
+        view.plane_sections(planes.normal, &mut distances, by_object, progress, &mut |number, polygons| {
             let at = planes.at(number as u32);
             let plane = CuttingPlane { normal: planes.normal, distance: at };
             for polygon in polygons {
                 (made.polygons, made.area) = (made.polygons + 1, made.area + polygon.area);
-                let attributes = [
+                let mut attributes = vec![
                     AttributeValue::Text(&planes.name),
                     AttributeValue::Number(at),
                     AttributeValue::Number(polygon.area),
                 ];
+                if let Some(part) = polygon.part {
+                    attributes.push(AttributeValue::Text(name(part)));
+                    *areas.entry(part).or_insert(0.0) += polygon.area;
+                }
                 match is_flat {
                     true => writer.write(&flattened(&plane, polygon), &attributes)?,
                     false => writer.write(polygon, &attributes)?,
@@ -162,6 +173,7 @@ pub fn export_section(
         })?;
     }
     view.file().check_unchanged()?;
+    made.objects = areas.into_iter().map(|(part, area)| (name(part).to_owned(), area)).collect();
     writer.finish(progress).map(|()| made)
 }
 
@@ -189,7 +201,7 @@ fn flat_point(plane: &CuttingPlane, point: [f64; 3]) -> [f64; 3] {
 
 fn flattened(plane: &CuttingPlane, polygon: &SectionPolygon) -> SectionPolygon {
     let ring = |ring: &Vec<[f64; 3]>| ring.iter().map(|point| flat_point(plane, *point)).collect();
-    SectionPolygon { rings: polygon.rings.iter().map(ring).collect(), area: polygon.area }
+    SectionPolygon { rings: polygon.rings.iter().map(ring).collect(), area: polygon.area, part: polygon.part }
 }
 
 #[cfg(test)]

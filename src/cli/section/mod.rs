@@ -1,6 +1,8 @@
 //! `spinney section`: plane sections of an exact model, or the intersection of two models'
 //! surfaces.
 
+mod along;
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -11,6 +13,7 @@ use spinney::raw::brep::{ModelView, divide_faces};
 use spinney::raw::export::vector::{SectionPlanes, export_intersection, export_section};
 use spinney::{ExactModel, ViewOperation};
 
+use self::along::{Along, parse_along};
 use super::args::{Memory, OutputLimit, VECTOR_FORMATS, check_output, parse_step, vector_format};
 use super::report::quantity::counted;
 use super::report::{Work, report_output, warn};
@@ -20,6 +23,8 @@ const EXAMPLES: &str = "Examples:
   spinney section part.goblin z=12.5 -o outline.svg
   spinney section part.goblin z=0..50/0.2 -o slices.geojson
   spinney section part.goblin plane=1,1,0,7.5 -o oblique.gpkg
+  spinney section layers.goblin --along 0,0,500,300,900,300 -o section.geojson
+  spinney section layers.goblin --along line.csv --triangles --flat -o section.ply
   spinney section part.goblin tool.goblin -o lines.ply
   spinney section part.goblin tool.goblin --split part2.goblin --split-other tool2.goblin
 
@@ -28,6 +33,10 @@ there do not. Vertices are computed in double precision and shared by adjacent f
 outlines are closed. Attributes are plane (x, y, z, or the normal), at (its coordinate, or the dot
 product of the normal with its points) and area. Coordinates are three-dimensional; --flat writes
 coordinates in the plane, as SVG always does.
+
+A section along a line consists of vertical planes, each between the ends of a segment of the line.
+Each object is cut by itself. Attributes are object, segment (its number, from 1) and area; polygons
+are seen from the right of the line. Along a wall of the model, bodies at the left are cut.
 
 The intersection of two models is exact, and its points are rounded once. Features are lines where
 the surfaces intersect (kind crossing: closed, with the part of the first surface that is inside of
@@ -47,8 +56,19 @@ pub(crate) struct Args {
     file: PathBuf,
     /// Planes: z=12.5, many as in z=0..50/0.2, or plane=NX,NY,NZ,D (the normal, and its dot product
     /// with the plane's points); or another exact model
-    #[arg(required = true, value_name = "PLANE|MODEL", value_parser = parse_cutter)]
+    #[arg(required_unless_present = "along", value_name = "PLANE|MODEL", value_parser = parse_cutter)]
     cutters: Vec<Cutter>,
+    /// Line of a vertical section, which cuts each object by itself: coordinates, or a feature file
+    /// with a line, or with points as its vertices
+    #[arg(long, value_name = "X,Y,X,Y,...|FILE", value_parser = parse_along, allow_hyphen_values = true)]
+    #[arg(conflicts_with_all = ["cutters", "split", "split_other", "each"])]
+    along: Option<Along>,
+    /// Each object of the model is cut by itself by planes, with its name as the attribute object
+    #[arg(long)]
+    each: bool,
+    /// Triangles only, instead of the polygons of --along; they are faces in .ply, .obj and .off
+    #[arg(long, requires = "along")]
+    triangles: bool,
     /// File to write: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp (of planes), .obj
     /// or .ply; - is standard output
     #[arg(short, long, value_name = "FILE", required_unless_present_any = ["split", "split_other"])]
@@ -64,7 +84,8 @@ pub(crate) struct Args {
     /// Format [default: by the output's extension]
     #[arg(long, value_parser = VECTOR_FORMATS)]
     format: Option<String>,
-    /// Coordinates in the plane: y and z if x is given, z and x if y is, x and y if z is
+    /// Coordinates in the plane: y and z if x is given, z and x if y is, x and y if z is, and of
+    /// --along the distance along the line and the height
     #[arg(long)]
     flat: bool,
     /// View the file through an operation of `transform`, such as rotate=30; repeatable. (With
@@ -110,6 +131,21 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         bail!("expected planes, or one other model; run `spinney section` once for each");
     }
     let view = open(&args.file, &args.steps, global)?;
+    if let Some(line) = &args.along {
+        if let Some(output) = &args.output {
+            check_output([args.file.as_path()], output)?;
+            along::run(args, line, output, &view, global)?;
+            report_output(global, output, start);
+        }
+        return Ok(());
+    }
+    // (Since --along conflicts with planes, clap does not enforce that --triangles requires it.)
+    if args.triangles {
+        bail!("--triangles: works only with --along");
+    }
+    if args.each && !others.is_empty() {
+        bail!("--each: works only with planes, not with another model");
+    }
     let format =
         args.output.as_deref().map(|output| vector_format(args.format.as_deref(), output)).transpose()?;
     let splits = [&args.split, &args.split_other].map(Option::as_deref);
@@ -185,15 +221,28 @@ fn cut(
     let made = args
         .limit
         .create(output, global)
-        .and_then(|file| export_section(view, planes, args.flat, file, format, &work))
+        .and_then(|file| export_section(view, planes, (args.flat, args.each), file, format, &work))
         .with_context(|| format!("{}: cannot write", output.display()))?;
     work.finish();
     if made.polygons == 0 {
         let (name, file) = (output.display(), args.file.display());
         warn(&format!("{name}: is empty: no plane cuts the model; `spinney stats {file}` prints its bounds"));
     }
+    report_objects(&made.objects, global);
     let (polygons, planes) = (counted(made.polygons, "polygon"), counted(made.planes, "plane"));
     Ok(format!("{polygons} in {planes}, with an area of {}", made.area))
+}
+
+/// Reports the areas of objects.
+fn report_objects(objects: &[(String, f64)], global: &Global) {
+    /// Maximum number of objects.
+    const MAX_OBJECTS: usize = 50;
+    for (name, area) in objects.iter().take(MAX_OBJECTS) {
+        global.report("object", format_args!("{name}: area {area}"));
+    }
+    if let Some(more) = objects.len().checked_sub(MAX_OBJECTS).filter(|more| *more > 0) {
+        global.report("", format_args!("and {}", counted(more as u64, "other object")));
+    }
 }
 
 /// Writes the intersection of two models' surfaces. Returns a summary.
