@@ -32,7 +32,8 @@ pub mod io {
     pub use spinney_base::io::{
         CachedBytes, CompletionRecord, DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileStat, FileVersion,
         Mapped, OutputDirectory, Positioned, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter,
-        Warn, WriteBackend, any_file, gdal_url, listed_path, redacted, shown, url_of, without_query,
+        ReplaceLock, Warn, WriteBackend, any_file, gdal_url, listed_path, redacted, shown, url_of,
+        without_query,
     };
 
     /// Restartable, batched queries of remote files.
@@ -174,7 +175,15 @@ pub mod brep {
 
     /// Connectivity of faces.
     pub mod topology {
-        pub use spinney_brep::topology::{Counts, Euler, EulerBody, EulerCorner, Topology, TopologyOptions};
+        pub use spinney_brep::topology::{Counts, Euler, Topology, TopologyOptions};
+    }
+
+    /// Euler operators, which change the connectivity of faces.
+    pub mod euler {
+        pub use spinney_brep::euler::{
+            EditReport, EditedModel, EulerBody, EulerCorner, EulerText, LocalChange, ModelBody, TextLimits,
+            apply_local, edit_model, euler_text,
+        };
     }
 }
 

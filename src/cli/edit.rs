@@ -1,4 +1,4 @@
-//! `spinney edit`: changes an Autumnal file.
+//! `spinney edit`: changes an Autumnal file, or an exact model.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,6 +23,7 @@ use super::args::{
     CommitOptions, EditOptions, MeaningArgs, OperationName, Packing, PartOptions, class_value, numbers,
     parse_operation, parse_step, same_file,
 };
+use super::exact::EulerChange;
 use super::features::{FeatureCells, FeatureTerms, check_features, feature_value};
 use super::report::Work;
 use super::report::commit::report_commit;
@@ -33,10 +34,13 @@ use super::{Global, open};
 /// Commands that write trees make an Autumnal file if the output's name ends with .autumn. Time and
 /// space are proportional to the change. Other processes can read the file meanwhile: they see the
 /// last commit. One process at a time can edit it.
+///
+/// An exact model is changed by Euler operators, and rewritten.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// The Autumnal file; add-layer and drop-layer also accept Goblin files, which are rewritten
+    /// The Autumnal file; add-layer and drop-layer also accept Goblin files, which are rewritten,
+    /// and euler needs an exact model
     file: PathBuf,
     #[command(subcommand)]
     change: Change,
@@ -52,6 +56,7 @@ Examples:
   spinney edit part.autumn apply a-b drill.goblin
   spinney edit stack.autumn:B08 fill --window 0,0,64,64 --void
   spinney edit stack.goblin add-layer ndvi.goblin
+  spinney edit part.goblin euler 'mev v7 v8 e12 5 5 20; mef v8:e12 v3 e13 f6'
   spinney log map.autumn
   spinney revert map.autumn 3";
 
@@ -64,6 +69,7 @@ enum Change {
     Apply(Apply),
     AddLayer(AddLayer),
     DropLayer(DropLayer),
+    Euler(EulerChange),
 }
 
 /// Paste another tree or a raster over a region
@@ -212,6 +218,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         Change::Paste(Paste { options, .. }) => options,
         Change::Set(Set { options, .. }) | Change::Apply(Apply { options, .. }) => options,
         Change::AddLayer(_) | Change::DropLayer(_) => return change_layers(&file, &change, global),
+        Change::Euler(change) => return change.run(&file, global),
     };
     only_layer(&file, global.access())?;
     let (options, memory) = (options.commit.clone(), options.memory.bytes);
@@ -257,7 +264,7 @@ impl Change {
             Change::Paste(paste) => Some(&paste.patch),
             Change::Apply(apply) => Some(&apply.other),
             Change::AddLayer(change) => Some(&change.tree),
-            Change::Fill(_) | Change::Set(_) | Change::DropLayer(_) => None,
+            Change::Fill(_) | Change::Set(_) | Change::DropLayer(_) | Change::Euler(_) => None,
         }
     }
 
@@ -321,7 +328,9 @@ impl Change {
                 }
                 (Edit::Apply(operation, other, meaning.options(None, round)), message)
             }
-            Change::AddLayer(_) | Change::DropLayer(_) => unreachable!("layers are changed as a whole"),
+            Change::AddLayer(_) | Change::DropLayer(_) | Change::Euler(_) => {
+                unreachable!("layers and exact models are changed as a whole")
+            }
         };
         Ok((Box::new(std::iter::once(Ok(edit))), message))
     }

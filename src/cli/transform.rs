@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
 use spinney::brep::TransformOptions;
+use spinney::raw::brep::euler::LocalChange;
 use spinney::raw::import::feature::is_feature_file;
 use spinney::raw::points::{PointRaster, rasterize_points};
 use spinney::{FileView, Resampling, ViewOperation, WarpOptions};
@@ -82,7 +83,7 @@ impl ChainArgs {
             match step {
                 AnyOperation::Cells(step) => cells.push(step.clone()),
                 AnyOperation::Points(raster) => rasters.push(raster),
-                AnyOperation::Levels => {}
+                AnyOperation::Levels | AnyOperation::Local(_) => {}
             }
         }
         (cells, rasters)
@@ -99,8 +100,29 @@ impl ChainArgs {
         }
     }
 
-    /// Fails if levels of detail are requested of a file that is not an exact model.
-    fn check_no_levels(&self) -> Result<()> {
+    /// Returns the local operators on an exact model, which must be the only operations.
+    fn local_changes(&self) -> Result<Vec<LocalChange>> {
+        let local = self.steps.iter().filter_map(|step| match step {
+            AnyOperation::Local(change) => Some(*change),
+            _ => None,
+        });
+        let local: Vec<LocalChange> = local.collect();
+        match local.first() {
+            Some(first) if local.len() < self.steps.len() => {
+                bail!(
+                    "{first}: got other operations too, expected local ones only; apply the others to the result"
+                )
+            }
+            _ => Ok(local),
+        }
+    }
+
+    /// Fails if levels of detail or local operators are requested of a file that is not an exact
+    /// model.
+    fn check_not_exact(&self) -> Result<()> {
+        if let Some(change) = self.local_changes()?.first() {
+            bail!("{}: is not an exact model, which {change} needs", self.file.display());
+        }
         if self.has_levels()? {
             bail!("{}: is not an exact model, which levels needs", self.file.display());
         }
@@ -113,7 +135,7 @@ impl ChainArgs {
         if !rasters.is_empty() {
             bail!("{}: is not a tree of points, which raster= needs", self.file.display());
         }
-        self.check_no_levels()?;
+        self.check_not_exact()?;
         let mut warp = WarpOptions::default();
         (warp.resampling, warp.allow_ballpark) = (self.resampling, self.allow_ballpark);
         Ok(FileView {
@@ -134,11 +156,16 @@ enum AnyOperation {
     Points(PointRaster),
     /// Levels of detail of an exact model.
     Levels,
+    /// A local change of an exact model.
+    Local(LocalChange),
 }
 
 fn parse_any_step(text: &str) -> Result<AnyOperation, String> {
     if text == "levels" {
         return Ok(AnyOperation::Levels);
+    }
+    if LocalChange::is_named(text) {
+        return text.parse().map(AnyOperation::Local).map_err(|error: spinney::Error| error.to_string());
     }
     match text.strip_prefix("raster=") {
         Some(raster) => {
@@ -167,6 +194,7 @@ Examples:
   spinney transform landcover.goblin sieve=100 -o clean.goblin
   spinney transform part.goblin rotate=90,x translate=0,0,12.5 -o placed.goblin
   spinney transform inches.goblin scale=25.4 --unit mm -o part.goblin
+  spinney transform part.goblin move-face=5,5,10,0,0,2 -o taller.goblin
   spinney transform statue.goblin levels -o statue_levels.goblin
   spinney transform parcels.gpkg warp=EPSG:25832 -o parcels_25832.gpkg
   spinney transform scan.goblin raster=max,cell=0.5 -o surface.goblin
@@ -211,6 +239,11 @@ Operations on exact models, in world coordinates, about the origin:
   affine=12 numbers         map coordinates by a 3 x 4 matrix, row by row
   crs=DEF                   set the coordinate system
   levels                    add levels of detail: coarser surfaces with bounds of their error
+  move-vertex=X,Y,Z,DX,DY,DZ
+                            move the vertex at X,Y,Z; its faces must stay planar
+  move-edge=, move-face=    the same for the vertices of the edge or the face through X,Y,Z
+  chamfer=X,Y,Z,DX,DY,DZ    cut the edge through X,Y,Z off, by the plane at the end of the vector
+                            from the edge, which the vector is perpendicular to
 
 Operations on feature files (GeoJSON, GeoPackage, FlatGeobuf, shapefile, CSV):
   warp=DEF                  reproject each vertex; edges are straight between vertices
@@ -255,7 +288,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             "{}: is a feature file; raster= works only with trees of points",
             file.display()
         );
-        chain.check_no_levels()?;
+        chain.check_not_exact()?;
         let features = features::Reprojection { file, steps: &steps, allow_ballpark: chain.allow_ballpark };
         return features.write(&path, memory.bytes, &limit, global);
     }
@@ -271,7 +304,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             "{}: is a tree of points; operations on cells have no effect on it",
             file.display()
         );
-        chain.check_no_levels()?;
+        chain.check_not_exact()?;
         global.check_options(file, points::KIND, &["--codec", "--max-error"])?;
         let work = Work::start(global, "cells")?;
         let memory = (memory.bytes, packing.choice());
@@ -288,6 +321,12 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             "{}: is an exact model; raster= works only with trees of points",
             file.display()
         );
+        let changes = chain.local_changes()?;
+        if !changes.is_empty() {
+            global.check_options(file, "changed by local operators", &["--codec"])?;
+            let how = (memory.bytes, &packing);
+            return exact::change((&model, &changes), how, (&path, &limit), global);
+        }
         global.check_options(file, exact::KIND, &["--codec", "--snap", "--unit"])?;
         let mut options = TransformOptions::new(memory.bytes);
         (options.snap, options.unit, options.codec) = (snap, unit, packing.of_model(file)?);

@@ -17,6 +17,7 @@ mod cli_coordinates;
 #[cfg(feature = "raster")]
 mod cli_crs;
 mod cli_edits;
+mod cli_euler;
 mod cli_exact;
 mod cli_exact_memory;
 mod cli_exact_motions;

@@ -17,7 +17,7 @@ use spinney::{CombineOperation, ExactModel};
 
 use self::cells::CellStructure;
 use self::solids::BspQuery;
-use super::args::{ViewedTree, class_value};
+use super::args::{DEFAULT_MEMORY, ViewedTree, class_value};
 use super::report::{Work, print_text};
 use super::{Global, exact, lines, points as point_files};
 
@@ -28,6 +28,7 @@ const EXAMPLES: &str = "Examples:
   spinney dump classic.goblin --as bintree  the DF-expression of a bintree, as in .bintree files
   spinney dump roads.goblin --as pm1        the PM1 quadtree of a tree of lines
   spinney dump wells.goblin --as k-d        the k-d tree of a tree of points
+  spinney dump part.goblin --as euler       the operators that build an exact model
   spinney dump roads.goblin --as bucket --leaf-size 4 --stats
   spinney dump part.goblin --as bsp         the BSP tree of an exact model, as in .bsp files
   spinney dump part.goblin --as bsp --combine a-b tool.goblin
@@ -45,6 +46,7 @@ Structures:
   point-quadtree, point-octree
                   points: a node is divided at its point along all axes
   k-d             points: a node is divided at its point along one axis after the other
+  euler           exact models: the Euler operators that build the model, as in .euler files
 
 A tree of edges is its DF-expression (B or F: leaves with edges), then a line per leaf with edges:
 corner, side, and the ends of each edge. A tree of points has a line per node in preorder: its
@@ -65,6 +67,7 @@ enum Structure {
     PointOctree,
     #[value(name = "k-d")]
     KD,
+    Euler,
 }
 
 /// Print a small tree in full, or as a structure of the literature
@@ -74,7 +77,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
     /// Print a structure of the literature: df, bintree, bsp, pm1, pm2, pm3, bucket,
-    /// point-quadtree, point-octree or k-d
+    /// point-quadtree, point-octree, k-d or euler
     #[arg(
         long = "as",
         value_name = "STRUCTURE",
@@ -112,7 +115,7 @@ pub(crate) struct Args {
     /// Print a line per leaf: path, FD code, value
     #[arg(long)]
     codes: bool,
-    /// Maximum number of records, edges in leaves, or points; larger trees are an error
+    /// Maximum number of records, edges in leaves, points or operators; larger files are an error
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     limit: u64,
 }
@@ -128,7 +131,7 @@ fn parse_point(text: &str) -> Result<[f64; 3], String> {
 fn run_solid(args: &Args, model: &ExactModel, global: &Global) -> Result<()> {
     let file = &args.tree.file;
     let queries = ["--as", "--limit", "--stats", "--locate", "--eye", "--combine"];
-    global.check_options(file, "an exact model", &queries)?;
+    global.check_options(file, exact::KIND, &queries)?;
     let given = [args.stats, args.locate.is_some(), args.eye.is_some(), args.combine.is_some()];
     let given = given.into_iter().filter(|given| *given).count();
     ensure!(given <= 1, "--stats, --locate, --eye, --combine: got {given} of them, expected one");
@@ -161,7 +164,11 @@ fn run_solid(args: &Args, model: &ExactModel, global: &Global) -> Result<()> {
             };
             solids::bsp_text(model, &query, args.limit, &work)?
         }
-        other => return unfit(file, "an exact model", other, "df or bsp"),
+        Some(Structure::Euler) => {
+            ensure!(given == 0, "--stats, --locate, --eye and --combine work only with --as bsp");
+            exact::operators(model, DEFAULT_MEMORY, args.limit, &work)?
+        }
+        other => return unfit(file, exact::KIND, other, "df, bsp or euler"),
     };
     work.finish();
     print(text)?;

@@ -1,6 +1,7 @@
 //! The subcommands for exact models.
 
 mod combine;
+mod edit;
 mod export;
 mod find;
 mod info;
@@ -23,6 +24,7 @@ use spinney::{ExactModel, ViewOperation};
 use super::Global;
 
 pub(super) use combine::{any_model, combine};
+pub(super) use edit::{EulerChange, change, operators};
 pub(super) use export::{MeshContents, MeshOutput, export, window};
 pub(super) use find::{LeafKind, find};
 pub(super) use info::info;

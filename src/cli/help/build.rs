@@ -89,7 +89,7 @@ from files or a directory. `get` writes NPY or NRRD again, `contours` makes isos
 
 pub(super) const SOLIDS: Topic = Topic {
     name: "solids",
-    summary: "PLY, OBJ, STL, OFF, glTF, CityJSON(Seq); .csg, .bpt, .views; polygons (--heights)",
+    summary: "PLY, OBJ, STL, OFF, glTF, CityJSON(Seq); .csg, .bpt, .euler, .views; --heights",
     about: "\
 Build an octree of the cells that a solid fills.
 
@@ -133,12 +133,13 @@ Polygons at heights (--heights), such as sections of a body: the solid between t
 
 const EXACT: Topic = Topic {
     name: "exact",
-    summary: "solids with --brep: PLY, OBJ, STL, OFF, glTF, CityJSON(Seq), .csg, .bpt",
+    summary: "solids with --brep: PLY, OBJ, STL, OFF, glTF, CityJSON(Seq), .csg, .bpt, .euler",
     about: "\
 Build an exact model: the faces of a solid, on a fine grid, in an octree.
 
 The faces must bound a body: closed, and without intersections. --close, --repair and --skip-bad are for others. \
-Of CSG files, facets are within --deviation of curved surfaces.",
+Of CSG files, facets are within --deviation of curved surfaces. A .euler file (docs/euler.md) has Euler operators that \
+build a body from nothing.",
     options: &[
         ("brep", ""),
         ("snap", ""),
@@ -163,6 +164,7 @@ Of CSG files, facets are within --deviation of curved surfaces.",
         "spinney build scan.ply -o exact.goblin --brep --close --repair",
         "spinney build city.json -o houses.goblin --brep --skip-bad --where 'type=Building'",
         "spinney build bracket.csg -o bracket.goblin --brep --deviation 0.01",
+        "spinney build fixtures/hole.euler -o hole.goblin --brep",
     ],
 };
 

@@ -35,8 +35,8 @@
 //! bytes per half-edge for closed surfaces of triangles. Construction uses up to 60 bytes per
 //! half-edge, and about 45 for such surfaces.
 //!
-//! A topology is computed from complete faces and is immutable. [`EulerBody`] can be changed
-//! incrementally, by Euler operators.
+//! A topology is computed from complete faces and is immutable. An
+//! [`EulerBody`](crate::euler::EulerBody) can be changed incrementally, by Euler operators.
 //!
 //! # Entities in the literature
 //!
@@ -83,8 +83,6 @@ mod boundary;
 mod build;
 mod corners;
 mod euler;
-mod numbered;
-mod operators;
 mod volume;
 mod walk;
 
@@ -95,7 +93,6 @@ use super::Faces;
 use spinney_base::{Progress, Result};
 
 pub use euler::{Counts, Euler};
-pub use operators::{EulerBody, EulerCorner};
 
 /// Marks a missing half-edge.
 const NONE: u32 = u32::MAX;

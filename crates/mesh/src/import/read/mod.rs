@@ -7,6 +7,7 @@ mod city_templates;
 mod cityjson;
 mod colour_range;
 mod corners;
+mod euler;
 mod exact;
 mod face_values;
 mod gltf;
@@ -66,13 +67,14 @@ pub fn open_with(path: &Path, memory: u64, access: &FileAccess) -> Result<Box<dy
         Some(Format::Ply) => ply::open(source, memory),
         Some(Format::Stl) => stl::open(source, memory),
         Some(Format::Off) => off::open(source, memory),
+        Some(Format::Euler) => euler::open(source, memory),
         Some(Format::CityJson) => cityjson::open(source, memory),
         Some(Format::Obj) => obj::open(source, memory),
         Some(Format::Gltf) => gltf::open(source, memory, access),
         None => Err(OtherFormat::refuse_source(
             path,
             source.bytes(),
-            "a PLY, OBJ, STL, OFF, glTF or CityJSON file",
+            "a PLY, OBJ, STL, OFF, glTF, CityJSON or .euler file",
         )),
     }
 }
@@ -83,6 +85,7 @@ enum Format {
     Ply,
     Stl,
     Off,
+    Euler,
     CityJson,
     Obj,
     Gltf,
@@ -91,6 +94,9 @@ enum Format {
 fn format(source: &ModelFile) -> Option<Format> {
     let bytes = source.bytes();
     let extension = source.path().extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    if extension == "euler" {
+        return Some(Format::Euler);
+    }
     if matches!(bytes, [b'p', b'l', b'y', b'\r' | b'\n' | b' ', ..]) {
         return Some(Format::Ply);
     }
@@ -159,7 +165,7 @@ pub fn open_all_with(paths: &[PathBuf], memory: u64, access: &FileAccess) -> Res
 /// If the file system or the remote host fails.
 pub fn is_model(path: &Path, access: &FileAccess) -> Result<bool> {
     let extension = without_query(path).extension().and_then(|extension| extension.to_str()).unwrap_or("");
-    let names = ["ply", "obj", "stl", "off", "json", "jsonl", "cityjson", "gltf", "glb"];
+    let names = ["ply", "obj", "stl", "off", "json", "jsonl", "cityjson", "gltf", "glb", "euler"];
     // (A manifest of trees is JSON, too.)
     let is_named = names.iter().any(|name| extension.eq_ignore_ascii_case(name));
     Ok(is_named && !is_manifest_file(path, access)? || spinney_brep::is_model_file(path, access)?)
