@@ -301,7 +301,7 @@ fn recount(body: &EulerBody) -> [u64; 5] {
         let touched: BTreeSet<usize> =
             points.iter().filter_map(|point| shell_of.get(point).copied()).collect();
         let all = touched.iter().fold(points, |all, shell| &all | &std::mem::take(&mut shells[*shell]));
-        all.iter().for_each(|point| drop(shell_of.insert(*point, shells.len())));
+        shell_of.extend(all.iter().map(|point| (*point, shells.len())));
         shells.push(all);
     }
     let shells = shells.iter().filter(|shell| !shell.is_empty()).count();

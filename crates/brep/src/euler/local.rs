@@ -273,9 +273,9 @@ fn is_in_face(body: &EulerBody, face: u32, at: [f64; 3]) -> bool {
         .collect();
     let mut normal = [0.0; 3];
     for [a, b] in &edges {
-        for axis in 0..3 {
+        for (axis, part) in normal.iter_mut().enumerate() {
             let (j, k) = ((axis + 1) % 3, (axis + 2) % 3);
-            normal[axis] += (a[j] - b[j]) * (a[k] + b[k]);
+            *part += (a[j] - b[j]) * (a[k] + b[k]);
         }
     }
     let length = product(normal, normal).sqrt();

@@ -53,6 +53,9 @@ pub struct EulerText {
     part_bytes: u64,
 }
 
+/// Receives the points of a face's rings, the ends of these in the points, and the part.
+type FaceVisitor<'a> = dyn FnMut(&[[f64; 3]], &[usize], u32) -> Result<()> + 'a;
+
 /// A line of a text: its number from 1, and its words.
 pub(super) struct Line<'a> {
     pub(super) number: u32,
@@ -91,7 +94,7 @@ impl Line<'_> {
     /// Rewrites the refusal of an operator, to name the line.
     pub(super) fn refusal(&self, error: Error) -> Error {
         match error {
-            Error::Invalid { expected, .. } => self.wrong(Line::shown(self.text), format!("{expected}")),
+            Error::Invalid { expected, .. } => self.wrong(Line::shown(self.text), expected),
             error => error,
         }
     }
@@ -273,7 +276,7 @@ impl EulerText {
     /// Returns a name that was never given.
     pub(super) fn new_name(&self, line: &Line<'_>, kind: Kind, word: &str) -> Result<u32> {
         let name = Names::parse(kind, word);
-        let name = name.ok_or_else(|| line.wrong(Line::shown(word), format!("{}", kind.expected())))?;
+        let name = name.ok_or_else(|| line.wrong(Line::shown(word), kind.expected()))?;
         match self.names.is_new(kind, name) {
             true => Ok(name),
             false => Err(line.wrong(word, "a new name; names are given once")),
@@ -408,7 +411,7 @@ impl EulerText {
     ///
     /// # Errors
     /// What `each` returns.
-    pub fn each_face(&self, each: &mut dyn FnMut(&[[f64; 3]], &[usize], u32) -> Result<()>) -> Result<()> {
+    pub fn each_face(&self, each: &mut FaceVisitor<'_>) -> Result<()> {
         let (mut points, mut ends) = (Vec::new(), Vec::new());
         for face in self.body.faces.numbers() {
             points.clear();
