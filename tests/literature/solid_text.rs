@@ -1,6 +1,7 @@
 //! Exact models as text: BSP trees, and extended octrees as modified DF-expressions. Both are read
 //! back to the same model.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use spinney::brep::{Faces, MassProperties};
@@ -269,4 +270,54 @@ fn item_42_random_octrees_have_closed_surfaces() {
     std::fs::write(&input, "df:planes:xyz:3:1/1:0,0,0\nV\n").unwrap();
     let message = complaint(&["build", input.to_str().unwrap(), "-o", tree.to_str().unwrap(), "--brep"], 1);
     assert!(message.contains("no half-space is inside"), "{message}");
+}
+
+/// The winged edges that the program prints: each line says of its neighbours what their lines say
+/// of it.
+#[test]
+fn item_63_winged_edges_are_printed() {
+    let directory = TestDirectory(tempfile::tempdir().unwrap());
+    // A block through which a hole goes: 16 vertices, 24 edges, 10 faces, two of them with a ring.
+    directory.model("hole.goblin", "difference(block(0,0,0, 9,9,3), block(3,3,-1, 6,6,4))");
+    let text = stdout(&["dump", directory.path("hole.goblin").to_str().unwrap(), "--as", "winged-edge"]);
+    let rows: HashMap<&str, Vec<Vec<&str>>> = text
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .map(|line| {
+            let mut cells = line.split('\t');
+            (cells.next().unwrap(), cells.map(|cell| cell.split(' ').collect()).collect())
+        })
+        .collect();
+    let count = |letter: char| rows.keys().filter(|name| name.starts_with(letter)).count();
+    assert_eq!(['v', 'e', 'f', 's'].map(count), [16, 24, 10, 1], "{text}");
+    assert_eq!(rows["s0"].concat(), ["216", "10", "24", "48", "16"]);
+    for (name, cells) in &rows {
+        match name.as_bytes()[0] {
+            b'v' => {
+                let [_, shell, edges, faces, neighbours] = &cells[..] else { panic!("{cells:?}") };
+                assert_eq!(
+                    (shell[..] == ["s0"], edges.len(), faces.len(), neighbours.len()),
+                    (true, 3, 3, 3)
+                );
+                assert!(edges.iter().all(|edge| rows[edge][0].contains(name)), "{name}");
+                assert!(faces.iter().all(|face| rows[face][0].contains(name)), "{name}");
+                assert!(neighbours.iter().all(|other| rows[other][4].contains(name)), "{name}");
+            }
+            b'e' => {
+                let [ends, faces, left, right] = &cells[..] else { panic!("{cells:?}") };
+                assert!(faces.iter().all(|face| rows[face][1].contains(name)), "{name}");
+                for (face, around) in faces.iter().zip([left, right]) {
+                    // Edges before and after it share a vertex with it, and are in the same face.
+                    assert!(around.iter().all(|edge| rows[edge][1].contains(face)), "{name}");
+                    assert!(around.iter().all(|edge| rows[edge][0].iter().any(|end| ends.contains(end))));
+                }
+            }
+            b'f' => {
+                let [vertices, edges, neighbours] = &cells[..] else { panic!("{cells:?}") };
+                assert_eq!(vertices.len(), edges.len());
+                assert!(neighbours.iter().all(|other| rows[other][2].contains(name)), "{name}");
+            }
+            _ => {}
+        }
+    }
 }

@@ -101,8 +101,13 @@ def write_off(name, vertices, faces):
 
 
 def df(cells, depth=None):
-    """Returns the DF-expression that `dump --as df` prints of classes, which are never full."""
-    return own.df_expression(own.build(cells, "nearest", depth), cells.ndim).replace("B", "[255]").replace("F", "[255]")
+    """Returns the DF-expression that `dump --as df` prints of cells."""
+    return own.df_expression(own.build(cells, "nearest", depth), cells.ndim)
+
+
+def printed_df(tree):
+    """Returns the symbols that `dump --as df` prints, after the word that describes the cells."""
+    return run("dump", tree, "--as", "df").split(maxsplit=1)[1].strip()
 
 
 def classes(rng, shape, most=3, void=True):

@@ -21,7 +21,7 @@ except ImportError as missing:
     sys.exit()
 
 import structures as own
-from harness import CLASSIC, DIRECTORY, build, cells_of, check_all, df, fresh, info, item, rasters, run, same, transformed, write_off, write_table
+from harness import CLASSIC, DIRECTORY, build, cells_of, check_all, df, fresh, info, item, printed_df, rasters, run, same, transformed, write_off, write_table
 
 # The tables of ten records.
 GOBLIN = """-1 -1 1 -2 11; 1 -3 1 -3 5; 1 3 3 3 4; 3 3 1 2 5; -3 1 -2 -1 9
@@ -53,12 +53,12 @@ def df_expressions():
     for text, axes, depth in ((STANDARD, 2, 3), (OCTREE, 3, 2)):
         tree = build(own.cells_of_df(text, depth, axes), kind="categorical" if axes == 2 else "continuous")
         # (B is printed in solids only, as F: as a class, black is the number 255.)
-        same(run("dump", tree, "--as", "df").strip().replace("[255]", "B"), text, text)
+        same(printed_df(tree), text, text)
     same(np.count_nonzero(own.cells_of_df(OCTREE, 2, 3)), 25, "full cells of 64")
     for cells in [*rasters(1, 9), *rasters(2, 5, 3, 10), *rasters(3, 4, bound=70)]:
-        same(run("dump", build(cells), "--as", "df").strip(), df(cells), "random", cells.tolist())
+        same(printed_df(build(cells)), df(cells), "random", cells.tolist())
         # The same cells through the operation that condenses.
-        same(run("dump", transformed("a.goblin"), "--as", "df").strip(), df(cells), "condensed")
+        same(printed_df(transformed("a.goblin")), df(cells), "condensed")
 
 
 @item("5 6 7 8 9: codes of leaves")
@@ -216,7 +216,7 @@ def touched():
             wanted[row, column] = (cut.length if number % 2 else cut.area) > 1e-9
         assert shapely.box(*np.ravel(info("a.goblin")["world"])).contains(shape)
         same(found, wanted, shape.wkt)
-        same(run("dump", "a.goblin", "--as", "df").strip(), df(wanted), "tree of", shape.wkt)
+        same(printed_df("a.goblin"), df(wanted), "tree of", shape.wkt)
 
 
 @item("18: chain codes")
@@ -361,7 +361,7 @@ def maketree():
             parts = [subdivide((corner[0] + x, corner[1] + y, corner[2] + z), half) for z, y, x in product((0, half), repeat=3)]
             return parts[0] if len(parts[0]) == 1 and len(set(parts)) == 1 else "M" + "".join(parts)
 
-        same(run("dump", "a.goblin", "--as", "df").strip(), subdivide((0, 0, 0), 16), text)
+        same(printed_df("a.goblin"), subdivide((0, 0, 0), 16), text)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from math import cos, radians, sin
 
 import numpy as np
 import structures as own
-from harness import CLASSIC, build, cells_of, classes, df, fresh, info, item, near, rasters, run, same, transformed
+from harness import CLASSIC, build, cells_of, classes, df, fresh, info, item, near, printed_df, rasters, run, same, transformed
 
 
 def window_of(cells, low, size):
@@ -29,7 +29,7 @@ def windows():
             wanted = window_of(cells, low, size)
             result = transformed(tree, f"window={box}")
             same(cells_of(result), wanted, "transform window", box)
-            same(run("dump", result, "--as", "df").strip(), df(wanted), "window", box)
+            same(printed_df(result), df(wanted), "window", box)
             # (`get` has windows from cell 0 on, and of octrees those within the tree.)
             inside = [min(at + wide, have) - at for at, wide, have in zip(low, size, cells.shape)]
             if min(low) >= 0:
@@ -47,14 +47,14 @@ def moved():
         wanted = np.pad(cells, [(at, 0) for at in shift])
         result = transformed(tree, "translate=" + ",".join(map(str, shift[::-1])))
         same(cells_of(result), wanted, "translate", shift)
-        same(run("dump", result, "--as", "df").strip(), df(wanted), "translate", shift)
+        same(printed_df(result), df(wanted), "translate", shift)
         double = cells.repeat(2, 0).repeat(2, 1)
         double = double.repeat(2, 2) if axes == 3 else double
         result = transformed(tree, "scale=2")
         same(cells_of(result), double, "scale=2")
         # The tree of cells of twice the width is the subtree of a tree.
         depth = own.depth_of(cells.shape)
-        same(run("dump", result, "--as", "df").strip(), df(cells, depth), "scale=2", cells.tolist())
+        same(printed_df(result), df(cells, depth), "scale=2", cells.tolist())
         if depth == 0:
             continue
         # At half the scale, cells are the means of four or eight.
@@ -70,11 +70,11 @@ def moved():
                 result = transformed(tree, f"subtree=/{number}")
                 wide = [min(1 << depth - 1, size - at) for at, size in zip(low, cells.shape)]
                 same(cells_of(result), part[tuple(slice(0, at) for at in wide)], "subtree", number)
-                same(run("dump", result, "--as", "df").strip(), df(part, depth - 1), "subtree", number)
+                same(printed_df(result), df(part, depth - 1), "subtree", number)
             result = transformed(tree, f"embed=/{number}")
             inner, white = ("G", "W") if axes == 2 else ("M", "V")
             text = inner + "".join(df(cells) if other == number else white for other in range(1 << axes))
-            same(run("dump", result, "--as", "df").strip(), text if cells.any() else white, "embed", number, cells.tolist())
+            same(printed_df(result), text if cells.any() else white, "embed", number, cells.tolist())
 
 
 # Rotations about x, y and z, of octants numbered 4x + 2y + z.
@@ -99,7 +99,7 @@ def quarter_turns():
         for operation, wanted in {**turns, "mirror=x": cells[:, ::-1], "mirror=y": cells[::-1], "transpose": cells.T}.items():
             result = transformed(tree, operation)
             same(cells_of(result), wanted, operation)
-            same(run("dump", result, "--as", "df").strip(), df(wanted), operation, cells.tolist())
+            same(printed_df(result), df(wanted), operation, cells.tolist())
     for cells in rasters(26, 3, 3, 9):
         tree = build(cells)
         # From y to z about x, from z to x about y, from x to y about z: axes of arrays are z, y, x.
@@ -108,7 +108,7 @@ def quarter_turns():
                 wanted = np.rot90(cells, turn, plane)
                 result = transformed(tree, f"rotate={90 * turn},{name}")
                 same(cells_of(result), wanted, name, turn, cells.tolist())
-                same(run("dump", result, "--as", "df").strip(), df(wanted), name, turn)
+                same(printed_df(result), df(wanted), name, turn)
 
 
 @item("23: turning by any angle")
@@ -136,7 +136,7 @@ def turning():
             for column, row in product((0, cells.shape[1]), (0, cells.shape[0])):
                 at = c * (column - left) - s * (row - top), s * (column - left) + c * (row - top)
                 assert all(-1e-6 <= where <= size + 1e-6 for where, size in zip(at, found.shape[::-1])), (degrees, at, found.shape)
-            same(run("dump", result, "--as", "df").strip(), df(found), degrees)
+            same(printed_df(result), df(found), degrees)
 
 
 def of_sets(number, a, b, fill):
@@ -157,7 +157,7 @@ def set_operations():
             run("combine", number, first, second, "-o", fresh("b.goblin"), *more)
             wanted = of_sets(number, a, b, 255)
             same(cells_of("b.goblin"), wanted, "operation", number, a.tolist(), b.tolist())
-            same(run("dump", "b.goblin", "--as", "df").strip(), df(wanted), "condensed, operation", number)
+            same(printed_df("b.goblin"), df(wanted), "condensed, operation", number)
     a, b = (np.array(sets, np.uint8).reshape(2, 2) for sets in ([1, 1, 0, 0], [1, 0, 1, 0]))
     first, second = build(a, to="a.goblin"), build(b, to="c.goblin")
     for number in range(16):

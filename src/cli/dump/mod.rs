@@ -4,6 +4,7 @@ mod cells;
 mod edges;
 mod points;
 mod solids;
+mod topology;
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -47,6 +48,7 @@ Structures:
                   points: a node is divided at its point along all axes
   k-d             points: a node is divided at its point along one axis after the other
   euler           exact models: the Euler operators that build the model, as in .euler files
+  winged-edge     exact models: vertices, edges, faces and shells, each with its neighbours
 
 A tree of edges is its DF-expression (B or F: leaves with edges), then a line per leaf with edges:
 corner, side, and the ends of each edge. A tree of points has a line per node in preorder: its
@@ -67,6 +69,7 @@ enum Structure {
     PointOctree,
     #[value(name = "k-d")]
     KD,
+    WingedEdge,
     Euler,
 }
 
@@ -77,7 +80,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
     /// Print a structure of the literature: df, bintree, bsp, pm1, pm2, pm3, bucket,
-    /// point-quadtree, point-octree, k-d or euler
+    /// point-quadtree, point-octree, k-d, euler or winged-edge
     #[arg(
         long = "as",
         value_name = "STRUCTURE",
@@ -168,7 +171,11 @@ fn run_solid(args: &Args, model: &ExactModel, global: &Global) -> Result<()> {
             ensure!(given == 0, "--stats, --locate, --eye and --combine work only with --as bsp");
             exact::operators(model, DEFAULT_MEMORY, args.limit, &work)?
         }
-        other => return unfit(file, exact::KIND, other, "df, bsp or euler"),
+        Some(Structure::WingedEdge) => {
+            ensure!(given == 0, "--stats, --locate, --eye and --combine work only with --as bsp");
+            topology::text(model, args.limit, &work)?
+        }
+        other => return unfit(file, exact::KIND, other, "df, bsp, euler or winged-edge"),
     };
     work.finish();
     print(text)?;

@@ -75,7 +75,8 @@ const OBJECTS: Topic = Topic {
 Print a row for each object of an exact model.
 
 Without --each, volume, centre of gravity, inertia and surface of the whole model are printed. All are exact, and \
-rounded once; they come from sums in the file, so that no faces are read. --topology adds the numbers of vertices, \
+rounded once (with vertices off the grid, as in results of `combine`, only the volume; the others are those of faces \
+on the grid); they come from sums in the file, so that no faces are read. --topology adds the numbers of vertices, \
 edges, shells and handles, for which all faces are read.",
     options: &[
         ("each", ""),
