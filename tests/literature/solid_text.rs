@@ -24,6 +24,10 @@ const SOLIDS: [&str; 7] = [
     "rotate(1,2,3, 40, prism([[0,0],[4,0],[4,1],[1,1],[1,3],[0,3]], 0, 2))",
 ];
 
+fn volume_of(model: &ExactModel) -> f64 {
+    MassProperties::of(model, &()).unwrap().volume
+}
+
 struct TestDirectory(tempfile::TempDir);
 
 impl TestDirectory {
@@ -91,6 +95,35 @@ fn item_42_text_is_read_back_to_the_same_model() {
     }
 }
 
+/// Bodies that touch in a face become one: both sides of the wall between them are inside.
+#[test]
+fn item_42_walls_between_bodies_vanish() {
+    let directory = TestDirectory(tempfile::tempdir().unwrap());
+    let mesh = directory.path("boxes.obj");
+    let mut text = String::new();
+    for x in 0..2 {
+        text += &format!("o box{x}\n");
+        for corner in 0..8 {
+            let [dx, dy, dz] = [0, 1, 2].map(|axis| corner >> axis & 1);
+            text += &format!("v {} {} {}\n", 4 * (x + dx), (4 + 2 * x) * dy, 3 * dz);
+        }
+        for face in [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]] {
+            text += &format!("f {}\n", face.map(|corner| (corner + 8 * x).to_string()).join(" "));
+        }
+    }
+    std::fs::write(&mesh, text).unwrap();
+    let tree = directory.path("boxes.goblin");
+    let (mesh, tree) = (mesh.to_str().unwrap(), tree.to_str().unwrap());
+    stdout(&["build", mesh, "-o", tree, "--brep", "--snap", "1"]);
+    for structure in ["df", "bsp"] {
+        let text = stdout(&["dump", tree, "--as", structure]);
+        let model = directory.built(&format!("boxes.{structure}"), &text);
+        assert_eq!(volume_of(&model), 4.0 * 4.0 * 3.0 + 4.0 * 6.0 * 3.0, "{structure}");
+        // Of the wall, the part of the larger box beyond the smaller one stays.
+        assert_eq!(model.len(), 8, "{structure}");
+    }
+}
+
 /// A cube in a grid of 8: eight octants of one vertex each, with three planes.
 #[test]
 fn item_42_vertices_have_three_planes() {
@@ -140,8 +173,7 @@ fn item_14_set_operations_are_those_of_exact_models() {
             continue;
         }
         let built = directory.built(&format!("{}.bsp", operation.index()), &made.to_text(&grid, None));
-        let [found, expected] =
-            [&built, &combined].map(|model| MassProperties::of(model, &()).unwrap().volume);
+        let [found, expected] = [&built, &combined].map(volume_of);
         // (New vertices may be off the grid, by half a unit.)
         let most = MassProperties::of(&combined, &()).unwrap().area / 1024.0;
         assert!((found - expected).abs() <= most, "{operation}: {found}, expected {expected}");

@@ -475,7 +475,12 @@ fn objects_are_found() {
         assert_eq!(found, expected);
         assert_eq!(stdout(&["find", file, "--contacts", "--limit", "0"]), "");
     }
-    assert!(stdout(&["find", &out, "--object", "b b"]).ends_with(" 8\tb b\t{\"type\":\"Building\"}\n"));
+    let object = stdout(&["find", &out, "--object", "b b"]);
+    assert!(object.contains(" 8\tb b\t{\"type\":\"Building\"}\tfaces {\"surface\":{"), "{object}");
+    // One face of the box has a surface.
+    let json: Json = serde_json::from_str(&stdout(&["find", &out, "--object", "b b", "--json"])).unwrap();
+    let expected = serde_json::json!({ "surface": { "0": 1 }, "type": { "RoofSurface": 1 } });
+    assert_eq!(json["face_values"], expected);
     let info = stdout(&["info", &out]);
     assert!(info.contains("values      of faces: surface, type\n"), "{info}");
     let json: Json = serde_json::from_str(&stdout(&["info", &out, "--json"])).unwrap();

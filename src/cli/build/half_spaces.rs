@@ -22,10 +22,11 @@ pub(super) struct HalfSpaceImport {
 }
 
 impl HalfSpaceImport {
-    /// Whether a file has a BSP tree of space, or planes in a DF-expression.
+    /// Whether a file has a BSP tree of space, or planes in a DF-expression. (A missing file may
+    /// have them.)
     pub(super) fn is_one(input: &Path) -> bool {
         let is = |name: &str| input.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(name));
-        (is("bsp") || is("df")) && SolidText::is_in(input)
+        (is("bsp") || is("df")) && (SolidText::is_in(input) || !input.exists())
     }
 
     /// Reads the text. It must be the only input.

@@ -1,14 +1,15 @@
 //! `spinney find` of objects: one of an exact model by its name, and pairs that overlap or touch.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Result, bail};
 use serde_json::{Value, json};
-use spinney::ExactModel;
 use spinney::brep::Faces;
 use spinney::raw::brep::query::PartMeasures;
 use spinney::raw::brep::{ModelView, ObjectContact};
 use spinney::raw::import::mesh;
+use spinney::{ExactModel, Progress};
 
 use super::super::Global;
 use super::super::report::{Found, Work};
@@ -26,21 +27,71 @@ pub(crate) fn find_object(
     let parts = parts_named(model, name)?;
     let work = Work::start(global, "faces")?;
     let measures = view.part_measures(memory, &work)?;
+    let values = FaceValues::of(model, &parts, &work)?;
     work.finish();
     for part in parts {
         let own = measures.iter().find(|measures| measures.part == part);
         let is_known = model.metadata().frame.cell_volume().is_ok();
         let about = model.part_attributes(part)?;
+        let of_faces = values.as_json(part);
         let line = || {
             if is_json {
-                object_as_json(part, name, (own, is_known), &about)
+                object_as_json(part, name, (own, is_known), &about, &of_faces)
             } else {
-                object_as_text(part, name, (own, is_known), &about)
+                object_as_text(part, name, (own, is_known), &about, &of_faces)
             }
         };
         found.take(0, "", &line)?;
     }
     Ok(())
+}
+
+/// Values of the faces of some objects, each with the number of its faces.
+struct FaceValues {
+    columns: Vec<String>,
+    /// By part and column; `None` for the values beyond the limit.
+    counts: BTreeMap<(u32, usize), BTreeMap<Option<String>, u64>>,
+}
+
+impl FaceValues {
+    /// Maximum number of different values in a column of an object.
+    const MAX_VALUES: usize = 1000;
+
+    /// Counts the values. Reads all faces, if faces have values.
+    fn of(model: &ExactModel, parts: &[u32], progress: &dyn Progress) -> Result<FaceValues> {
+        let mut found = FaceValues { columns: model.value_columns()?, counts: BTreeMap::new() };
+        if found.columns.is_empty() {
+            return Ok(found);
+        }
+        let names: Vec<&str> = found.columns.iter().map(String::as_str).collect();
+        model.each_with_values(&names, &mut |face, values| {
+            progress.check()?;
+            if parts.contains(&face.part) {
+                for (column, value) in values.iter().enumerate().filter(|(_, value)| value.is_some()) {
+                    let counts = found.counts.entry((face.part, column)).or_default();
+                    let is_known = counts.contains_key(value) || counts.len() < Self::MAX_VALUES;
+                    *counts.entry(value.clone().filter(|_| is_known)).or_default() += 1;
+                }
+            }
+            Ok(())
+        })?;
+        Ok(found)
+    }
+
+    /// Returns the counts of an object by column and value; `null` if its faces have no values.
+    fn as_json(&self, part: u32) -> Value {
+        let mut columns = serde_json::Map::new();
+        for ((_, column), counts) in self.counts.range((part, 0)..=(part, usize::MAX)) {
+            let name = |value: &Option<String>| match value.as_deref().map(serde_json::from_str) {
+                Some(Ok(Value::String(text))) => text,
+                Some(_) => value.clone().unwrap_or_default(),
+                None => "(other values)".to_string(),
+            };
+            let counts = counts.iter().map(|(value, count)| (name(value), Value::from(*count)));
+            columns.insert(self.columns[*column].clone(), Value::Object(counts.collect()));
+        }
+        if columns.is_empty() { Value::Null } else { Value::Object(columns) }
+    }
 }
 
 /// Returns the numbers of the parts with a name.
@@ -91,6 +142,7 @@ fn object_as_text(
     name: &str,
     (measures, is_known): (Option<&PartMeasures>, bool),
     about: &Option<String>,
+    of_faces: &Value,
 ) -> String {
     let none = || "-".to_string();
     let bounds =
@@ -98,7 +150,8 @@ fn object_as_text(
     let closed = measures.filter(|own| own.is_closed && is_known);
     let volume = closed.map_or_else(none, |own| own.measures.volume.to_string());
     let about = about.as_deref().map_or(String::new(), |about| format!("\t{about}"));
-    format!("{part} {bounds} {volume}\t{name}{about}")
+    let of_faces = if of_faces.is_null() { String::new() } else { format!("\tfaces {of_faces}") };
+    format!("{part} {bounds} {volume}\t{name}{about}{of_faces}")
 }
 
 fn object_as_json(
@@ -106,6 +159,7 @@ fn object_as_json(
     name: &str,
     (measures, is_known): (Option<&PartMeasures>, bool),
     about: &Option<String>,
+    of_faces: &Value,
 ) -> String {
     let closed = measures.filter(|own| own.is_closed);
     // (A string that is not JSON is returned as a JSON string.)
@@ -119,6 +173,7 @@ fn object_as_json(
         "volume": closed.filter(|_| is_known).map(|own| own.measures.volume),
         "area": measures.filter(|_| is_known).map(|own| own.measures.area),
         "attributes": about,
+        "face_values": of_faces,
     });
     object.to_string()
 }

@@ -1,5 +1,7 @@
 //! BSP trees of segments, polygons and faces.
 
+use std::path::Path;
+
 use spinney_base::io::shown;
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Progress, Result};
@@ -35,11 +37,12 @@ impl Bsp {
     }
 
     /// Builds a tree of the plane whose inside is that of these polygons. Each is an outer ring,
-    /// followed by holes; rings may have either orientation and may touch in points.
+    /// followed by holes; rings may have either orientation and may touch in points. Polygons may
+    /// touch in edges, too, of which nothing stays.
     ///
     /// # Errors
-    /// If a vertex is outside of the grid, rings cross or share edges, or there are more than
-    /// [`MAX_FRAGMENTS`] fragments.
+    /// If a vertex is outside of the grid, rings cross, or there are more than [`MAX_FRAGMENTS`]
+    /// fragments.
     pub fn of_polygons(polygons: &[Vec<Vec<[i32; 2]>>]) -> Result<Bsp> {
         let mut fragments = Vec::new();
         for (source, polygon) in polygons.iter().enumerate() {
@@ -58,8 +61,9 @@ impl Bsp {
         grow(Dimension::Quad, fragments, &())
     }
 
-    /// Builds a tree of space whose inside is bounded by a closed surface. Each face is an outer
-    /// ring, counterclockwise seen from outside, followed by holes.
+    /// Builds a tree of space whose inside is bounded by a closed surface, or by those of bodies
+    /// that touch. Each face is an outer ring, counterclockwise seen from outside, followed by
+    /// holes.
     ///
     /// # Errors
     /// If a vertex is outside of the grid, a face cannot be triangulated, the surface is open or
@@ -126,7 +130,7 @@ impl Bsp {
                 points.extend(face.points.iter().map(|at| [0, 1, 2].map(|axis| at[axis] + shift[axis])));
                 fragments.push(&points, face.ring_ends, face.number as usize)
             })?;
-            grow(Dimension::Oct, fragments.list, progress)
+            grow(Dimension::Oct, fragments.list, progress).map_err(|error| in_file(model.path(), error))
         };
         let trees = models.iter().zip(shifts).map(tree).collect::<Result<_>>()?;
         Ok((trees, grid))
@@ -181,6 +185,16 @@ impl Bsp {
             }
         }
         divided(Dimension::Oct, fragments, false, &())
+    }
+}
+
+/// Names the file in an error about one of its faces.
+fn in_file(path: &Path, error: Error) -> Error {
+    match error {
+        Error::Invalid { what, found, expected } => {
+            Error::Invalid { what: format!("{}, {what}", shown(path)), found, expected }
+        }
+        other => other,
     }
 }
 
@@ -267,6 +281,8 @@ fn fragment_of_segment(source: usize, [[px, py], [qx, qy]]: [[i32; 2]; 2]) -> Re
 fn grow(dimension: Dimension, fragments: Vec<BspFragment>, progress: &dyn Progress) -> Result<Bsp> {
     let tree = divided(dimension, fragments, true, progress)?;
     tree.check_boundary(progress)?;
+    // (Of a surface of which one half covers the other, both sides are inside.)
+    tree.check_bounded()?;
     Ok(tree)
 }
 
@@ -308,12 +324,15 @@ fn divided(
                 }
             }
         }
-        // If a side has no other fragments, those in the plane determine whether it is inside.
-        let is_back =
-            within.first().is_some_and(|fragment: &BspFragment| fragment.facet.plane.is_turned_as(&plane));
+        // If a side has no other fragments, those in the plane determine whether it is inside: the
+        // back of each is. (Where bodies touch, both sides are.)
+        let is_inside = [true, false].map(|is_back| {
+            let is_at = |fragment: &BspFragment| fragment.facet.plane.is_turned_as(&plane) == is_back;
+            is_solid && within.iter().any(is_at)
+        });
         made.divide(Division { plane, fragments: within });
         let [back, front] = parts;
-        pending.extend([(front, is_solid && !is_back), (back, is_solid && is_back)]);
+        pending.extend([(front, is_inside[1]), (back, is_inside[0])]);
     }
     Ok(Bsp { dimension, nodes: made.finish() })
 }

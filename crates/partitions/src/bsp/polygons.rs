@@ -15,7 +15,21 @@ type Rings = Vec<Vec<[f64; 3]>>;
 /// Plane of a polygon, and its rings.
 type PlanePolygon = (ExactPlane, Vec<Vec<UnitedVertex>>);
 
+/// End of the domain of trees, which begins at -1.
+const FAR: i32 = 1 << MAX_BITS;
+
+fn beyond() -> Error {
+    let found = "an inside that extends beyond the grid";
+    Error::invalid("BSP tree", found, "an inside within the grid, 0 to 67108863")
+}
+
 impl Bsp {
+    /// Refuses a tree that has corners of the domain inside.
+    pub(super) fn check_bounded(&self) -> Result<()> {
+        let corners = (0..8).map(|bits| [0, 1, 2].map(|axis| if bits >> axis & 1 == 1 { FAR } else { -1 }));
+        if { corners }.any(|corner| self.is_inside(corner)) { Err(beyond()) } else { Ok(()) }
+    }
+
     /// Returns the polygons around the inside of a tree of space: one for each connected part of
     /// the boundary in a plane. Outer rings are counterclockwise as seen from outside, holes
     /// clockwise. An edge has the vertices at which any polygon turns, so that edges of neighbours
@@ -29,15 +43,7 @@ impl Bsp {
         if self.dimension != Dimension::Oct {
             return Err(Error::invalid("BSP tree", "a tree of the plane", "a tree of space"));
         }
-        let beyond = || {
-            let found = "an inside that extends beyond the grid";
-            Error::invalid("BSP tree", found, "an inside within the grid, 0 to 67108863")
-        };
-        let far = 1 << MAX_BITS;
-        let corners = (0..8).map(|bits| [0, 1, 2].map(|axis| if bits >> axis & 1 == 1 { far } else { -1 }));
-        if { corners }.any(|corner| self.is_inside(corner)) {
-            return Err(beyond());
-        }
+        self.check_bounded()?;
         let mut facets = Vec::new();
         self.each_section(&mut |by, below, section| {
             progress.check()?;
@@ -47,7 +53,7 @@ impl Bsp {
                     [false, true] => by.plane.turned(),
                     _ => continue,
                 };
-                let is_at_end = |at: &f64| *at <= -1.0 || *at >= f64::from(far);
+                let is_at_end = |at: &f64| *at <= -1.0 || *at >= f64::from(FAR);
                 if part.facet.edges.iter().any(|edge| edge.start.near.iter().any(is_at_end)) {
                     return Err(beyond());
                 }

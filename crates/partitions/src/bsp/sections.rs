@@ -5,7 +5,7 @@ use spinney_brep::ExactPlane;
 
 use super::facet::{Facet, sides};
 use super::region::Region;
-use super::{Bsp, Division};
+use super::{Bsp, BspFragment, Division};
 use crate::preorder::BinaryNode;
 
 /// Facet in a node's plane; whether its back and its front are inside.
@@ -80,15 +80,18 @@ impl Bsp {
     }
 
     /// Checks that the input fragments are exactly the boundary of the inside, which is at their
-    /// back.
+    /// back, and walls between bodies that touch.
     pub(super) fn check_boundary(&self, progress: &dyn Progress) -> Result<()> {
         self.each_section(&mut |by, below, section| {
             progress.check()?;
             let mut rest = vec![section];
+            let is_turned_as = |fragment: &BspFragment| fragment.facet.plane.is_turned_as(&by.plane);
+            let has_walls = by.fragments.iter().any(is_turned_as) && !by.fragments.iter().all(is_turned_as);
             for fragment in &by.fragments {
                 let is_turned = !fragment.facet.plane.is_turned_as(&by.plane);
                 for part in self.on_both_sides(&by.plane, below, fragment.facet.clone()) {
-                    if part.is_inside != [!is_turned, is_turned] {
+                    let is_wall = has_walls && part.is_inside == [true; 2];
+                    if part.is_inside != [!is_turned, is_turned] && !is_wall {
                         return Err(no_boundary(&part.facet, format!("shape {}", fragment.source)));
                     }
                 }

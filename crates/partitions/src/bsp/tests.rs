@@ -330,21 +330,26 @@ fn shapes_that_bound_no_body_are_rejected() {
     );
     let polygon =
         |rings: &[&[[i32; 2]]]| Bsp::of_polygons(&[rings.iter().map(|ring| ring.to_vec()).collect()]);
-    // Bow tie, squares that cross or share an edge, a hole outside, a line.
+    // Bow tie, squares that cross, a hole outside, a hole along the rim.
     let square = |x: i32, y: i32| [[x, y], [x + 4, y], [x + 4, y + 4], [x, y + 4]];
     let two = |other: [[i32; 2]; 4]| Bsp::of_polygons(&[vec![square(1, 1).to_vec()], vec![other.to_vec()]]);
     for bad in [
         polygon(&[&[[0, 0], [8, 8], [8, 0], [0, 8]]]),
         two(square(3, 3)),
         two(square(2, 2)),
-        two(square(5, 1)),
-        two(square(5, 2)),
         polygon(&[&square(1, 1), &square(7, 7)]),
-        polygon(&[&[[0, 0], [8, 8]]]),
+        polygon(&[&square(1, 1), &[[1, 2], [2, 2], [2, 4], [1, 4]]]),
     ] {
         assert!(error(bad).contains("a gap, crossing or overlap near"));
     }
-    // Rings may touch in points, and duplicates count once.
+    let line = polygon(&[&[[0, 0], [8, 8]]]);
+    assert!(error(line).contains("an inside that extends beyond the grid"));
+    // Polygons may touch: of the common edge, nothing stays. Duplicates count once.
+    assert_eq!(
+        two(square(5, 1)).unwrap().outlines().unwrap(),
+        [[[1.0, 1.0], [9.0, 1.0], [9.0, 5.0], [1.0, 5.0]]]
+    );
+    assert_eq!(two(square(5, 2)).unwrap().outlines().unwrap()[0].len(), 8);
     assert_eq!(two(square(1, 1)).unwrap().outlines().unwrap().len(), 1);
     assert_eq!(two(square(5, 5)).unwrap().outlines().unwrap().len(), 2);
     assert_eq!(polygon(&[&square(0, 0), &[[0, 0], [2, 1], [1, 2]]]).unwrap().outlines().unwrap().len(), 2);
