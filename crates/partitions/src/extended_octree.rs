@@ -153,6 +153,9 @@ fn leaf_expression(
         let numbers: Vec<String> = numbers.iter().map(usize::to_string).collect();
         return Ok(numbers.join(if rule == LeafRule::All { "&" } else { "|" }));
     }
+    // Invariant: walls of cells are between grid points, so no face lies in a wall, and a cell's
+    // inside depends on the fragments within it alone. A face in a wall would belong to two cells,
+    // and to none after rounding.
     let tree = Bsp::of_cell(fragments, node.bounds(model.grid()), is_corner_inside)?;
     Ok(expression(tree.nodes(), 0, planes).0)
 }
@@ -189,7 +192,7 @@ fn expression(nodes: &[BspNode], at: usize, planes: &mut Planes) -> (String, Opt
     }
 }
 
-/// What is still to be parsed, or to be done, for a tree of space.
+/// Part of a tree of space that is still to be parsed, or division that is still to be added.
 enum Pending {
     /// A symbol of a node at this level with this position.
     Node(u8, [u32; 3]),
@@ -211,6 +214,8 @@ pub(crate) fn parse(lines: &mut Lines<'_>, bits: u8) -> Result<Bsp> {
         line = lines.next();
     }
     let mut made = PreorderBuilder::new(|_: &Division| false);
+    // Invariant: children are parsed in the order in which a BSP tree has them that divides along z,
+    // then y, then x, the back first. So symbols become nodes without a tree in between.
     // The outermost cell is within half a grid unit around the grid: nothing is inside beyond it.
     for axis in 0..3 {
         made.divide(wall(axis, -1));

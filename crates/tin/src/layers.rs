@@ -2,7 +2,7 @@
 
 use crate::mesh::NONE;
 use crate::smooth::Smoothing;
-use crate::stack::Stack;
+use crate::stack::{Stack, StackReport};
 use crate::surface::{Duplicates, SurfaceReport};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
@@ -117,12 +117,8 @@ pub fn build_layers(
     output: Output,
     progress: &dyn Progress,
 ) -> Result<LayerReport> {
-    let mut surface = SurfaceReport::default();
-    let (mut stack, displacement) = Stack::new(input, options.snap, &mut surface)?;
-    progress.check()?;
-    let smoothed = stack.smooth(options.smoothing.as_ref(), progress)?;
-    let clipped = stack.put_in_order()?;
-    progress.check()?;
+    let (stack, StackReport { surface, displacement, smoothed, clipped }) =
+        Stack::ordered(input, options, progress)?;
     let path = output.path().to_path_buf();
     let mut builder = ModelBuilder::new(output, stack.grid.clone(), options.memory)?.codec(options.codec);
     let (mut layers, mut part) = (Vec::new(), 0);

@@ -37,12 +37,8 @@ pub fn order_surfaces(
     options: &LayerOptions,
     progress: &dyn Progress,
 ) -> Result<OrderedSurfaces> {
-    let mut surface = SurfaceReport::default();
-    let (mut stack, displacement) = Stack::new(input, options.snap, &mut surface)?;
-    progress.check()?;
-    let smoothed = stack.smooth(options.smoothing.as_ref(), progress)?;
-    let clipped = stack.put_in_order()?;
-    progress.check()?;
+    let (stack, StackReport { surface, displacement, smoothed, clipped }) =
+        Stack::ordered(input, options, progress)?;
     let world = |position: [i32; 2], height: i32| stack.grid.to_world([position[0], position[1], height]);
     let flat = |position: &[i32; 2]| {
         let [x, y, _] = world(*position, 0);
@@ -70,14 +66,37 @@ pub(crate) struct Stack {
     are_points: Vec<Vec<bool>>,
 }
 
+/// Statistics of surfaces that were put in order.
+pub(crate) struct StackReport {
+    pub(crate) surface: SurfaceReport,
+    /// Maximum displacement of a point by snapping to the grid, in units of the coordinates.
+    pub(crate) displacement: f64,
+    /// Maximum movement of a height by smoothing, in units of the coordinates.
+    pub(crate) smoothed: f64,
+    /// Vertices at which an upper surface was moved up to a lower one.
+    pub(crate) clipped: u64,
+}
+
 impl Stack {
+    /// Triangulates surfaces, smooths them if `options` say so, and moves those that are below the
+    /// next one.
+    pub(crate) fn ordered(
+        input: &LayerInput,
+        options: &LayerOptions,
+        progress: &dyn Progress,
+    ) -> Result<(Stack, StackReport)> {
+        let mut surface = SurfaceReport::default();
+        let (mut stack, displacement) = Stack::new(input, options.snap, &mut surface)?;
+        progress.check()?;
+        let smoothed = stack.smooth(options.smoothing.as_ref(), progress)?;
+        let clipped = stack.put_in_order()?;
+        progress.check()?;
+        Ok((stack, StackReport { surface, displacement, smoothed, clipped }))
+    }
+
     /// Triangulates the points of all surfaces, snapped to a grid. Also returns the maximum
     /// displacement.
-    pub(crate) fn new(
-        input: &LayerInput,
-        snap: Option<f64>,
-        report: &mut SurfaceReport,
-    ) -> Result<(Stack, f64)> {
+    fn new(input: &LayerInput, snap: Option<f64>, report: &mut SurfaceReport) -> Result<(Stack, f64)> {
         if input.surfaces.len() < 2 {
             let found = input.surfaces.len().to_string();
             return Err(Error::invalid("surfaces of layers", found, "at least 2, from top to bottom"));

@@ -138,12 +138,13 @@ fn run_solid(args: &Args, model: &ExactModel, global: &Global) -> Result<()> {
     let given = [args.stats, args.locate.is_some(), args.eye.is_some(), args.combine.is_some()];
     let given = given.into_iter().filter(|given| *given).count();
     ensure!(given <= 1, "--stats, --locate, --eye, --combine: got {given} of them, expected one");
+    ensure!(
+        given == 0 || args.structure == Some(Structure::Bsp),
+        "--stats, --locate, --eye and --combine work only with --as bsp"
+    );
     let work = Work::start(global, "nodes")?;
     let text = match args.structure {
-        Some(Structure::Df) => {
-            ensure!(given == 0, "--stats, --locate, --eye and --combine work only with --as bsp");
-            solids::octree_text(model, args.limit, &work)?
-        }
+        Some(Structure::Df) => solids::octree_text(model, args.limit, &work)?,
         Some(Structure::Bsp) => {
             let other;
             let query = match &args.combine.as_deref() {
@@ -167,14 +168,8 @@ fn run_solid(args: &Args, model: &ExactModel, global: &Global) -> Result<()> {
             };
             solids::bsp_text(model, &query, args.limit, &work)?
         }
-        Some(Structure::Euler) => {
-            ensure!(given == 0, "--stats, --locate, --eye and --combine work only with --as bsp");
-            exact::operators(model, DEFAULT_MEMORY, args.limit, &work)?
-        }
-        Some(Structure::WingedEdge) => {
-            ensure!(given == 0, "--stats, --locate, --eye and --combine work only with --as bsp");
-            topology::text(model, args.limit, &work)?
-        }
+        Some(Structure::Euler) => exact::operators(model, DEFAULT_MEMORY, args.limit, &work)?,
+        Some(Structure::WingedEdge) => topology::text(model, args.limit, &work)?,
         other => return unfit(file, exact::KIND, other, "df, bsp, euler or winged-edge"),
     };
     work.finish();

@@ -11,7 +11,7 @@ use spinney::{ExactModel, Progress, SetOperation};
 
 use super::super::report::warn;
 
-/// What is printed of a BSP tree.
+/// Query of a BSP tree.
 pub(super) enum BspQuery<'a> {
     Text,
     Stats,

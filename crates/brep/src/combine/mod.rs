@@ -229,7 +229,7 @@ pub fn combine_explained(
     Ok((report, node_pairs(operation, &counts)))
 }
 
-/// What to make of several models.
+/// Set operation on several models, and the origin of its result.
 struct Request<'a> {
     operation: SetOperation,
     /// Origin of the result, if it is not the operation.

@@ -133,7 +133,7 @@ impl OperationTable {
 pub struct NodePair {
     /// Kinds of the first and of the second model's node.
     pub kinds: [OperandKind; 2],
-    /// What the operation does with such nodes.
+    /// Entry of the operation's table for such nodes.
     pub entry: TableEntry,
     /// How often the traversal for the first model's faces met the pair, and how often that for the
     /// second model's faces. Each traversal visits nodes of its own model. It compares each with

@@ -9,7 +9,7 @@ use crate::exact::vector::{dot, subtract};
 use crate::{Grid, format_position};
 use spinney_base::{Error, Result};
 
-/// What a local change changes.
+/// Element that a local change changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum What {
     Vertex,

@@ -410,7 +410,7 @@ impl EulerText {
     /// Visits all faces: the points of their rings, the ends of these in the points, and the part.
     ///
     /// # Errors
-    /// What `each` returns.
+    /// Errors of `each`.
     pub fn each_face(&self, each: &mut FaceVisitor<'_>) -> Result<()> {
         let (mut points, mut ends) = (Vec::new(), Vec::new());
         for face in self.body.faces.numbers() {

@@ -25,6 +25,13 @@ use spinney_base::Result;
 /// Names of a patch's sides, in the order of [`Patch::boundary`].
 const SIDES: [&str; 4] = ["v = 0", "u = 1", "v = 1", "u = 0"];
 
+/// Maximum volume of a shell that encloses nothing, relative to the cube of its size: sums of
+/// products of three coordinates have a relative error of about 2^-50 for each of thousands of
+/// patches.
+const NO_VOLUME: f64 = 1e-12;
+/// Maximum second derivative of a flat patch with straight sides, relative to the coordinates: the
+/// error of differences of control points.
+const STRAIGHT: f64 = 1e-14;
 /// Maximum number of divisions of a patch into quarters that bound its extents.
 const MAX_DIVISIONS: usize = 4;
 /// Number of parts of a shell's patches up to which these are divided again.
@@ -249,7 +256,7 @@ fn shell(
     made.volume = made.patches.iter().map(flux).sum();
     // (A flat or doubly covered shell has a volume of rounding errors.)
     let largest = sizes.iter().fold(0.0, |most: f64, size| most.max(*size)).powi(3);
-    if made.volume.abs() <= largest * 1e-12 || !made.volume.is_finite() {
+    if made.volume.abs() <= largest * NO_VOLUME || !made.volume.is_finite() {
         let found = format!("a shell of {} patches without a volume", made.patches.len());
         return Err(wrong(path, made.patches[0].patch.at, found, "patches that enclose a solid"));
     }
@@ -290,7 +297,7 @@ impl Shell {
         let largest = self.points().flatten().fold(0.0, |most: f64, at| most.max(at.abs()));
         self.patches.iter().any(|patch| {
             let derivatives = patch.patch.derivatives();
-            derivatives.uu.max(derivatives.uv).max(derivatives.vv) > largest * 1e-14
+            derivatives.uu.max(derivatives.uv).max(derivatives.vv) > largest * STRAIGHT
         })
     }
 }

@@ -63,6 +63,10 @@ impl Bsp {
         })?;
         sort::by(&mut facets, &mut |a, b| order(&a.plane, &b.plane));
         let mut polygons = Vec::new();
+        // Invariant: facets of one plane have disjoint interiors, since each is in another cell of
+        // the tree, and reduced planes are equal if and only if they have the same points and front.
+        // Their union would lose what overlaps, and a plane in two groups would leave edges between
+        // them in the polygons.
         for facets in facets.chunk_by(|a, b| a.plane == b.plane) {
             let vertices = |facet: &Facet| facet.edges.iter().map(|edge| (edge.start, edge.wall)).collect();
             let facets_of_plane: Vec<_> = facets.iter().map(vertices).collect();
@@ -92,6 +96,9 @@ fn with_common_vertices(polygons: &[PlanePolygon]) -> Vec<Rings> {
     sort::by(&mut turning, &mut compare);
     turning.dedup_by(|a, b| a.is(b));
     let ring = |plane: &ExactPlane, ring: &Vec<UnitedVertex>| {
+        // Invariant: the plane of a vertex's edge contains all of the straight edge to the next
+        // corner, which consists of edges on one line. So points between the ends are found by both
+        // planes, for all polygons alike: no edge ends in the middle of another one.
         let corners: Vec<&UnitedVertex> = ring.iter().filter(|vertex| vertex.turns).collect();
         let mut points = Vec::with_capacity(corners.len());
         for (i, UnitedVertex { point, line, .. }) in corners.iter().enumerate() {

@@ -14,6 +14,12 @@ use spinney_crs::Crs;
 use spinney_overlay::{OverlayGrid, PolygonOverlay};
 use spinney_tin::{SurfaceInput, triangulate};
 
+/// Maximum area of a polygon that is a line but for rounding, relative to its squared extent.
+/// Vertices are rounded to 2^-53 of the coordinates, which may be 2^20 times the extent.
+const FLAT: f64 = 1e-9;
+/// Maximum width of triangles that rounding of vertices makes, relative to a polygon's extent.
+const SLIVER: f64 = 1e-11;
+
 /// Line in the plane, along which a vertical section is made: in text form `X,Y,X,Y,...`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SectionLine {
@@ -179,14 +185,14 @@ impl FlatPolygon {
         let tin = match triangulate(&input) {
             Ok((tin, _)) => tin,
             // (A polygon that is a line, but for rounding errors.)
-            Err(Error::Invalid { .. }) if self.area.abs() <= 1e-9 * extent * extent => return Ok(Vec::new()),
+            Err(Error::Invalid { .. }) if self.area.abs() <= FLAT * extent * extent => return Ok(Vec::new()),
             Err(error) => return Err(error),
         };
         let positions: Vec<[f64; 2]> = tin.vertices().map(|[x, y, _]| [x, y]).collect();
         let is_wide = |[a, b, c]: &[[f64; 2]; 3]| {
             let sides = [(a, b), (b, c), (c, a)].map(|(a, b)| (b[0] - a[0]).hypot(b[1] - a[1]));
             let longest = sides.into_iter().fold(0.0, f64::max);
-            2.0 * signed_area(&[*a, *b, *c, *a]) > 1e-11 * extent * longest
+            2.0 * signed_area(&[*a, *b, *c, *a]) > SLIVER * extent * longest
         };
         let triangles =
             tin.triangles().iter().map(|corners| corners.map(|corner| positions[corner as usize]));
@@ -205,7 +211,7 @@ fn signed_area(ring: &[[f64; 2]]) -> f64 {
     twice.sum::<f64>() / 2.0
 }
 
-/// What is made of a vertical section.
+/// Output of a vertical section.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LineSectionOptions {
     /// Coordinates are the distance along the line and the height, instead of those of the model.
