@@ -214,8 +214,8 @@ pub(crate) fn parse(lines: &mut Lines<'_>, bits: u8) -> Result<Bsp> {
         line = lines.next();
     }
     let mut made = PreorderBuilder::new(|_: &Division| false);
-    // Invariant: children are parsed in the order in which a BSP tree has them that divides along z,
-    // then y, then x, the back first. So symbols become nodes without a tree in between.
+    // Invariant: children are parsed in the order of a BSP tree that divides along z, then y, then
+    // x, the back first. So symbols become nodes without a tree in between.
     // The outermost cell is within half a grid unit around the grid: nothing is inside beyond it.
     for axis in 0..3 {
         made.divide(wall(axis, -1));

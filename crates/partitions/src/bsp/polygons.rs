@@ -64,7 +64,7 @@ impl Bsp {
         sort::by(&mut facets, &mut |a, b| order(&a.plane, &b.plane));
         let mut polygons = Vec::new();
         // Invariant: facets of one plane have disjoint interiors, since each is in another cell of
-        // the tree, and reduced planes are equal if and only if they have the same points and front.
+        // the tree. Reduced planes are equal if and only if they have the same points and front.
         // Their union would lose what overlaps, and a plane in two groups would leave edges between
         // them in the polygons.
         for facets in facets.chunk_by(|a, b| a.plane == b.plane) {
