@@ -410,8 +410,8 @@ pub mod report {
     pub use spinney_report::{
         Bins, CellMeasure, JsonNumbers, OUTSIDE, PointLayers, PointReport, ZoneForm, ZoneReport,
         bins_as_json, bins_of, bins_with, channels_as_json, class_as_json, class_name, commit_as_json,
-        integral, measure_key, measure_name, printable_json, statistics_as_json, statistics_of, void_share,
-        world_unit, write_number,
+        filled, integral, measure_key, measure_name, printable_json, statistics_as_json, statistics_of,
+        void_share, world_unit, write_number,
     };
 }
 

@@ -155,7 +155,7 @@ Set operations, by name or number, the sum of 1 (both), 2 (A only), 4 (B only) a
    4  b-a                   in B, but not in A
    5  b                     B
    6  xor                   in A or B, but not in both
-   7  or, union             in A or B; of any number of files
+   7  or, union             in A or B
    8  nor                   neither in A nor in B
    9  xnor                  in both or neither
   10  not-b                 not in B
@@ -178,6 +178,9 @@ Operations on values of cells:
 Operations on polygon files:
   partition                 all areas into which the borders of any number of files divide them
 
+Operations 0, 1, 2, 6, 7 and their complements take any number of trees and of exact models: they
+are applied to the first two, then to the result and the next one.
+
 Trees: a cell is in a file if it is not VOID. --within or --margin says where operations from 8 on
 fill cells. With the rule occupancy, cells are combined by fullness, assuming the largest possible
 overlap: A-A is empty, volumes add up, and only cells with both surfaces can be wrong, by half a
@@ -186,8 +189,7 @@ cell at most.
 Exact models (`build --brep`): surfaces are combined exactly. Models whose grids have no common unit
 are moved to a common grid first, by less than a unit, with a warning (build all with one --snap to
 choose the unit). New vertices are kept as fractions, and rounded to the grid only for queries and
-export. Results of operations from 8 on extend to infinity. Operations 0, 1, 2, 6, 7 and their
-complements take any number of models.
+export. Results of operations from 8 on extend to infinity.
 
 Polygon files (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV): polygons are combined exactly, and
 written to such a file. A feature is the common area of a pair of features, or an area of one

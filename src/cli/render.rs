@@ -159,6 +159,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([file], path)?;
     let request = args.request();
     let work = Work::start(global, if args.drawing.is_some() { "parts" } else { "pixels" })?;
+    match &scene {
+        Scene::Model(view) => args.tree.warn_of_no_faces(view.as_model("images")?, &work),
+        Scene::Cells(tree) => args.tree.warn_of_no_cells(tree, &work)?,
+    }
     let output = global.access().create(path)?;
     let drawn = match (&scene, args.drawing, format) {
         (Scene::Model(view), None, DrawingFormat::Image(format)) => view

@@ -91,6 +91,7 @@ fn drawn(args: &Args, text_size: [u64; 2], global: &Global) -> Result<Drawing> {
     };
     let size = if let Some(view) = args.tree.open_model(global)? {
         global.check_options(file, exact::KIND, &["--size", "--view"])?;
+        args.tree.warn_of_no_faces(view.as_model("images")?, &work);
         render_exact(
             view.as_model("images")?,
             &request(text_size),
@@ -107,6 +108,7 @@ fn drawn(args: &Args, text_size: [u64; 2], global: &Global) -> Result<Drawing> {
                 "--style: has no effect on {}, an octree, which is drawn as a solid",
                 file.display()
             );
+            args.tree.warn_of_no_cells(&tree, &work)?;
             render(&tree, &request(text_size), global.access().create(&path)?, Format::Raw, &work)?;
             text_size
         } else {

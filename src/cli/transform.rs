@@ -22,8 +22,9 @@ use super::{Global, exact, features, points};
 ///
 /// New cells that do not coincide with old ones get their value by the file's rule: the mean, or
 /// the class with the largest area, of the cells that they cover; if axes are not mapped to axes,
-/// the value at their centre. The raster keeps its world coordinates, however its cells are
-/// arranged; with --move it moves with its cells.
+/// the value at their centre. Solids (rule occupancy) keep their volume: cells get the share that
+/// is inside, also if turned, and all outside is empty. The raster keeps its world coordinates,
+/// however its cells are arranged; with --move it moves with its cells.
 ///
 /// Exact models are moved in the world: exactly by integer translations on the grid, quarter turns,
 /// mirrors, exchanged axes and one factor for all axes; otherwise, vertices are moved to the

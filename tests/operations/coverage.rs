@@ -191,3 +191,29 @@ fn trees_of_other_rules_and_types_are_combined_by_presence() {
     assert!(error.contains("coverage") && error.contains("255"), "{error}");
     assert_eq!(both.form(), QUAD);
 }
+
+#[test]
+fn more_than_two_trees() {
+    let size = [6, 5, 7];
+    for (form, seed) in [(OCT, 71), (QUAD, 72)] {
+        let size = if form == QUAD { [13, 11, 1] } else { size };
+        let cells: Vec<Cells> = (0..4).map(|i| bodies(form, seed * 10 + i, size)).collect();
+        for count in [3, 4] {
+            for number in [0, 1, 2, 6, 7, 8, 9, 13, 14, 15] {
+                // The operation of the first ones, and its complement at the end.
+                let bounded = if number > 7 { number ^ 15 } else { number };
+                let (last, others) = cells[1..count].split_last().unwrap();
+                let universe = Bounds::of_extent(size);
+                let folded = others
+                    .iter()
+                    .fold(cells[0].clone(), |first, next| expected(bounded, [&first, next], universe));
+                let folded = expected(number, [&folded, last], universe);
+                let views: Vec<View> = cells[..count].iter().map(view).collect();
+                let found = combined(views, set(number), size);
+                let what = format!("operation {number} of {count} trees");
+                assert_same(&covered(cells_of(&found, size)), &covered(folded.clone()), &what);
+                assert_same(&covered(built(&found, size)), &covered(folded), &what);
+            }
+        }
+    }
+}

@@ -37,6 +37,7 @@ mod queries;
 mod set_operations;
 mod shares;
 mod solid_measures;
+mod solid_resampling;
 mod solids;
 #[cfg(feature = "mesh")]
 mod surface_intersections;

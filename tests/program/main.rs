@@ -61,6 +61,7 @@ mod cli_shards_merge;
 mod cli_shards_octrees;
 mod cli_shards_points;
 mod cli_shards_trees;
+mod cli_solid_cells;
 mod cli_solids;
 #[cfg(feature = "cli")]
 mod cli_sources;

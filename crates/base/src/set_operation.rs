@@ -134,6 +134,13 @@ impl SetOperation {
         SetOperation::ALL[(self.index() ^ 15) as usize]
     }
 
+    /// Whether the operation has a meaning for more than two sets: applied to the first two, then
+    /// to the result and the next one (a complement is that of the last result).
+    pub const fn takes_many(self) -> bool {
+        let bounded = if self.is_unbounded() { self.complement() } else { self };
+        matches!(bounded.index(), 0 | 1 | 2 | 6 | 7)
+    }
+
     /// Returns the operation that has the same result if A and B are exchanged.
     pub const fn exchanged(self) -> SetOperation {
         let index = self.index();

@@ -14,7 +14,7 @@ pub use measure::{CellMeasure, measure_key, measure_name, world_unit};
 pub use numbers::{JsonNumbers, class_as_json};
 pub use points::{OUTSIDE, PointLayers, PointReport, write_number};
 pub use statistics::{
-    Bins, bins_as_json, bins_of, bins_with, channels_as_json, integral, statistics_as_json, statistics_of,
-    void_share,
+    Bins, bins_as_json, bins_of, bins_with, channels_as_json, filled, integral, statistics_as_json,
+    statistics_of, void_share,
 };
 pub use zones::{ZoneForm, ZoneReport};

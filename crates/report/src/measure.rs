@@ -1,5 +1,6 @@
 //! Areas and volumes of cells.
 
+use spinney_base::value::Rule;
 use spinney_container::Tag;
 use spinney_engine::dataset::Dataset;
 
@@ -22,6 +23,8 @@ pub struct CellMeasure {
     /// is unknown, or `cells`.
     pub unit: String,
     has_volume: bool,
+    /// Whether values are fullness.
+    is_solid: bool,
 }
 
 impl CellMeasure {
@@ -33,14 +36,26 @@ impl CellMeasure {
         let frame = &tree.metadata().frame;
         if !has_volume(tree) {
             let of_cell = frame.cell_square_metres()?;
-            return Ok(CellMeasure { of_cell, unit: "m2".into(), has_volume: false });
+            return Ok(CellMeasure { of_cell, unit: "m2".into(), has_volume: false, is_solid: false });
         }
         let of_cell = frame.cell_volume()?;
         let unit = match world_unit(tree) {
             Some("cells") => "cells".into(),
             unit => format!("{}3", unit.unwrap_or("unit")),
         };
-        Ok(CellMeasure { of_cell, unit, has_volume: true })
+        let header = tree.header();
+        let is_solid = header.rule == Rule::Occupancy && header.form.value.channels == 1;
+        Ok(CellMeasure { of_cell, unit, has_volume: true, is_solid })
+    }
+
+    /// Returns the number of full cells with the volume of `cells` cells whose mean value is
+    /// `mean`: fewer in octrees of occupancy, where a cell may be full in part. In all other trees,
+    /// `cells`.
+    pub fn filled(&self, cells: f64, mean: Option<f64>) -> f64 {
+        match mean {
+            Some(mean) if self.is_solid && cells > 0.0 => cells * mean / 255.0,
+            _ => cells,
+        }
     }
 
     /// Formats the area or volume of `cells` cells with its unit: areas as integers, volumes with

@@ -72,6 +72,11 @@ pub fn channels_as_json(statistics: &Statistics, of: SampleType, numbers: JsonNu
     statistics.channels.iter().map(channel).collect()
 }
 
+/// Returns the number of full cells with the volume of all cells: see [`CellMeasure::filled`].
+pub fn filled(measure: &CellMeasure, statistics: &Statistics) -> f64 {
+    measure.filled(statistics.cells as f64, statistics.channels.first().map(|channel| channel.mean))
+}
+
 /// Returns the integral over the cells of an octree: the sum of the values times the volume of a
 /// cell. That of densities is a mass. `None` for other trees, for classes, occupancy, colours and
 /// scaled values, and if the volume is unknown.
@@ -100,8 +105,8 @@ pub fn statistics_as_json(
     bins: &[(f64, u64)],
     numbers: JsonNumbers,
 ) -> Value {
-    let (each, of) =
-        (CellMeasure::of(tree).ok().map(|measure| measure.of_cell), tree.header().form.value.sample);
+    let (measure, of) = (CellMeasure::of(tree).ok(), tree.header().form.value.sample);
+    let each = measure.as_ref().map(|measure| measure.of_cell);
     let key = measure_key(tree);
     let class = |(value, cells): &(Number, u64)| {
         json!({
@@ -116,7 +121,7 @@ pub fn statistics_as_json(
         "cells": numbers.count(statistics.cells),
         "void_cells": numbers.count(statistics.void_cells),
         "void_share": void_share(statistics),
-        (key): each.map(|each| each * statistics.cells as f64),
+        (key): measure.map(|measure| measure.of_cell * filled(&measure, statistics)),
         "channels": channels_as_json(statistics, of, numbers),
         "classes": statistics.classes.iter().map(class).collect::<Vec<_>>(),
         "histogram": bins_as_json(bins, numbers),

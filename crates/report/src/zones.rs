@@ -60,8 +60,10 @@ impl ZoneForm<'_> {
 
     /// Returns the statistics of a zone's cells.
     fn zone(&self, tree: &Dataset, zone: &ZoneStatistics) -> Map<String, Value> {
-        let (each, of) =
-            (CellMeasure::of(tree).ok().map(|measure| measure.of_cell), tree.header().form.value.sample);
+        let (measure, of) = (CellMeasure::of(tree).ok(), tree.header().form.value.sample);
+        let each = measure.as_ref().map(|measure| measure.of_cell);
+        let mean = zone.channels.first().map(|channel| channel.mean);
+        let filled = measure.as_ref().map(|measure| measure.of_cell * measure.filled(zone.cells, mean));
         let key = measure_key(tree);
         let class = |(value, cells): &(Number, f64)| {
             json!({
@@ -76,7 +78,7 @@ impl ZoneForm<'_> {
             ("void_cells", json!(zone.void_cells)),
             ("void_share", json!(zone.void_share())),
             ("outside_cells", json!(zone.outside_cells)),
-            (key, json!(each.map(|each| each * zone.cells))),
+            (key, json!(filled)),
             ("channels", zone.channels.iter().map(|channel| self.channel(channel, of)).collect()),
             ("classes", zone.classes.iter().map(class).collect()),
         ]);

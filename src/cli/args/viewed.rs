@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use spinney::brep::Faces;
 use spinney::raw::brep::ModelView;
 use spinney::raw::ops::{Calculation, LayerInfo, WarpTarget};
 use spinney::raw::store::FileReference;
-use spinney::{Dataset, ViewOperation};
+use spinney::{Dataset, Progress, Rule, ViewOperation};
 
 use super::super::{Global, exact, open};
 use super::{LayerOption, parse_crs};
@@ -34,6 +35,33 @@ impl ViewedTree {
     /// Returns the argument of `--layer`, unparsed.
     pub(crate) fn layer_text(&self) -> Option<&str> {
         self.layer.text()
+    }
+
+    /// Warns about an exact model of which a drawing shows nothing.
+    pub(crate) fn warn_of_no_faces(&self, model: &dyn Faces, progress: &dyn Progress) {
+        if model.is_empty() {
+            progress.warn(&self.file, "the model has no faces, so nothing is drawn");
+        }
+    }
+
+    /// Warns about an octree of which a drawing shows nothing. (Not with operations: all cells of
+    /// the view would be read.)
+    pub(crate) fn warn_of_no_cells(&self, tree: &Dataset, progress: &dyn Progress) -> spinney::Result<()> {
+        if self.is_viewed() {
+            return Ok(());
+        }
+        let totals = tree.statistics(None, progress)?;
+        let is_solid = tree.header().rule == Rule::Occupancy;
+        let fullest = totals.channels.first().map(|channel| channel.max.to_f64());
+        if totals.cells == 0 {
+            progress.warn(&self.file, "the tree is empty, so nothing is drawn");
+        } else if let (true, Some(fullest)) = (is_solid, fullest.filter(|fullest| *fullest < 128.0)) {
+            let text = format!(
+                "no cell is at least half full (the fullest is {fullest} of 255), so no solid is drawn; smaller cells show it: build with another --cell"
+            );
+            progress.warn(&self.file, &text);
+        }
+        Ok(())
     }
 
     /// Opens the file, viewed through the operations, if it is an exact model.

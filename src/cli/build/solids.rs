@@ -276,10 +276,37 @@ impl SolidArgs {
         Ok(depth.map_or(Resolution::Cells(self.cells.unwrap_or(256)), Resolution::Depth))
     }
 
+    /// Returns a warning about a closed solid that is so thin that its cells are far from its
+    /// volume.
+    fn thinness(&self, report: &SolidReport) -> Option<String> {
+        // (Plates are this thick; rods and balls are thicker.)
+        let volume = report.volume.abs();
+        let thickness = 2.0 * volume / report.area;
+        let is_thin = report.inside == InsideTest::Closed && thickness < 3.0 * report.cell;
+        if !is_thin || (report.filled - volume).abs() <= MAX_DEVIATION * volume {
+            return None;
+        }
+        let [filled, volume, thick, cell] =
+            [report.filled, volume, thickness, report.cell].map(|number| significant(number, 4));
+        let small = format!("--cell {} makes cells small enough", significant(thickness / 4.0, 1));
+        let has_fullness =
+            report.cells == 0 || self.attribute.as_deref().is_none_or(|name| name == "occupancy");
+        let advice = match has_fullness && self.edge != Some(EdgeRule::Area) {
+            true => format!("--edge area gives each cell its share; {small}"),
+            false => small,
+        };
+        Some(format!(
+            "the cells have a volume of {filled}, the surface encloses {volume}: the solid is about {thick} thick, \
+             a cell {cell} wide; {advice}"
+        ))
+    }
+
     /// Returns lines about a solid that was built.
     pub(super) fn lines(&self, report: &SolidReport) -> Lines {
         let mut lines = vec![("surface", report.inside.text().to_string())];
-        if report.cells == 0 {
+        if let Some(text) = self.thinness(report) {
+            lines.push(("warning", text));
+        } else if report.cells == 0 {
             let text = match report.inside {
                 InsideTest::Surface => {
                     "the tree is empty: all faces lie in walls between cells, which belong to no cell; choose \
@@ -287,7 +314,8 @@ impl SolidArgs {
                 }
                 _ => {
                     "the tree is empty: the surface encloses no cell, as it is open, flat, doubled with \
-                     opposite orientations or thinner than a cell; --shell builds the cells that it cuts"
+                     opposite orientations or thinner than a cell; --edge area gives each cell its share of \
+                     a thin solid, --cell sets smaller cells, and --shell builds the cells that it cuts"
                 }
             };
             lines.push(("warning", text.into()));
@@ -330,6 +358,19 @@ pub(super) fn stage_lines(stages: &Stages) -> Lines {
         (name, format!("decided {missed} times that an octant is not cut, {cut} times that it is"))
     };
     stages.named().map(line).collect()
+}
+
+/// Maximum deviation of the volume of cells from that of their surface, as a fraction, without a
+/// warning.
+const MAX_DEVIATION: f64 = 0.1;
+
+/// Rounds a number to some significant digits.
+fn significant(number: f64, digits: i32) -> f64 {
+    if number == 0.0 || !number.is_finite() {
+        return number;
+    }
+    let text = format!("{number:.*e}", (digits - 1) as usize);
+    text.parse().unwrap_or(number)
 }
 
 #[cfg(test)]

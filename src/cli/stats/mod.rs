@@ -10,7 +10,7 @@ use serde_json::json;
 use spinney::import::feature::FeatureFilter;
 use spinney::query::Statistics;
 use spinney::raw::report::{
-    CellMeasure, JsonNumbers, bins_with, class_name, integral, measure_name, statistics_as_json,
+    CellMeasure, JsonNumbers, bins_with, class_name, filled, integral, measure_name, statistics_as_json,
     statistics_of, void_share,
 };
 use spinney::{Dataset, Rule};
@@ -274,7 +274,7 @@ fn print(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> Result
     }
     match &measure {
         Ok(measure) => {
-            writeln!(text, "{:<10} {}", measure_name(tree), measure.text(stats.cells as f64))?;
+            writeln!(text, "{:<10} {}", measure_name(tree), measure.text(filled(measure, stats)))?;
         }
         Err(reason) => writeln!(text, "{:<10} unknown: {reason}", measure_name(tree))?,
     }

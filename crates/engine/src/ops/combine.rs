@@ -25,6 +25,16 @@ enum Resolution {
     Split,
 }
 
+/// Result of the operations on a node's first trees.
+enum Folded {
+    /// Node of the tree at this index.
+    Node(usize),
+    /// One value, or VOID.
+    Uniform(Option<Value>),
+    /// Undetermined, like the INNER node of the tree at this index.
+    Mixed(usize),
+}
+
 /// Several views of one tree type, merged into one tree by a [`CombineOperation`].
 ///
 /// Views are traversed in parallel. Where one input decides, the others' detail is not read, and
@@ -37,6 +47,8 @@ pub struct Combined {
     operation: CombineOperation,
     /// How to merge two trees: see [`CombineOperation::mergings`].
     mergings: [Merging; 3],
+    /// How to merge the result of the first trees and the next one, if there are more than two.
+    folding: Merging,
     /// Value of cells that no tree has.
     fill: Value,
     /// Cells along each axis.
@@ -108,7 +120,11 @@ impl Combined {
     pub fn new(views: Vec<View>, operation: CombineOperation, extent: [u64; 3]) -> Result<Combined> {
         let takes = operation.takes();
         if !takes.contains(&views.len()) {
-            let expected = if *takes.end() == 2 { "two" } else { "at least one" };
+            let expected = match takes.into_inner() {
+                (2, usize::MAX) => "at least two",
+                (_, 2) => "two",
+                _ => "at least one",
+            };
             return Err(Error::invalid("trees to combine", views.len().to_string(), expected));
         }
         let (form, depth) = (views[0].form(), views[0].depth());
@@ -127,7 +143,8 @@ impl Combined {
         let full = views.iter().map(|view| coverage::full(form, view.source().header().rule));
         let full = full.reduce(Option::and).flatten();
         let (mergings, universe) = (operation.mergings(full), Bounds::of_extent(extent));
-        Ok(Combined { views, form, operation, mergings, fill, extent, universe })
+        let [folding, ..] = operation.without_complement().mergings(full);
+        Ok(Combined { views, form, operation, mergings, folding, fill, extent, universe })
     }
 
     /// Limits the cells that can be present without being in any tree, if the operation makes such
@@ -225,7 +242,10 @@ impl Combined {
             // A complement may have no second tree.
             (CombineOperation::Set { .. }, [first]) => self.resolve_two(code, first.1, &Child::Void),
             (_, [first, second]) => self.resolve_two(code, first.1, second.1),
-            (CombineOperation::Set { .. }, nodes) => self.resolve_many(self.mergings[0].join, nodes),
+            (CombineOperation::Set { .. }, nodes) if self.is_union() => {
+                self.resolve_many(self.mergings[0].join, nodes)
+            }
+            (CombineOperation::Set { .. }, nodes) => self.resolve_folded(code, nodes),
             (operation, nodes) => {
                 operation.join().map_or(Resolution::Split, |join| self.resolve_many(join, nodes))
             }
@@ -245,7 +265,10 @@ impl Combined {
             }
             _ => 0,
         };
-        let merging = &self.mergings[part];
+        self.resolve_by(&self.mergings[part], first, second)
+    }
+
+    fn resolve_by(&self, merging: &Merging, first: &Child<ViewNode>, second: &Child<ViewNode>) -> Resolution {
         match merging.action([first, second]) {
             MergeAction::Void => Resolution::Void,
             MergeAction::Keep(tree) => Resolution::Keep(tree),
@@ -256,6 +279,48 @@ impl Combined {
                 joined.map_or(Resolution::Void, Resolution::Leaf)
             }
             MergeAction::Split => Resolution::Split,
+        }
+    }
+
+    /// Resolves a node of more than two trees: the operation of the first two, then of the result
+    /// and each further tree. A complement is that of the last operation only.
+    fn resolve_folded(&self, code: Code, nodes: &[(usize, &Child<ViewNode>)]) -> Resolution {
+        let mut folded = Folded::Node(0);
+        for next in 1..nodes.len() {
+            let uniform;
+            let first = match &folded {
+                Folded::Node(index) => nodes[*index].1,
+                Folded::Uniform(value) => {
+                    uniform = Child::uniform(*value);
+                    &uniform
+                }
+                // (The tables need the state only.)
+                Folded::Mixed(index) => nodes[*index].1,
+            };
+            let second = nodes[next].1;
+            let resolution = match next + 1 == nodes.len() {
+                true => self.resolve_two(code, first, second),
+                false => self.resolve_by(&self.folding, first, second),
+            };
+            folded = match (resolution, folded) {
+                (Resolution::Void, _) => Folded::Uniform(None),
+                (Resolution::Leaf(value), _) => Folded::Uniform(Some(value)),
+                (Resolution::Keep(0), folded) => folded,
+                (Resolution::Keep(_), _) => Folded::Node(next),
+                (Resolution::Split, _) => {
+                    let is_inner = |index: &usize| matches!(nodes[*index].1, Child::Inner { .. });
+                    Folded::Mixed((0..=next).find(is_inner).unwrap_or(next))
+                }
+            };
+        }
+        match folded {
+            Folded::Mixed(_) => Resolution::Split,
+            Folded::Uniform(value) => value.map_or(Resolution::Void, Resolution::Leaf),
+            Folded::Node(index) => match nodes[index].1 {
+                Child::Void => Resolution::Void,
+                Child::Leaf(value) => Resolution::Leaf(*value),
+                Child::Inner { .. } => Resolution::Keep(index),
+            },
         }
     }
 

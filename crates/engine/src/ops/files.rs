@@ -18,7 +18,7 @@ use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, check_spa
 use crate::tree::Source;
 use spinney_base::io::{FileAccess, Output};
 use spinney_base::space::Bounds;
-use spinney_base::value::{DataKind, Number, Value};
+use spinney_base::value::{DataKind, Number, Rule, Value};
 use spinney_base::{Error, Progress, Result, SubProgress, TreeType};
 use spinney_container::{FileReference, Header, Metadata, Shape};
 
@@ -53,7 +53,7 @@ pub struct Outcome {
     /// Cells of the result that are not VOID.
     pub after: u64,
     /// Cells that the first input's would become after scaling, if none were cut off or decided at
-    /// cell centres.
+    /// cell centres; `None` for solids of occupancy, which keep their volume.
     pub expected: Option<f64>,
     /// Box in which cells that no input has were filled, if the operation fills cells.
     pub universe: Option<Bounds>,
@@ -181,8 +181,10 @@ pub fn transform_to(
             step.apply_whole(view, &ScanContext { memory, directory: &temporary, progress: &part })
         })?;
         // Expected number of cells, unless some were cut off. (On a grid of another coordinate
-        // system cells vary in size, and calculated cells may be VOID anywhere.)
-        let is_known = !view.has_windows() && !view.source().is_computed();
+        // system cells vary in size, and calculated cells may be VOID anywhere. Cells of solids are
+        // full in part: their number does not determine the volume, which is kept.)
+        let keeps_volume = view.sampling() == Sampling::Area(Rule::Occupancy);
+        let is_known = !view.has_windows() && !view.source().is_computed() && !keeps_volume;
         let shrinks = is_known.then(|| view.to_source().determinant().abs());
         // (The number of nodes of a window is unknown.)
         let least = if view.has_windows() { 0 } else { expected_records(&view)? };

@@ -30,7 +30,8 @@ pub enum Prefer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CombineOperation {
-    /// Set operation on presence. The union takes any number of trees; the complement needs no
+    /// Set operation on presence. Those that [take any number](SetOperation::takes_many) of trees
+    /// are applied to the first two, then to the result and the next tree; the complement needs no
     /// second tree.
     ///
     /// In trees of bytes with [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy), cells
@@ -161,11 +162,23 @@ impl CombineOperation {
         are_bodies || alone || prefers && operation.contains(true, true)
     }
 
+    /// The operation, or its complement if the operation fills cells that no tree has.
+    pub(super) fn without_complement(self) -> CombineOperation {
+        match self {
+            CombineOperation::Set { operation, prefer } if operation.is_unbounded() => {
+                CombineOperation::Set { operation: operation.complement(), prefer }
+            }
+            _ => self,
+        }
+    }
+
     /// Accepted numbers of trees.
     pub(super) fn takes(self) -> std::ops::RangeInclusive<usize> {
         match self {
             CombineOperation::Set { operation: SetOperation::Complement, .. } => 1..=2,
             CombineOperation::Set { operation: SetOperation::Union, prefer: Prefer::First } => 1..=usize::MAX,
+            // (As exact models: operations that are applied to the result and the next tree.)
+            CombineOperation::Set { operation, .. } if operation.takes_many() => 2..=usize::MAX,
             CombineOperation::Set { .. } | CombineOperation::Equal | CombineOperation::Changed => 2..=2,
             _ => 1..=usize::MAX,
         }

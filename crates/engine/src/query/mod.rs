@@ -24,6 +24,7 @@ mod stats;
 mod surface;
 mod walk;
 mod window;
+mod world_bounds;
 mod zonal;
 
 pub(crate) use contours::ContourGround;

@@ -2,6 +2,7 @@
 
 use super::check_level;
 use super::occupancy::{Filling, check_octree};
+use super::world_bounds::world_bounds;
 use crate::tree::{Child, Source, no_children};
 use spinney_base::parallel;
 use spinney_base::space::Bounds;
@@ -29,6 +30,7 @@ pub struct SolidStatistics {
     pub nodes: u64,
     /// Map from cells of the level to the world.
     frame: Frame,
+    world_bounds: Option<[[f64; 3]; 2]>,
 }
 
 impl SolidStatistics {
@@ -47,9 +49,10 @@ impl SolidStatistics {
         self.centre.map(|centre| self.frame.to_world(centre))
     }
 
-    /// Returns minimum and maximum world coordinates of the box around all cells.
+    /// Returns minimum and maximum world coordinates of all cells that are not empty. They are
+    /// those of the cells' corners, also if the tree is turned in the world.
     pub fn world_bounds(&self) -> Option<[[f64; 3]; 2]> {
-        self.bounds.map(|bounds| self.frame.world_box(&bounds))
+        self.world_bounds
     }
 }
 
@@ -82,6 +85,14 @@ pub(crate) fn measure<S: Source>(
         Ok(gather.sums)
     });
     let sums = parts.into_iter().try_fold(top.sums, |sums, part: Result<Sums>| Ok(sums.add(part?)))?;
+    let frame = frame.coarser(source.depth() - level);
+    let is_upright =
+        frame.matrix.iter().all(|row| row[..3].iter().filter(|number| **number != 0.0).count() == 1);
+    let world_bounds = match sums.bounds {
+        Some(bounds) if is_upright => Some(frame.world_box(&bounds)),
+        Some(_) => world_bounds(source, level, filling, &frame, progress)?,
+        None => None,
+    };
     let centre = |axis: usize| sums.moments[axis] as f64 / (2.0 * sums.fills as f64);
     Ok(SolidStatistics {
         level,
@@ -90,7 +101,8 @@ pub(crate) fn measure<S: Source>(
         centre: (sums.fills > 0).then(|| std::array::from_fn(centre)),
         bounds: sums.bounds,
         nodes: sums.nodes,
-        frame: frame.coarser(source.depth() - level),
+        frame,
+        world_bounds,
     })
 }
 

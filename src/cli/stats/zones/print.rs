@@ -225,7 +225,8 @@ fn write_rows(
         let extreme = |extreme: &Number| if extreme.to_f64().is_nan() { none() } else { extreme.to_string() };
         let numbers = [extreme(min), extreme(max), number(*mean), number(*standard_deviation)];
         let [min, max, mean, deviation] = numbers;
-        let (channel, area) = ((index + 1).to_string(), area_of(*cells));
+        let solid = measure.as_ref().map_or(*cells, |own| own.filled(*cells, Some(channel.mean)));
+        let (channel, area) = ((index + 1).to_string(), area_of(solid));
         write(
             index,
             [channel, none(), number(*cells), void.clone(), area, min, max, mean, deviation, none()],
@@ -267,7 +268,9 @@ fn write_zone(
     if wanted(Outside) && (zone.outside_cells > 0.0 || !options.measures.is_empty()) {
         counts.push(format!("{} outside", rounded(zone.outside_cells)));
     }
-    let area = measure.as_ref().filter(|_| wanted(Count)).map(|measure| measure.text(zone.cells));
+    let mean = zone.channels.first().map(|channel| channel.mean);
+    let measured = measure.as_ref().filter(|_| wanted(Count));
+    let area = measured.map(|measure| measure.text(measure.filled(zone.cells, mean)));
     let heading = [Some(name.to_string()), Some(counts.join(", ")).filter(|text| !text.is_empty()), area];
     writeln!(text, "{}", heading.into_iter().flatten().collect::<Vec<_>>().join("  "))?;
     for (value, cells) in zone.classes.iter().filter(|_| wanted(Classes)) {

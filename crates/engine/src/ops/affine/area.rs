@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::polyhedron::Polyhedron;
 use super::view::TINY;
 use crate::ops::view_source::{ViewSource, ViewSourceNode};
 use crate::tree::{Child, Source, no_children};
@@ -17,6 +18,8 @@ pub(super) struct Area<'a> {
     /// The box, in cells of the source.
     min: DVec3,
     max: DVec3,
+    /// Volume of the cell in cells of the source, of which the box may be a part.
+    whole: f64,
     /// Area (or volume) of the cells that are not VOID.
     area: f64,
     /// Area of each channel's samples that are present.
@@ -32,7 +35,7 @@ pub(super) struct Area<'a> {
     /// Value of the node that is the whole box, if there is one.
     exact: Option<Value>,
     /// Whether the source's values of INNER nodes must not be used.
-    pub(super) goes_to_cells: bool,
+    goes_to_cells: bool,
 }
 
 impl<'a> Area<'a> {
@@ -41,13 +44,17 @@ impl<'a> Area<'a> {
         form: TreeType,
         rule: Rule,
         (min, max): (DVec3, DVec3),
+        whole: f64,
     ) -> Area<'a> {
+        // (The rest of a cell that lies outside is empty in trees of occupancy.)
+        let is_part = rule == Rule::Occupancy && (max - min).element_product() < whole - TINY;
         Area {
             source,
             form,
             rule,
             min,
             max,
+            whole,
             area: 0.0,
             areas: [0.0; 4],
             sums: [0.0; 4],
@@ -55,8 +62,42 @@ impl<'a> Area<'a> {
             shares: Vec::new(),
             extreme: None,
             exact: None,
-            goes_to_cells: false,
+            goes_to_cells: is_part,
         }
+    }
+
+    /// Uses the values of cells only, since those of INNER nodes are approximate.
+    pub(super) fn go_to_cells(&mut self) {
+        self.goes_to_cells = true;
+    }
+
+    /// Adds the part of a source node that lies in a polyhedron instead of the box.
+    pub(super) fn add_turned(
+        &mut self,
+        child: &Child<ViewSourceNode>,
+        (at, size): ([i64; 3], u8),
+        turned: &Polyhedron,
+    ) -> Result<()> {
+        let axes = self.form.axes();
+        if matches!(child, Child::Void) {
+            return Ok(());
+        }
+        let start = DVec3::from(at.map(|cell| cell as f64));
+        let side = (1i64 << size) as f64;
+        let end = start + DVec3::from_array(std::array::from_fn(|axis| if axis < axes { side } else { 1.0 }));
+        let Some(part) = turned.in_box(start, end) else { return Ok(()) };
+        match child {
+            Child::Void => {}
+            Child::Leaf(value) => self.count(*value, part.volume(), at),
+            Child::Inner { node, .. } => {
+                let mut children = no_children();
+                self.source.children(node, &mut children)?;
+                for (step, child) in children[..self.form.children()].iter().enumerate() {
+                    self.add_turned(child, (child_at(at, size, step), size - 1), &part)?;
+                }
+            }
+        }
+        Ok(())
     }
 
     /// Adds the part of a source node that lies in the box. The node's first cell is `at`; it has
@@ -94,10 +135,8 @@ impl<'a> Area<'a> {
             Child::Inner { node, .. } => {
                 let mut children = no_children();
                 self.source.children(node, &mut children)?;
-                let half = 1i64 << (size - 1);
                 for (step, child) in children[..self.form.children()].iter().enumerate() {
-                    let at = std::array::from_fn(|axis| at[axis] + (step as i64 >> axis & 1) * half);
-                    self.add(child, at, size - 1)?;
+                    self.add(child, child_at(at, size, step), size - 1)?;
                 }
             }
         }
@@ -148,18 +187,21 @@ impl<'a> Area<'a> {
         let value_type = self.form.value;
         match self.rule {
             Rule::Mean | Rule::Occupancy => {
-                // Occupancy counts VOID as empty.
-                let whole: f64 = (0..self.form.axes()).map(|axis| self.max[axis] - self.min[axis]).product();
                 let base = self.base.unwrap_or_default();
                 let none = value_type.mean_of_none().map(|value| value_type.samples_from(base, value));
-                Some(value_type.nearest_from(base, |channel| {
-                    let area = if self.rule == Rule::Occupancy { whole } else { self.areas[channel] };
+                let is_occupancy = self.rule == Rule::Occupancy;
+                let value = value_type.nearest_from(base, |channel| {
+                    // Occupancy counts VOID as empty, and everything outside.
+                    let area = if is_occupancy { self.whole } else { self.areas[channel] };
                     if let (true, Some(none)) = (area == 0.0, none) {
                         return none[channel];
                     }
                     // (Means of integers are rounded half up, as for whole cells.)
                     self.sums[channel] / area
-                }))
+                });
+                // (Too little of a solid for the value type is nothing.)
+                let is_nothing = is_occupancy && !value_type.is_masked() && value == Value::ZERO;
+                (!is_nothing).then_some(value)
             }
             Rule::Min | Rule::Max => value_type.join_all(self.extreme.into_iter(), ValueType::min),
             Rule::Majority | Rule::Dominant | Rule::Nearest => {
@@ -172,4 +214,9 @@ impl<'a> Area<'a> {
             }
         }
     }
+}
+
+/// First cell of the child of a node of `2^size` cells along each axis.
+fn child_at(at: [i64; 3], size: u8, step: usize) -> [i64; 3] {
+    std::array::from_fn(|axis| at[axis] + ((step as i64 >> axis & 1) << (size - 1)))
 }

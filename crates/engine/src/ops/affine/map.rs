@@ -2,6 +2,7 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 
+use super::view::TINY;
 use spinney_base::{Error, Result};
 
 /// Affine map of the space of cells. Cell (0, 0, 0) spans 0..1 on every axis.
@@ -169,6 +170,12 @@ impl AffineMap {
     /// Whether the map is a translation.
     pub(in crate::ops) fn is_translation(&self) -> bool {
         self.0.matrix3 == DMat3::IDENTITY
+    }
+
+    /// Whether a translation differs from one by whole cells by rounding errors only.
+    pub(super) fn is_near_cells(&self) -> bool {
+        let by = self.0.translation;
+        (by - by.round()).abs().max_element() < TINY
     }
 
     /// Whether axis-aligned boxes are mapped to axis-aligned boxes.

@@ -6,6 +6,7 @@ mod classify;
 mod draw;
 mod level;
 mod map;
+mod polyhedron;
 mod view;
 
 pub use classify::{Around, ViewNode};

@@ -24,7 +24,8 @@ pub enum Sampling {
     Centre,
     /// Value from all source cells that the cell covers, weighted by the covered area, by the
     /// source's rule: the mean, or the value with the largest area (of equal areas, that of the
-    /// first cell in row order). Only if axes map to axes; else as [`Sampling::Centre`].
+    /// first cell in row order). Only if axes map to axes; else as [`Sampling::Centre`], except for
+    /// occupancy. For occupancy everything outside is empty, so that volumes are kept.
     Area(Rule),
 }
 
@@ -84,6 +85,10 @@ pub(super) struct Lookup {
     pub(super) to_source: AffineMap,
     /// Whether cells are averaged over areas of the source.
     pub(super) by_area: bool,
+    /// Whether these are averages of occupancy.
+    pub(super) is_coverage: bool,
+    /// Whether the visible part of some cell is no box of the source.
+    pub(super) is_turned: bool,
     /// Visible source cells: first, and end (exclusive).
     pub(super) visible: ([i64; 3], [i64; 3]),
     /// Translation by whole cells, if the view is no more than that.
@@ -92,7 +97,8 @@ pub(super) struct Lookup {
     pub(super) content: (DVec3, DVec3),
     /// Box of cells that may have values.
     pub(super) shown: (DVec3, DVec3),
-    /// Windows that are not axis-aligned: maps from the view's cells to the window's, and sizes.
+    /// Windows that are not aligned with cells: maps from the view's cells to the window's, and
+    /// sizes.
     pub(super) askew: Vec<(AffineMap, DVec3)>,
 }
 
@@ -162,6 +168,8 @@ impl View {
             lookup: Lookup {
                 to_source: AffineMap::IDENTITY,
                 by_area: false,
+                is_coverage: false,
+                is_turned: false,
                 visible: ([0; 3], [0; 3]),
                 moved: None,
                 content: (DVec3::ZERO, DVec3::ZERO),
@@ -286,15 +294,21 @@ impl View {
 
     /// Translates by a number of cells along each axis, which may be fractional. The view's first
     /// cell stays in place: cells that move before it are not visible, and the extent grows or
-    /// shrinks at the end.
+    /// shrinks at the end. Solids lose nothing: the view then begins with the cell where they
+    /// begin.
     ///
     /// # Errors
     /// If nothing remains, or the result exceeds the deepest tree.
     pub fn translate(mut self, by: [f64; 3]) -> Result<View> {
         self.check_axes(&AffineMap::translation(by))?;
-        let mut extent = [1; 3];
+        let (mut extent, mut start) = ([1; 3], DVec3::ZERO);
+        let is_solid = self.source.header().rule == Rule::Occupancy;
+        let most = (1u64 << self.form.dimension.max_depth()) as f64;
         for axis in 0..self.form.axes() {
-            let end = (self.extent[axis] as f64 + by[axis] - TINY).ceil();
+            if is_solid && by[axis].abs() <= most {
+                start[axis] = (by[axis] + TINY).floor().min(0.0);
+            }
+            let end = (self.extent[axis] as f64 + by[axis] - TINY).ceil() - start[axis];
             if end.is_nan() || end < 1.0 {
                 let found = format!("{} cells along axis {axis}", by[axis]);
                 return Err(Error::invalid(
@@ -306,6 +320,7 @@ impl View {
             extent[axis] = end as u64;
         }
         self.to_grid = self.to_grid.then(&AffineMap::translation(by));
+        self.origin += start;
         self.extent = extent;
         self.fitted()
     }
@@ -552,15 +567,21 @@ impl View {
         let mut visible = (DVec3::ZERO, source_end);
         let mut shown = (DVec3::ZERO, DVec3::from(self.extent.map(|cells| cells as f64)));
         let mut askew = Vec::new();
+        let is_area = matches!(self.sampling, Sampling::Area(rule) if rule != Rule::Nearest);
+        let is_coverage = self.sampling == Sampling::Area(Rule::Occupancy);
+        // (Of a cell of a solid, a window may hide a part.)
+        let is_aligned = |here: &AffineMap| !is_coverage || here.is_near_cells();
+        let mut is_turned = !to_source.keeps_axes();
         for (map, size) in &self.windows {
             let here = to_source.then(map);
             if map.keeps_cells() {
                 let (start, end) = map.inverse()?.bounding_box(DVec3::ZERO, *size);
                 visible = (visible.0.max(start.round()), visible.1.min(end.round()).max(visible.0));
-            } else if here.is_translation() {
+            } else if here.is_translation() && is_aligned(&here) {
                 let start = (-here.0.translation).round();
                 shown = (shown.0.max(start), shown.1.min(start + size));
             } else {
+                is_turned |= !here.keeps_axes();
                 askew.push((here, *size));
             }
         }
@@ -572,13 +593,13 @@ impl View {
             let visible = (whole(visible.0.max(shown.0 + by)), whole(visible.1.min(shown.1 + by)));
             Moved { by: whole(by), visible, extent: self.source_extent }
         });
-        let is_area = matches!(self.sampling, Sampling::Area(rule) if rule != Rule::Nearest);
+        let is_averaged = to_source.keeps_axes() && !to_source.keeps_cells() && !to_source.divides_cells();
+        let by_area = is_area && (is_averaged || is_coverage && (is_turned || !askew.is_empty()));
         self.lookup = Lookup {
             to_source,
-            by_area: is_area
-                && to_source.keeps_axes()
-                && !to_source.keeps_cells()
-                && !to_source.divides_cells(),
+            by_area,
+            is_coverage: by_area && is_coverage,
+            is_turned: by_area && is_turned,
             visible: (whole(visible.0), whole(visible.1)),
             moved,
             content: ((image.0 + TINY).floor(), (image.1 - TINY).ceil()),

@@ -270,7 +270,8 @@ impl CommonGrid {
                 let [x, y, z] = map.to_rows();
                 let length =
                     |axis: usize| [x[axis], y[axis], z[axis]].iter().fold(0.0, |sum: f64, n| sum.hypot(*n));
-                let is_area = map.keeps_axes() || view.form().dimension == Dimension::Quad;
+                let is_area =
+                    map.keeps_axes() || view.form().dimension == Dimension::Quad || rule == Rule::Occupancy;
                 let way = if is_area { rule.name() } else { Rule::Nearest.name() };
                 Some(format!(
                     "is resampled by {way} to the cells of the first file: one of its cells is {:.6} x {:.6} of those, and its first cell starts at column {:.6}, row {:.6}",

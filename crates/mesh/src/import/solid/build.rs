@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
+use glam::DVec3;
+
 use super::closure::Closure;
 use super::field::WindingField;
 use super::grid::Triangle;
@@ -16,7 +18,7 @@ use crate::import::{MeshFace, ModelInfo};
 use spinney_base::TreeType;
 use spinney_base::io::{Output, directory_of};
 use spinney_base::space::Dimension;
-use spinney_base::value::{DataKind, Rule, SampleType, Value, ValueType};
+use spinney_base::value::{DataKind, Rule, SampleType, Sums, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::geometry::{Stages, Triangulator};
 use spinney_container::{Metadata, Tag};
@@ -50,6 +52,15 @@ pub struct SolidReport {
     pub inside: InsideTest,
     /// Cells away from the surface that are in its holes, where the result is a guess.
     pub undecided: u64,
+    /// Volume that the faces enclose on the grid, in the models' unit: exact if the surface is
+    /// closed, where parts that overlap count several times.
+    pub volume: f64,
+    /// Area of the faces on the grid.
+    pub area: f64,
+    /// Volume of the cells that were built.
+    pub filled: f64,
+    /// Width of a cell.
+    pub cell: f64,
     /// Cells that were built: none if the surface encloses nothing, or nothing as wide as a cell.
     pub cells: u64,
     /// Counts of the tests that decided whether triangles cut octants above the blocks of cells.
@@ -169,6 +180,12 @@ impl SolidImport {
             set_tags(metadata, &self, &report);
         })?;
         report.cells = tally.cells;
+        let each = self.grid.frame.linear().determinant().abs();
+        report.filled = each
+            * match (&tally.sum, self.options.attribute) {
+                (Sums::Exact([sum, ..]), Attribute::Occupancy) => *sum as f64 / 255.0,
+                _ => tally.cells as f64,
+            };
         Ok(report)
     }
 
@@ -188,6 +205,10 @@ impl SolidImport {
             unit: self.options.unit.clone(),
             inside: decided.test,
             undecided: 0,
+            volume: read.six_volumes as f64 / 6.0 * self.grid.step().powi(3),
+            area: read.two_areas / 2.0 * self.grid.step().powi(2),
+            filled: 0.0,
+            cell: self.grid.step() * f64::from(self.grid.cell()),
             cells: 0,
             stages: Stages::default(),
         }
@@ -294,7 +315,10 @@ impl SolidImport {
             return Err(flat_faces(&self.models[0].info().path, self.bounds, step));
         }
         let Reading { faces, count, collapsed, displacement, closure, repaired, .. } = read;
+        let (six_volumes, two_areas) = (read.six_volumes, read.two_areas);
         Ok(Read {
+            six_volumes,
+            two_areas,
             triangles,
             slivers,
             faces,
@@ -380,6 +404,9 @@ pub(super) struct Read {
     repaired: u64,
     duplicates: u64,
     displacement: f64,
+    /// Six times the volume that all faces enclose, and twice their area, in grid units.
+    six_volumes: i128,
+    two_areas: f64,
     pub(super) closure: Closure,
 }
 
@@ -391,6 +418,9 @@ struct Reading<'k> {
     count: u64,
     collapsed: u64,
     displacement: f64,
+    /// Six times the volume that all faces enclose, and twice their area, in grid units.
+    six_volumes: i128,
+    two_areas: f64,
     closure: Closure,
     snapped: Vec<[i32; 3]>,
     triangulator: Triangulator,
@@ -405,6 +435,8 @@ impl<'k> Reading<'k> {
             count: 0,
             collapsed: 0,
             displacement: 0.0,
+            six_volumes: 0,
+            two_areas: 0.0,
             closure: Closure::default(),
             snapped: Vec::new(),
             triangulator: Triangulator::default(),
@@ -443,6 +475,11 @@ impl<'k> Reading<'k> {
         let mut push = |corners: [[i32; 3]; 3]| {
             self.closure.add(corners);
             let mut triangle = Triangle { corners, attribute, part };
+            let normal = triangle.normal();
+            // (Products of a normal and a coordinate take up to 98 bits.)
+            self.six_volumes +=
+                (0..3).map(|axis| i128::from(normal[axis]) * i128::from(corners[0][axis])).sum::<i128>();
+            self.two_areas += DVec3::from(normal.map(|number| number as f64)).length();
             if import.options.shell {
                 triangle.leave_wall(&import.grid, import.extent);
             }

@@ -244,7 +244,9 @@ pub(in crate::import) fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result
     let is_box = (0..3).all(|axis| all[0][axis].is_finite() && all[1][axis].is_finite());
     let name = models.first().map(|model| model.info().path.clone()).unwrap_or_default();
     if !is_box {
-        return Err(Error::corrupt(name, "faces", "none with vertices", "a model with faces"));
+        let advice =
+            "an exact model without faces is an empty result, such as A-A: check what it was made of";
+        return Err(Error::unsupported(name, "a model without faces, which encloses no cells,", advice));
     }
     if all[0] == all[1] {
         return Err(Error::corrupt(name, "vertices", "all in one point", "a model with an extent"));

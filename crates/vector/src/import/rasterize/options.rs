@@ -244,7 +244,8 @@ impl RasterizeOptions {
         coordinates: Option<Coordinates>,
     ) -> Result<RasterizeOptions> {
         if header.form.axes() != 2 {
-            return Err(Error::invalid("tree", "an octree", "a quadtree to rasterize features on"));
+            let expected = "a quadtree to rasterize features on; for an octree, write the polygon as a column, `prism([[X,Y],[X,Y],[X,Y]], ZMIN, ZMAX);`, to ZONE.csg, build it on the tree's cells, `spinney build ZONE.csg --grid TREE -o ZONE.goblin`, and combine, apply or paste that; `stats --zones` measures octrees above polygons";
+            return Err(Error::invalid("tree", "an octree", expected));
         }
         let grid = FeatureGrid::Like(WarpGrid { frame: metadata.frame.clone(), extent: header.extent });
         let ground = Ground { header: header.clone(), metadata: metadata.clone(), coordinates };
