@@ -297,7 +297,7 @@ fn octrees_that_do_not_match() {
     says(&["combine", "over", &a, &b, &plane, "-o", &out], &["plane.goblin", "quadtree"]);
     says(&["combine", "union", &near, &other_crs, "-o", &out], &["EPSG:32632", "EPSG:4326"]);
     says(&["combine", "nor", &a, &b, "--fill", "300", "-o", &out], &["fill value", "300", "u8"]);
-    says(&["combine", "xor", &a, &b, &b, "-o", &out], &["two", "3"]);
+    says(&["combine", "b", &a, &b, &b, "-o", &out], &["two", "3"]);
     says(&["combine", "subtract", &a, &setting.name("none.goblin"), "-o", &out], &["none.goblin"]);
     // Other types, and offsets by a fraction of a cell only in z: both are converted to the first.
     let odd = setting.name("odd.goblin");
