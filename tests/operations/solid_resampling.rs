@@ -95,7 +95,7 @@ fn operation(view: View, random: &mut Random, windows: &mut Vec<Window>) -> View
 #[test]
 fn cells_have_the_overlap_with_the_source() {
     let mut random = Random(0x50_11d5);
-    for case in 0..250 {
+    for case in 0..80 {
         let cells = solid(&mut random);
         let (mut view, mut windows) = (view(&cells), Vec::new());
         for _ in 0..1 + random.below(3) {
