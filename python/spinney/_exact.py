@@ -530,8 +530,9 @@ class ExactModel(_native.Model):
         """Writes the faces as a mesh, .ply, .obj, .stl, .off or .city.json; returns the number of
         vertices and faces. `error`, `faces` or `level` select the detail, as for `mesh`.
 
-        Polygons stay polygons, except in STL, which has triangles in single precision (and no
-        numbered vertices: 0). A warning lists what the format cannot store, such as colours, parts,
+        Polygons stay polygons in CityJSON, and convex ones in OBJ and OFF; other faces are
+        triangulated, all of them in PLY and in STL, which has single precision (and no numbered
+        vertices: 0). A warning lists what the format cannot store, such as colours, parts,
         the coordinate system or the unit of length.
         """
         with working(progress, threads) as terms:

@@ -61,7 +61,8 @@ def transform(
     Exact models are transformed in world coordinates (`translate=`, `scale=`, `rotate=`, `mirror=`,
     `transpose`, `axes=`, `affine=`, `crs=`). Shifts by grid units, quarter turns, mirrors and
     uniform scales are exact; other transformations snap vertices to a grid, of `snap` units if
-    given. `unit` names the result's unit of length. The last operation may be `levels`, which adds
+    given. `unit` names the result's unit of length. World coordinates of octrees of cells are
+    converted to it. The last operation may be `levels`, which adds
     levels of detail (see `ExactModel.mesh`): `transform("x.goblin", "levels", "y.goblin")`.
 
     Feature files are written in another coordinate system (`"warp=EPSG:25832"`; `"crs=EPSG:4326"`

@@ -139,10 +139,12 @@ pub(crate) fn transform<'py>(
     if has_levels {
         return Err(invalid(format!("{}: is not an exact model, which levels needs", path.display())));
     }
-    if of_model != (None, None) {
-        return Err(invalid("snap, unit: are for exact models"));
+    let (snap, unit) = of_model;
+    if snap.is_some() {
+        return Err(invalid("snap: is for exact models"));
     }
-    let chain = chain_of(&path, steps, (resampling.as_deref(), allow_ballpark), moves)?;
+    let mut chain = chain_of(&path, steps, (resampling.as_deref(), allow_ballpark), moves)?;
+    chain.unit = unit;
     let how = packing.with(memory);
     let made = jobs::run(py, terms, |work| spinney::transform(&chain, work.create_tree(&out)?, how, work))?;
     outcome(py, &made)

@@ -4,14 +4,14 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use serde_json::json;
 use spinney::raw::ops;
 use spinney::{CombineOperation, CombineOptions, Error};
 
-use super::Global;
 use super::args::{Memory, OutputLimit, Packing, ReconcileArgs, check_output};
 use super::report::{Work, print_json, print_text, report_output};
+use super::{Global, exact};
 
 /// Show where two trees or commits differ
 ///
@@ -55,6 +55,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let how = args.packing.with(args.memory);
     let paths = [args.first.as_path(), &args.second];
+    if exact::open(&args.first, global)?.is_some() && exact::open(&args.second, global)?.is_some() {
+        let [first, second] = paths.map(Path::display);
+        bail!(
+            "{first}: is an exact model, like {second}: the bodies in which they differ are the result of \
+             `spinney combine xor {first} {second} -o OUT.goblin`"
+        );
+    }
     let work = Work::start(global, "cells")?;
     let options = args.reconcile.options();
     let report = if args.ranges {

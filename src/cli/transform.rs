@@ -43,7 +43,8 @@ pub(crate) struct Args {
     /// grid [default: the model's grid, with as little rounding as possible]
     #[arg(long, value_name = "WIDTH")]
     snap: Option<f64>,
-    /// Unit of the model's coordinates, for exact models [default: the file's]
+    /// Unit of the model's coordinates [default: the file's]; those of octrees of cells are
+    /// converted to it
     #[arg(long, value_parser = UNITS)]
     unit: Option<String>,
     #[command(flatten)]
@@ -195,6 +196,7 @@ Examples:
   spinney transform landcover.goblin sieve=100 -o clean.goblin
   spinney transform part.goblin rotate=90,x translate=0,0,12.5 -o placed.goblin
   spinney transform inches.goblin scale=25.4 --unit mm -o part.goblin
+  spinney transform cells_in_mm.goblin --unit m -o cells_in_m.goblin
   spinney transform part.goblin move-face=5,5,10,0,0,2 -o taller.goblin
   spinney transform statue.goblin levels -o statue_levels.goblin
   spinney transform parcels.gpkg warp=EPSG:25832 -o parcels_25832.gpkg
@@ -336,10 +338,8 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         return exact::transform(moving, &path, &limit, global);
     }
     let cells = chain.chain(global)?;
-    let given = [("--snap", snap.is_some()), ("--unit", unit.is_some())];
-    if let Some((name, _)) = given.iter().find(|(_, is_given)| *is_given) {
-        bail!("{}: is not an exact model, which {name} needs", file.display());
-    }
+    ensure!(snap.is_none(), "{}: is not an exact model, which --snap needs", file.display());
+    let cells = FileView { unit, ..cells };
     let how = packing.with(memory);
     let report_size = |[width, height, depth]: [u64; 3], levels: u8| {
         let more = if depth > 1 { format!(" x {depth}") } else { String::new() };

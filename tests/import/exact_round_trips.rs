@@ -189,9 +189,12 @@ fn holes_round_trip() {
     for (format, name) in
         [(MeshFormat::CityJson, "p.city.json"), (MeshFormat::Ply, "p.ply"), (MeshFormat::Obj, "p.obj")]
     {
-        // Formats without a grid of their own get a finer one.
+        // Formats without a grid of their own get a finer one, and have triangles instead of holes.
         let second = again(&model, directory.path(), format, name, None);
-        assert_eq!(holes(&second), expected, "{name}");
+        match format {
+            MeshFormat::CityJson => assert_eq!(holes(&second), expected, "{name}"),
+            _ => assert!(holes(&second).iter().all(|rings| *rings == 1), "{name}"),
+        }
         assert_eq!(MassProperties::of(&second, &()).unwrap().volume, volume, "{name}");
     }
 }

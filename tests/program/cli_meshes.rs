@@ -51,7 +51,7 @@ fn losses_of_a_format_are_reported_once() {
         .success();
     for (tree, mesh, lost) in [
         (&solid, "a.stl", "the coordinate system EPSG:28992"),
-        (&solid, "a.glb", "the unit of length mm"),
+        (&solid, "a.glb", "the coordinate system EPSG:28992"),
         (&exact, "b.ply", "the name of the part"),
         (&exact, "b.obj", "the unit of length mm"),
     ] {

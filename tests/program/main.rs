@@ -22,6 +22,7 @@ mod cli_exact;
 mod cli_exact_memory;
 mod cli_exact_motions;
 mod cli_exact_sets;
+mod cli_export_again;
 #[cfg(feature = "cli")]
 mod cli_features;
 mod cli_gltf;

@@ -18,6 +18,11 @@ impl FaceTriangle {
         FaceTriangle { corners, internal: [false; 3] }
     }
 
+    /// Returns whether an edge of the original face is an edge of the triangle, in this direction.
+    pub(super) fn bounds(&self, edge: [[i32; 3]; 2]) -> bool {
+        (0..3).any(|i| !self.internal[i] && edge == [self.corners[i], self.corners[(i + 1) % 3]])
+    }
+
     /// Returns the triangles of a face, without those that have no area.
     pub(super) fn of_face(
         points: &[[i32; 3]],

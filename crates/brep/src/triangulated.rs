@@ -3,13 +3,15 @@
 use super::arrangement::flip_in_plane;
 use super::{AttributedFaceVisitor, Face, Faces, Grid};
 use crate::exact::normal::ring_normal;
-use crate::geometry::Triangulator;
+use crate::geometry::{Triangulator, is_convex};
 use spinney_base::Result;
 
 /// Faces of a model, triangulated: constrained Delaunay triangulations without new vertices. A face
 /// of `c` vertices and `h` holes has `c + 2h - 2` triangles.
 pub struct Triangulated<'a> {
     faces: &'a dyn Faces,
+    /// Whether convex faces are kept as they are.
+    keeps_convex: bool,
     len: u64,
 }
 
@@ -19,12 +21,24 @@ impl<'a> Triangulated<'a> {
     /// # Errors
     /// If the faces cannot be read.
     pub fn of(faces: &'a dyn Faces) -> Result<Triangulated<'a>> {
+        Triangulated::new(faces, false)
+    }
+
+    /// Does the same for faces that are not convex, or have holes. Others are kept.
+    ///
+    /// # Errors
+    /// If the faces cannot be read.
+    pub fn of_concave(faces: &'a dyn Faces) -> Result<Triangulated<'a>> {
+        Triangulated::new(faces, true)
+    }
+
+    fn new(faces: &'a dyn Faces, keeps_convex: bool) -> Result<Triangulated<'a>> {
         let mut len = 0;
-        each_triangle(faces, &mut |_| {
+        each_divided(faces, keeps_convex, &[], &mut |_, _| {
             len += 1;
             Ok(())
         })?;
-        Ok(Triangulated { faces, len })
+        Ok(Triangulated { faces, keeps_convex, len })
     }
 }
 
@@ -54,11 +68,11 @@ impl Faces for Triangulated<'_> {
     }
 
     fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
-        each_triangle(self.faces, each)
+        self.each_with_values(&[], &mut |face, _| each(face))
     }
 
     fn each_with_values(&self, columns: &[&str], each: &mut AttributedFaceVisitor<'_>) -> Result<()> {
-        each_triangle_with_values(self.faces, columns, each)
+        each_divided(self.faces, self.keeps_convex, columns, each)
     }
 }
 
@@ -67,17 +81,24 @@ impl Faces for Triangulated<'_> {
 /// # Errors
 /// If the faces cannot be read, or what `each` returns.
 pub fn each_triangle(faces: &dyn Faces, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
-    each_triangle_with_values(faces, &[], &mut |face, _| each(face))
+    each_divided(faces, false, &[], &mut |face, _| each(face))
 }
 
-fn each_triangle_with_values(
+/// Visits the triangles of all faces, or of those that are not convex, and the other faces.
+fn each_divided(
     faces: &dyn Faces,
+    keeps_convex: bool,
     columns: &[&str],
     each: &mut AttributedFaceVisitor<'_>,
 ) -> Result<()> {
     let mut triangulator = FaceTriangulator::default();
     let mut number = 0;
     faces.each_with_values(columns, &mut |face, values| {
+        if keeps_convex && face.ring_ends.len() == 1 && triangulator.is_convex(face) {
+            each(&Face { number, ..*face }, values)?;
+            number += 1;
+            return Ok(());
+        }
         for triangle in triangulator.triangles(face) {
             let points = triangle.map(|corner| face.points[corner as usize]);
             let colours =
@@ -99,6 +120,13 @@ pub(crate) struct FaceTriangulator {
 }
 
 impl FaceTriangulator {
+    /// Returns whether the outer ring of a face is convex.
+    fn is_convex(&mut self, face: &Face<'_>) -> bool {
+        self.wide.clear();
+        self.wide.extend(face.points[..face.ring_ends[0]].iter().map(|point| point.map(i64::from)));
+        is_convex(&self.wide)
+    }
+
     /// Returns the triangles of a face, as indices of its points. Their edges are those of the face
     /// and pairs that cancel.
     pub(crate) fn triangles(&mut self, face: &Face<'_>) -> &[[u32; 3]] {

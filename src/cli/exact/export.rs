@@ -115,6 +115,10 @@ pub(crate) fn export(
             format!(", where the surface intersects itself in {count} positions")
         });
         global.report("rounded", format_args!("{exact} faces with off-grid vertices, to the grid{thin}"));
+        if !thin.is_empty() {
+            let advice = "`spinney build` needs --repair to build a model from the written surface";
+            warn(&format!("{}: {advice}", path.display()));
+        }
     }
     if model.is_unbounded() {
         global.report("unbounded", format_args!("infinity is inside: faces point inwards"));
@@ -124,8 +128,17 @@ pub(crate) fn export(
         global.report("materials", format_args!("{}: their colours", library.display()));
     }
     if summary.moved > 0 {
-        let moved = summary.moved;
-        global.report("moved", format_args!("{moved} vertices, since the format has single precision"));
+        let (moved, by) = (summary.moved, summary.farthest);
+        let by = format!("by at most {by:.3e}{}", unit(model));
+        global.report("moved", format_args!("{moved} vertices, {by}, since the format has single precision"));
+    }
+    if summary.reversed > 0 {
+        let reversed = summary.reversed;
+        let text = format!(
+            "{reversed} triangles are thinner than single precision, which reverses them; `spinney build` needs --repair \
+             to build a model from the file"
+        );
+        warn(&format!("{}: {text}", path.display()));
     }
     if summary.collapsed > 0 {
         let collapsed = summary.collapsed;

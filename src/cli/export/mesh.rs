@@ -35,7 +35,7 @@ pub(super) struct MeshOptions {
     /// of the cells' faces
     #[arg(long)]
     pub(super) smooth: bool,
-    /// Triangles only, in PLY, OBJ and OFF too; also of exact models
+    /// Triangles only, in OBJ and OFF too, and in PLY of cells; also of exact models
     #[arg(long)]
     pub(super) triangles: bool,
     /// Only features for which all conditions hold, as in 'type=Building,height>=10': an

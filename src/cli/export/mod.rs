@@ -16,6 +16,7 @@ use std::str::FromStr;
 
 use anyhow::{Result, anyhow, bail, ensure};
 use spinney::export::{MeshFormat, VectorFormat};
+use spinney::raw::brep::is_model_file;
 use spinney::raw::export::image::format_of;
 use spinney::raw::export::tiles::TileTarget;
 use spinney::raw::points::PointFormat;
@@ -155,7 +156,7 @@ impl Target {
 
 /// Returns the error for an output that no format of this command fits. Names the option or the
 /// command that writes it.
-fn unknown(args: &Args) -> anyhow::Error {
+fn unknown(args: &Args, global: &Global) -> anyhow::Error {
     let (name, file) = (args.output.path().display(), args.tree.file.display());
     let is_points = |format| matches!(format, PointFormat::Las | PointFormat::Laz);
     if format_of(args.output.path()).is_some() || PointFormat::of(args.output.path()).is_some_and(is_points) {
@@ -163,9 +164,15 @@ fn unknown(args: &Args) -> anyhow::Error {
             "{name}: `spinney export` does not write this format; use `spinney get {file} {name}`, or for images of solids `spinney render`"
         );
     }
+    if is_model_file(&args.tree.file, global.access()).unwrap_or(false) {
+        return anyhow!(
+            "{name}: unknown format of exact models; use .ply, .obj, .stl, .off, .city.json, .glb, x/tileset.json or .html, \
+             or --format"
+        );
+    }
     anyhow!(
         "{name}: unknown format; use .tif, .chain, .pmtiles, .mbtiles, a pattern with {{z}}, {{x}} and {{y}}, .ply, .obj, .stl, \
-         .off, .glb, x/tileset.json, .city.json, .csg or .html, with --polygons {VECTOR_ENDINGS}, or --format"
+         .off, .glb, x/tileset.json, .csg or .html, with --polygons {VECTOR_ENDINGS}, or --format"
     )
 }
 
@@ -194,7 +201,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tiles = if args.format.is_none() { TileTarget::of(args.output.path())? } else { None };
     let target = args.format.or_else(|| Target::of(args.output.path()));
     if tiles.is_none() && target.is_none() {
-        return Err(unknown(args));
+        return Err(unknown(args, global));
     }
     let target = target.filter(|_| tiles.is_none());
     if let Some(Target::Vector(_)) = target {

@@ -10,7 +10,7 @@ use super::division::{Division, each_bit};
 use super::equal_faces::EqualFaces;
 use super::items::{Items, bounds_of};
 use super::near::NearFaces;
-use super::pairs::{Contact, Shared, contact, passes, twin};
+use super::pairs::{Contact, Shared, contact, folded_edges, passes, twin};
 use super::spread::Spread;
 use crate::boxes::{Bounds, BoxTree, touch};
 use crate::exact::crossing::FinePoint;
@@ -65,6 +65,8 @@ struct Near<'a> {
     /// Present for many faces: any number of faces may be in one plane.
     tree: Option<BoxTree>,
     equal: EqualFaces,
+    /// Whether off-grid faces are near, whose proxies some of the faces may be.
+    has_proxies: bool,
 }
 
 impl Near<'_> {
@@ -281,7 +283,12 @@ impl CellBuilder<'_> {
                 [0, 1, 2].map(|axis| high[axis].min(most[axis])),
             ]
         }));
-        let near = Near { boxes, tree: Near::tree(boxes), equal: EqualFaces::of(self.items, list) };
+        let near = Near {
+            boxes,
+            tree: Near::tree(boxes),
+            equal: EqualFaces::of(self.items, list),
+            has_proxies: !near_faces.is_empty(),
+        };
         self.check_pairs(cell, list, &near, out)?;
         self.check_windings(cell, list, &near, out)?;
         let mut rule = self.rule(list);
@@ -347,7 +354,9 @@ impl CellBuilder<'_> {
                 }
                 let other = list[other_index];
                 let within = [near.boxes[index], near.boxes[other_index]];
-                if let Some(kind) = self.conflict([one, other], within, list, owns) {
+                let found = self.conflict([one, other], within, list, owns);
+                // (Off-grid faces that are thinner than a grid unit have folded proxies.)
+                if let Some(kind) = found.filter(|kind| *kind != DefectKind::Fold || !near.has_proxies) {
                     out.defects.push(self.defect(kind, [one, other]));
                 }
             }
@@ -411,6 +420,7 @@ impl CellBuilder<'_> {
         list: &[u32],
         owns: impl Fn([i32; 3]) -> bool,
     ) -> Option<DefectKind> {
+        let mut fold = None;
         for a in firsts {
             for b in seconds {
                 // Invariant: every pair of triangles that may intersect is tested in some cell that
@@ -420,6 +430,9 @@ impl CellBuilder<'_> {
                 // in different cells can only overlap, which winding numbers detect.) If a pair was
                 // missed, an invalid body would be written to a file.
                 let shared = Shared::of(&a.corners, &b.corners);
+                if shared.are_several() && fold.is_none() {
+                    fold = self.is_folded([a, b], list, &owns).then_some(DefectKind::Fold);
+                }
                 if !shared.all(&b.corners, &owns) {
                     continue;
                 }
@@ -442,7 +455,17 @@ impl CellBuilder<'_> {
                 }
             }
         }
-        None
+        fold
+    }
+
+    /// Returns whether two triangles are folded flat at a common edge without other faces. One cell
+    /// decides: that of the edge's smaller end, which has all faces of the edge.
+    fn is_folded(&self, [a, b]: [&FaceTriangle; 2], list: &[u32], owns: impl Fn([i32; 3]) -> bool) -> bool {
+        folded_edges(a, b).filter(|[from, to]| owns(*from.min(to))).any(|[from, to]| {
+            let triangles = list.iter().flat_map(|item| self.items.triangles(*item));
+            let meets = |triangle: &&FaceTriangle| triangle.bounds([from, to]) || triangle.bounds([to, from]);
+            triangles.filter(meets).take(3).count() == 2
+        })
     }
 
     /// Checks both sides of each face whose sample is in the cell: the front should be outside and

@@ -253,7 +253,7 @@ impl CellCheck<'_> {
             ModelNodeState::Leaf { kind, rule, inside } => {
                 found.counts.count(kind);
                 let head = LeafHead { kind, rule, inside };
-                self.leaf(cell, node, head, &lists.items[list], &mut lists.boxes, found)
+                self.leaf(cell, node, head, (&lists.items[list], near), &mut lists.boxes, found)
             }
             ModelNodeState::Inner => {
                 found.counts.inner += 1;
@@ -319,7 +319,7 @@ impl CellCheck<'_> {
         cell: &Cell,
         node: &ModelNode<'_>,
         head: LeafHead,
-        list: &[u32],
+        (list, near): (&[u32], &[u32]),
         boxes: &mut Vec<crate::boxes::Bounds>,
         found: &mut Differences,
     ) -> Result<()> {
@@ -331,7 +331,7 @@ impl CellCheck<'_> {
             return Ok(());
         }
         let kind = self.cell_builder.kind(list);
-        self.cell_builder.leaf(cell, list, (kind, &[]), boxes, &mut found.arena)?;
+        self.cell_builder.leaf(cell, list, (kind, near), boxes, &mut found.arena)?;
         let Some(made) = found.arena.take_leaf() else { return Ok(()) };
         if head.kind != kind {
             found.add(cell, || format!("a leaf of kind {:?}, expected {kind:?} from its faces", head.kind));

@@ -32,6 +32,9 @@ pub enum DefectKind {
     Crossing,
     /// Two faces overlap and have the same orientation.
     Overlap,
+    /// Two faces meet only each other at an edge, and are folded flat there: they lie on the same
+    /// side of the edge, in one plane.
+    Fold,
     /// The surface has this winding number, where 0 or 1 is valid: bodies overlap, or are inside
     /// out.
     Winding(i32),
@@ -57,6 +60,7 @@ impl fmt::Display for DefectKind {
         match self {
             DefectKind::Crossing => write!(f, "faces that intersect"),
             DefectKind::Overlap => write!(f, "faces that overlap"),
+            DefectKind::Fold => write!(f, "faces that are folded onto each other"),
             DefectKind::Winding(times) => {
                 write!(f, "winding number {times}, expected 0 or 1,")
             }

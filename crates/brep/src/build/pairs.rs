@@ -80,6 +80,12 @@ impl Shared {
         self.0 >> corner_of_b & 0b001_001_001 != 0
     }
 
+    /// Returns whether at least two vertices are common.
+    #[inline]
+    pub(super) fn are_several(self) -> bool {
+        self.0.count_ones() > 1
+    }
+
     /// Returns the only common vertex, as the index in each triangle.
     #[inline]
     fn only(self) -> Option<(usize, usize)> {
@@ -233,6 +239,23 @@ fn wedges_cross(a: &Triangle, b: &Triangle, of_b: [i32; 3], (i, j): (usize, usiz
     (0..3).any(|k| along_a[k].signum() * along_b[k].signum() > 0)
 }
 
+/// Returns the common edges of two triangles at which they are folded flat, as the first triangle
+/// traverses them: both lie in one plane, on the same side of the edge. Whether that is a defect
+/// depends on the other faces at the edge: bodies that touch have such faces, and further ones.
+pub(super) fn folded_edges<'a>(
+    a: &'a FaceTriangle,
+    b: &'a FaceTriangle,
+) -> impl Iterator<Item = [[i32; 3]; 2]> + use<'a> {
+    let is_opposite = || {
+        let (own, other) = (ring_normal(&a.corners), ring_normal(&b.corners));
+        (0..3).any(|axis| own[axis].signum() * other[axis].signum() < 0)
+    };
+    let is_on = |point: [i32; 3]| a.corners.contains(&point) || Plane::of(&a.corners).side(point) == 0;
+    let edges = (0..3).map(|i| [a.corners[i], a.corners[(i + 1) % 3]]);
+    let common = edges.filter(|[from, to]| a.bounds([*from, *to]) && b.bounds([*to, *from]));
+    common.filter(move |_| b.corners.iter().all(|point| is_on(*point)) && is_opposite())
+}
+
 /// Returns whether two coplanar triangles of the same orientation share an area.
 fn overlap(a: &Triangle, b: &Triangle) -> bool {
     let (normal_a, normal_b) = (ring_normal(a), ring_normal(b));
@@ -279,6 +302,24 @@ mod tests {
         assert_eq!(conflict(&[a[1], a[2], a[0]], &[b[2], b[0], b[1]]), found);
         assert_eq!(conflict(&[a[1], a[0], a[2]], &[b[1], b[0], b[2]]), found);
         found
+    }
+
+    /// Only opposite triangles on the same side of a common edge are folded there.
+    #[test]
+    fn folds_are_flat_and_on_one_side() {
+        let triangle = |corners: Triangle| FaceTriangle { corners, internal: [false; 3] };
+        let edges = |b: Triangle| folded_edges(&triangle(A), &triangle(b)).collect::<Vec<_>>();
+        let edge = [A[0], A[1]];
+        assert_eq!(edges([A[1], A[0], [3, 5, 0]]), [edge]);
+        assert_eq!(edges([[20, 5, 0], A[1], A[0]]), [edge]);
+        assert_eq!(edges([A[1], A[0], A[2]]), [edge, [A[1], A[2]], [A[2], A[0]]]);
+        // Raised by one unit, on the other side, of the same orientation, and without the edge.
+        for b in [[3, 5, 1], [3, -5, 0]] {
+            assert_eq!(edges([A[1], A[0], b]), [] as [[[i32; 3]; 2]; 0]);
+        }
+        assert!(edges(A).is_empty() && edges([A[0], [0, 4, 0], [4, 0, 0]]).is_empty());
+        let internal = FaceTriangle { internal: [true, false, false], ..triangle(A) };
+        assert_eq!(folded_edges(&internal, &triangle([A[1], A[0], [3, 5, 0]])).count(), 0);
     }
 
     /// Two adjacent boxes have four faces at an edge of their common wall.

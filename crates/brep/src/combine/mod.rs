@@ -420,7 +420,7 @@ fn write_result(
             what: format!("the result would not be a solid, so at least one of the models is not: {flaw}"),
             locations: Vec::new(),
             count: 0,
-            advice: "check them with verify, and build them again".into(),
+            advice: "check them with verify, and build them again with --repair".into(),
         });
     }
     let is_on_grid = !builder.has_exact_faces();
@@ -452,7 +452,7 @@ fn write_result(
         return Err(built.error(
             path,
             "the result intersects itself, so at least one of the models does",
-            "check them with verify, and build them again",
+            "check them with verify, and build them again with --repair",
         ));
     }
     let FaceValues { lost_columns, lost_values, .. } = values;

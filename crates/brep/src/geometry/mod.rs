@@ -17,5 +17,6 @@ mod turn;
 pub use box3::Box3;
 pub use bridges::{join_rings, split_bridges};
 pub use intersection::{Intersection, Stage, Stages};
+pub(crate) use plane::is_convex;
 pub use polygon::{Flaw, GridPolygon};
 pub use triangulate::Triangulator;

@@ -1,8 +1,23 @@
 //! Exact planes of faces, and lines along an axis through them.
 
 use super::box3::Box3;
+use super::turn::turn;
 use crate::exact::normal::newell;
 use crate::exact::vector::{dot, main_axis, others};
+
+/// Returns whether a ring is convex, in the projection in which it is largest; it may have vertices
+/// on straight sides. Rings that cross themselves may count as convex.
+pub(crate) fn is_convex(ring: &[[i64; 3]]) -> bool {
+    let Some(plane) = Plane::of_ring(ring) else { return false };
+    let axis = plane.main_axis();
+    let [mut u, mut v] = others(axis);
+    if plane.normal[axis] < 0 {
+        (u, v) = (v, u);
+    }
+    let count = ring.len();
+    let at = |index: usize| [ring[index % count][u], ring[index % count][v]];
+    (0..count).all(|index| turn(at(index), at(index + 1), at(index + 2)) >= 0)
+}
 
 /// A plane on the integer grid: the points whose dot product with the normal is the offset.
 #[derive(Clone, Copy, Debug)]

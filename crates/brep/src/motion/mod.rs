@@ -340,10 +340,13 @@ impl<'a> Target<'a> {
         })?;
         if built.defect_count > 0 && !is_rounded {
             let (what, advice) = match is_exact {
-                true => ("the model intersects itself", "check it with `spinney verify`, and build it again"),
+                true => (
+                    "the model intersects itself",
+                    "check it with `spinney verify`, and build it again with --repair",
+                ),
                 false => (
                     "on its new grid the result intersects itself, so it is not a solid",
-                    "choose a finer grid with --snap, or use only shifts by integer grid units, quarter turns and uniform factors, which are exact",
+                    "choose a finer grid with --snap, build the model with --repair, or use only shifts by integer grid units, quarter turns and uniform factors, which are exact",
                 ),
             };
             return Err(built.error(model.path(), what, advice));

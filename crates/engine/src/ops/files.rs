@@ -39,6 +39,9 @@ pub struct FileView {
     /// Options for operations with another grid. [`Resampling::Nearest`] applies to all operations:
     /// new cells have the value at their centre, also where the file's rule would average.
     pub warp: WarpOptions,
+    /// Unit of length of the result, for octrees without a coordinate system: world coordinates are
+    /// converted from the file's unit, if it has one.
+    pub unit: Option<String>,
 }
 
 /// Measures of a tree that was made from others.
@@ -95,6 +98,10 @@ impl FileView {
             return Err(Error::invalid("resampling", way.name(), expected));
         }
         let view = self.steps.iter().try_fold(View::whole(file.into())?.warping(self.warp), apply)?;
+        let view = match &self.unit {
+            Some(unit) => view.in_unit(unit).map_err(|error| error.of_file(&self.path))?,
+            None => view,
+        };
         // (A calculation may have another rule than the file.)
         let rule = view.source().header().rule;
         if is_nearest { Ok(view) } else { view.sampled(Sampling::Area(rule)) }
@@ -102,7 +109,8 @@ impl FileView {
 
     /// Line for the result's provenance.
     fn provenance(&self) -> String {
-        let steps: Vec<String> = self.steps.iter().map(ViewOperation::to_string).collect();
+        let mut steps: Vec<String> = self.steps.iter().map(ViewOperation::to_string).collect();
+        steps.extend(self.unit.iter().map(|unit| format!("unit {unit}")));
         let colon = if steps.is_empty() { "" } else { ": " };
         format!("view of {}{colon}{}", self.path.display(), steps.join(", "))
     }

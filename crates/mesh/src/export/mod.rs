@@ -42,6 +42,7 @@ mod sheets;
 mod sink;
 mod stl;
 mod triangles;
+mod units;
 mod visit;
 
 use std::path::Path;

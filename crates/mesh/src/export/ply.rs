@@ -44,8 +44,6 @@ pub(super) struct Ply {
     attribute: FaceAttribute,
     double: bool,
     has_vertex_colours: bool,
-    /// Whether faces may have more than 255 corners.
-    is_wide: bool,
     vertices: u64,
     faces: u64,
     vertex_spill: Spill,
@@ -65,7 +63,6 @@ impl Ply {
             attribute,
             double,
             has_vertex_colours: false,
-            is_wide: false,
             vertices: 0,
             faces: 0,
             vertex_spill,
@@ -81,23 +78,19 @@ impl Ply {
         Ply { numbers: vec![0.0; properties.len()], properties, ..self }
     }
 
-    /// Starts a file with coordinates in double precision, for faces of at most `most_corners`
-    /// corners.
-    pub(super) fn of_polygons(
+    /// Starts a file with coordinates in double precision, which may have colours of vertices.
+    pub(super) fn of_model(
         output: Output,
         attribute: FaceAttribute,
         has_vertex_colours: bool,
-        most_corners: usize,
     ) -> Result<Ply> {
-        let is_wide = most_corners > usize::from(u8::MAX);
-        Ok(Ply { has_vertex_colours, is_wide, ..Ply::new(output, attribute, true)? })
+        Ok(Ply { has_vertex_colours, ..Ply::new(output, attribute, true)? })
     }
 
     fn header(&self) -> String {
         let number = if self.double { "double" } else { "float" };
         // Some readers support only signed indices, so they are declared as such while they fit.
         let index = if self.vertices > i32::MAX as u64 { "uint" } else { "int" };
-        let length = if self.is_wide { "uint" } else { "uchar" };
         let colour = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
         let of_vertices = if self.has_vertex_colours { colour } else { "" };
         let attribute = match self.attribute {
@@ -115,7 +108,7 @@ impl Ply {
         format!(
             "ply\nformat binary_little_endian 1.0\ncomment made by spinney\nelement vertex {}\n\
              property {number} x\nproperty {number} y\nproperty {number} z\n{of_vertices}element face {}\n\
-             property list {length} {index} vertex_indices\n{attribute}{properties}end_header\n",
+             property list uchar {index} vertex_indices\n{attribute}{properties}end_header\n",
             self.vertices, self.faces
         )
     }
@@ -155,11 +148,7 @@ impl Sink for Ply {
     fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()> {
         self.faces += 1;
         self.bytes.clear();
-        if self.is_wide {
-            self.bytes.extend((corners.len() as u32).to_le_bytes());
-        } else {
-            self.bytes.push(corners.len() as u8); // a ring around 32 x 32 cells has at most 128 points
-        }
+        self.bytes.push(corners.len() as u8); // a ring around 32 x 32 cells has at most 128 points
         for corner in corners {
             self.bytes.extend((corner.index as u32).to_le_bytes());
         }

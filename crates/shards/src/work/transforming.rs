@@ -62,6 +62,7 @@ impl Transforming {
             steps,
             moves: self.moves,
             warp: self.warp,
+            unit: None,
             access: access.clone(),
         })
     }

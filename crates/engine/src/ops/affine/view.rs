@@ -14,7 +14,7 @@ use crate::tree::Source;
 use spinney_base::TreeType;
 use spinney_base::value::Rule;
 use spinney_base::{Error, Result};
-use spinney_container::Metadata;
+use spinney_container::{Metadata, Tag, Unit};
 use spinney_crs::{Crs, Frame};
 
 /// How cells that are not source cells get their value.
@@ -71,6 +71,8 @@ pub struct View {
     pub(super) lookup: Lookup,
     /// Coordinate system, if it is not the source's.
     crs: Option<Arc<Crs>>,
+    /// Unit of length of the world, if it is not the source's, and units per unit of the source.
+    unit: Option<(Arc<str>, f64)>,
     /// Options for operations with a grid in another coordinate system.
     warp: WarpOptions,
     /// Whether cells may use the source's approximate level values, since this view is a level of
@@ -162,6 +164,7 @@ impl View {
             depth,
             windows: Vec::new(),
             crs: None,
+            unit: None,
             warp: WarpOptions::default(),
             is_level: false,
             sampling: Sampling::Centre,
@@ -198,6 +201,7 @@ impl View {
             windows,
             sampling: self.sampling,
             crs: self.crs.clone(),
+            unit: self.unit.clone(),
             warp: self.warp,
             is_level: self.is_level,
             ..whole
@@ -422,6 +426,9 @@ impl View {
         let source = &self.source.metadata().frame;
         let world = AffineMap::from_rows(source.matrix);
         let mut frame = Frame { matrix: self.placed_cells(moves).then(&world).to_rows(), ..source.clone() };
+        if let Some((_, factor)) = &self.unit {
+            frame.matrix = frame.matrix.map(|row| row.map(|number| number * factor));
+        }
         if let Some(crs) = &self.crs {
             frame.crs = Some((**crs).clone());
         }
@@ -431,6 +438,31 @@ impl View {
     /// View whose cells are in this coordinate system, overriding the source's.
     pub(crate) fn in_system(self, crs: Crs) -> View {
         View { crs: Some(Arc::new(crs)), ..self }
+    }
+
+    /// View of an octree in another unit of length, to which its world coordinates are converted.
+    /// Without a unit in the source, coordinates stay the same.
+    ///
+    /// # Errors
+    /// If the view is a quadtree, the unit is unknown, or the coordinate system defines the unit.
+    pub(crate) fn in_unit(self, unit: &str) -> Result<View> {
+        let length = |unit: &str| Unit::parse(unit).and_then(Unit::metres);
+        let Some(metres) = length(unit) else {
+            return Err(Error::invalid("unit", unit, "a unit of length, such as mm, cm, m, km, in or ft"));
+        };
+        let is_octree = self.form.axes() == 3;
+        let crs = self.crs.as_deref().or(self.source.metadata().frame.crs.as_ref());
+        let found = match crs {
+            Some(crs) if is_octree => format!("cells in {crs}, which defines their unit"),
+            None if !is_octree => "a quadtree".to_string(),
+            Some(_) => "a quadtree with a coordinate system".to_string(),
+            None => {
+                let own = self.source.metadata().tag(Tag::Unit).and_then(length);
+                let factor = own.map_or(1.0, |own| own / metres);
+                return Ok(View { unit: Some((unit.into(), factor)), ..self });
+            }
+        };
+        Err(Error::invalid("unit", found, "an octree without a coordinate system"))
     }
 
     /// Sets how grids in other coordinate systems get their values.
@@ -494,17 +526,25 @@ impl View {
         let source = self.source.metadata();
         let cells = Frame { matrix: self.placed_cells(moves).to_rows(), ..Frame::identity() };
         let points = source.control_points.as_ref();
-        Metadata {
+        let mut metadata = Metadata {
             frame: self.frame(moves),
             control_points: points.and_then(|points| points.seen_through(&cells)),
             ..source.clone()
+        };
+        if let Some((unit, _)) = &self.unit {
+            metadata.set_tag(Tag::Unit, unit.to_string());
         }
+        metadata
     }
 
     /// Whether the view shows its whole source unchanged.
     pub(crate) fn is_whole(&self) -> bool {
         let is_same = self.lookup.to_source == AffineMap::IDENTITY && self.depth == self.source.depth();
-        is_same && self.extent == self.source_extent && self.windows.is_empty() && self.crs.is_none()
+        is_same
+            && self.extent == self.source_extent
+            && self.windows.is_empty()
+            && self.crs.is_none()
+            && self.unit.is_none()
     }
 
     /// The file, if the view shows all of it unchanged.

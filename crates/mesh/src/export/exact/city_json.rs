@@ -13,11 +13,11 @@ use super::surfaces::{List, Surfaces};
 use super::survey::{Survey, join_bounds};
 use super::{ExactSummary, Job, temporary_directory};
 use crate::export::sink::failed;
+use crate::export::units::length;
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 use spinney_brep::Faces;
 use spinney_brep::attributes::each_member;
-use spinney_container::Unit;
 use spinney_crs::Crs;
 
 pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
@@ -151,13 +151,8 @@ fn unit_factor(job: &Job<'_>, path: &Path) -> Result<f64> {
         return Err(Error::unsupported(path, found, advice));
     }
     let is_written = crs.is_some_and(|crs| reference_system(crs).is_some());
-    let to = if is_written { own.and_then(metres) } else { Some(1.0) };
-    Ok(unit.and_then(metres).zip(to).map_or(1.0, |(from, to)| from / to))
-}
-
-/// Length of a unit in metres.
-pub(super) fn metres(unit: &str) -> Option<f64> {
-    Unit::parse(unit)?.metres()
+    let to = if is_written { length(own) } else { Some(1.0) };
+    Ok(length(unit).zip(to).map_or(1.0, |(from, to)| from / to))
 }
 
 /// Lines with the metadata and the extensions, and the number of source files whose attributes are

@@ -1,10 +1,11 @@
-//! Export of exact models as meshes. Polygons stay polygons. Colours and parts are kept as far as
-//! the format can store them, in a form that this library's readers read back.
+//! Export of exact models as meshes. Polygons stay polygons where readers of the format agree on
+//! what they cover. Colours and parts are kept as far as the format can store them, in a form that
+//! this library's readers read back.
 //!
-//! Faces are read three times: for a survey, to number the vertices with an external sort, and to
-//! write them. CityJSON needs two more passes to find the shells of solids. Memory does not grow
-//! with the model, except for four bytes per face for CityJSON. At most two sorts of 64 MiB each
-//! run at a time.
+//! Faces are read four times: to count the triangles, for a survey, to number the vertices with an
+//! external sort, and to write them. CityJSON needs one more pass, to find the shells of solids.
+//! Memory does not grow with the model, except for four bytes per face for CityJSON. At most two
+//! sorts of 64 MiB each run at a time.
 
 mod city_json;
 mod city_objects;
@@ -23,9 +24,10 @@ use std::path::PathBuf;
 use self::face_columns::FaceColumns;
 use super::MeshFormat;
 use super::losses::Losses;
+use super::units::length;
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
-use spinney_brep::{AttributedFaceVisitor, Face, Faces};
+use spinney_brep::{AttributedFaceVisitor, Face, Faces, Triangulated};
 
 /// Size of a written model, and what its format could not store.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -35,8 +37,6 @@ pub struct ExactSummary {
     pub vertices: u64,
     /// Faces; triangles for STL.
     pub faces: u64,
-    /// Holes that bridges join to the ring around them.
-    pub bridged_holes: u64,
     /// Whether colours were lost.
     pub lost_colours: bool,
     /// Number of parts and files whose attributes were lost.
@@ -54,15 +54,18 @@ pub struct ExactSummary {
     /// STL: triangles left out because two of their vertices are equal in single precision. The
     /// other triangles are as closed as before.
     pub collapsed: u64,
+    /// STL: triangles that rounding to single precision reversed. They are thinner than the
+    /// precision, and lie on their neighbours.
+    pub reversed: u64,
 }
 
 /// Writes an exact model as a mesh in world coordinates.
 ///
 /// | format | polygons | holes | coordinates | colours | parts | values of faces |
 /// | --- | --- | --- | --- | --- | --- | --- |
-/// | PLY | yes | bridges | double precision | of faces; of vertices if a face has several | no | numbers |
-/// | OBJ | yes | bridges | shortest round-trip decimals | of vertices or materials | objects | `material` |
-/// | OFF | yes | bridges | as OBJ | as PLY | no | no |
+/// | PLY | triangles | | double precision | of faces; of vertices if a face has several | no | numbers |
+/// | OBJ | if convex | | shortest round-trip decimals | of vertices or materials | objects | `material` |
+/// | OFF | if convex | | as OBJ | as PLY | no | no |
 /// | STL | triangles | | single precision; see [`ExactSummary::moved`] | no | no | no |
 /// | CityJSON | yes | yes | integers with a transform | no | objects | semantics |
 ///
@@ -71,10 +74,11 @@ pub struct ExactSummary {
 /// Whatever the format cannot store is also reported as a [warning](Progress::warn). The warning
 /// includes the name of a single part, the coordinate system and the unit of length.
 ///
-/// Bridges join holes and their outer ring into one ring, as
-/// [`join_rings`](spinney_brep::geometry::join_rings) does;
-/// [`split_bridges`](spinney_brep::geometry::split_bridges) recovers the rings. Vertices are sorted
-/// by their coordinates within blocks of at most 32 x 32 x 32 grid units.
+/// Faces that are not convex, or have holes, are triangulated in OBJ and OFF: many readers divide
+/// polygons into fans, which would cover other areas. Some readers of PLY need faces of equal
+/// length, so all faces are triangulated there. Triangles have no new vertices; see
+/// [`Triangulated`]. Those of STL are computed from coordinates in single precision. Vertices are
+/// sorted by their coordinates within blocks of at most 32 x 32 x 32 grid units.
 ///
 /// Face values in the columns `type`, `surface`, `parent` and `attributes` become surface semantics
 /// of CityJSON if the face has a type. Columns of numbers become properties of PLY faces: `int` if
@@ -110,8 +114,9 @@ pub struct ExactSummary {
 /// ```
 ///
 /// # Errors
-/// If the format cannot hold so many faces or vertices; if faces cannot be read; if the output
-/// cannot be written; or on cancellation.
+/// If the format cannot hold so many faces or vertices; for STL, if single precision has less than
+/// 4096 coordinates along the model, which is far from the origin then; if faces cannot be read; if
+/// the output cannot be written; or on cancellation.
 pub fn export_exact(
     faces: &dyn Faces,
     format: MeshFormat,
@@ -119,12 +124,19 @@ pub fn export_exact(
     progress: &dyn Progress,
 ) -> Result<ExactSummary> {
     let passes = match format {
-        MeshFormat::Stl => 1,
+        MeshFormat::Stl => 2,
         MeshFormat::CityJson => 5,
         // (Materials and numbers take another pass.)
         MeshFormat::Ply | MeshFormat::Obj => 3 + u64::from(!faces.value_columns()?.is_empty()),
         MeshFormat::Off => 3,
     };
+    let divided = match format {
+        MeshFormat::Ply => Some(Triangulated::of(faces)?),
+        MeshFormat::Obj | MeshFormat::Off => Some(Triangulated::of_concave(faces)?),
+        // (STL has triangles of its own.)
+        MeshFormat::Stl | MeshFormat::CityJson => None,
+    };
+    let faces = divided.as_ref().map_or(faces, |divided| divided);
     let job = Job { faces, progress, passes };
     let mut losses = Losses::of(&output);
     let columns = match format {
@@ -149,13 +161,11 @@ pub fn export_exact(
     losses.add(!has_names && !summary.lost_parts && job.names_something(), "the name of the part");
     let lost = summary.lost_attributes;
     losses.add(lost > 0, format!("the attributes of {lost} parts and files"));
-    let holes = summary.bridged_holes;
-    losses.add(holes > 0, format!("holes ({holes} are joined to the rings around them)"));
     losses.add(summary.lost_values, lost_values(&columns.lost));
     let characters = "control characters, outer blanks and final backslashes of material names";
     losses.add(columns.has_changed_names, characters);
     losses.add_crs(crs.filter(|crs| !(is_city && city_json::reference_system(crs).is_some())));
-    losses.add_unit(faces.unit(), faces.unit().filter(|unit| is_city && city_json::metres(unit).is_some()));
+    losses.add_unit(faces.unit(), faces.unit().filter(|unit| is_city && length(Some(unit)).is_some()));
     losses.report(progress);
     Ok(summary)
 }

@@ -1,15 +1,14 @@
-//! Exact models as PLY, OBJ or OFF: single-ring polygons over numbered vertices.
+//! Exact models as PLY, OBJ or OFF: triangles and convex polygons over numbered vertices.
 
 use super::face_columns::{FaceColumns, material_name, number};
 use super::material_library::{library_path, start as start_library};
 use super::numbering::CornerNumbers;
 use super::survey::Survey;
-use super::{ExactSummary, Job, temporary_directory, wide};
+use super::{ExactSummary, Job, temporary_directory};
 use crate::export::sink::{Sink, Vertex};
 use crate::export::{FaceAttribute, MeshFormat, obj, off, ply};
 use spinney_base::Result;
 use spinney_base::io::Output;
-use spinney_brep::geometry::join_rings;
 
 pub(super) fn write(
     job: &Job<'_>,
@@ -31,7 +30,7 @@ pub(super) fn write(
         MeshFormat::Obj => Box::new(obj::Obj::with_library(output, library_name.as_deref())?),
         MeshFormat::Off => Box::new(off::Off::new(output, attribute, with_colours)?),
         _ => {
-            let ply = ply::Ply::of_polygons(output, attribute, with_colours, survey.most_corners)?;
+            let ply = ply::Ply::of_model(output, attribute, with_colours)?;
             Box::new(ply.with_properties(columns.properties.clone()))
         }
     };
@@ -47,7 +46,7 @@ pub(super) fn write(
         has_library: library.is_some(),
         ..ExactSummary::default()
     };
-    let (mut part, mut found, mut points, mut corners) = (None, Vec::new(), Vec::new(), Vec::new());
+    let (mut part, mut found, mut corners) = (None, Vec::new(), Vec::new());
     let wanted: Vec<&str> = columns.names.iter().map(String::as_str).collect();
     let (mut material, mut numbers_of_face) = (None, Vec::new());
     job.each_with_values(&wanted, &mut |face, values| {
@@ -72,13 +71,7 @@ pub(super) fn write(
         numbers.next(face.points.len(), &mut found)?;
         let vertex = |corner: usize| Vertex { index: found[corner], at: [0.0; 3] };
         corners.clear();
-        if face.ring_ends.len() > 1 {
-            wide(face.points, &mut points);
-            corners.extend(join_rings(&points, face.ring_ends).into_iter().map(|i| vertex(i as usize)));
-            summary.bridged_holes += face.ring_ends.len() as u64 - 1;
-        } else {
-            corners.extend((0..face.points.len()).map(vertex));
-        }
+        corners.extend((0..face.points.len()).map(vertex));
         summary.faces += 1;
         let [red, green, blue] = face.colours.first().copied().unwrap_or_default();
         sink.face(&corners, u32::from_be_bytes([0, red, green, blue]))

@@ -7,8 +7,6 @@ use spinney_brep::Face;
 /// Summary of all faces.
 #[derive(Default)]
 pub(super) struct Survey {
-    /// Maximum number of corners of a face, including those that bridges add.
-    pub(super) most_corners: usize,
     pub(super) has_colours: bool,
     /// Whether a face has corners of different colours.
     pub(super) has_shades: bool,
@@ -24,8 +22,6 @@ impl Survey {
         let parts = job.faces.parts().len();
         let mut survey = Survey { open: vec![0; parts], bounds: vec![None; parts], ..Survey::default() };
         job.each(&mut |face| {
-            let bridges = 2 * face.ring_ends.len().saturating_sub(1);
-            survey.most_corners = survey.most_corners.max(face.points.len() + bridges);
             survey.has_colours |= !face.colours.is_empty();
             survey.has_shades |= face.colours.windows(2).any(|pair| pair[0] != pair[1]);
             if let Some(sum) = survey.open.get_mut(face.part as usize) {

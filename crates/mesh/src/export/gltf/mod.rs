@@ -61,9 +61,10 @@ const MAX_GLB: usize = 1 << 30;
 /// Tiles that are generated at a time.
 const BATCH: usize = 256;
 
-/// Writes one level of an octree, or of a view of one, as binary glTF in world coordinates, with y
-/// up as in glTF. The file has a node for each tile of 64 x 64 x 64 cells, with normals, colours,
-/// and classes as features. The model is built in memory. Returns the number of triangles.
+/// Writes one level of an octree, or of a view of one, as binary glTF in world coordinates in
+/// metres, with y up as in glTF. Other units of length are converted; without a unit, coordinates
+/// are taken as metres. The file has a node for each tile of 64 x 64 x 64 cells, with normals,
+/// colours, and classes as features. The model is built in memory. Returns the number of triangles.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -120,7 +121,7 @@ pub fn export_glb(
         }
     }
     let attributes = meshes.iter().flat_map(|(_, mesh)| mesh.attributes());
-    let mut glb = Glb::new(maker.attribute(), options, tree.metadata(), y_up(maker.frame()), attributes);
+    let mut glb = Glb::new(maker.attribute(), options, tree.metadata(), y_up(&maker.in_metres()), attributes);
     let mut triangles = 0;
     for (tile, mesh) in &meshes {
         triangles += mesh.triangles.len() as u64;

@@ -1,6 +1,7 @@
 //! Tiles of an octree: which tiles a surface crosses, and the triangles of each.
 
 use super::super::losses::Losses;
+use super::super::units::{length, metres_of_unit, units_of_crs};
 use super::super::visit::Reach;
 use super::super::{MeshRequest, Precision};
 use super::glb::{Glb, TileAttribute};
@@ -17,6 +18,11 @@ use spinney_engine::query::check_level;
 
 /// Levels between a tile and its cells.
 const TILE_LEVELS: u8 = 6;
+
+/// Frame whose coordinates are multiplied by a factor.
+fn scaled(frame: &Frame, factor: f64) -> Frame {
+    Frame { matrix: frame.matrix.map(|row| row.map(|number| number * factor)), ..frame.clone() }
+}
 
 /// Node at a level of tiles, by its index in Z order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,14 +84,15 @@ impl<'a> TileMaker<'a> {
         Ok(TileMaker { tree, level, frame, smooth: request.smooth, attribute, carry })
     }
 
-    /// Adds what glTF cannot store: values that are neither colours nor classes, and units other
-    /// than metres.
+    /// Adds what glTF cannot store: values that are neither colours nor classes, and units that are
+    /// not lengths.
     pub(super) fn add_losses(&self, losses: &mut Losses) -> Result<()> {
         let is_lost = self.attribute == TileAttribute::None && self.tree.header().rule != Rule::Occupancy;
         if is_lost {
             losses.add_values(self.tree, "values of cells")?;
         }
-        losses.add_unit(self.tree.metadata().tag(Tag::Unit), Some("m"));
+        let unit = self.tree.metadata().tag(Tag::Unit);
+        losses.add_unit(unit.filter(|unit| length(Some(unit)).is_none()), None);
         Ok(())
     }
 
@@ -94,9 +101,17 @@ impl<'a> TileMaker<'a> {
         self.level
     }
 
-    /// Frame of the finest cells.
-    pub(super) fn frame(&self) -> &Frame {
-        &self.frame
+    /// Frame of the finest cells, in metres.
+    pub(super) fn in_metres(&self) -> Frame {
+        let crs = self.frame.crs.as_ref();
+        scaled(&self.frame, metres_of_unit(self.tree.metadata().tag(Tag::Unit), crs))
+    }
+
+    /// Frame of the finest cells, in units of the coordinate system.
+    pub(super) fn in_crs(&self) -> Frame {
+        let unit = self.tree.metadata().tag(Tag::Unit);
+        let units = self.frame.crs.as_ref().filter(|crs| !crs.is_geographic());
+        scaled(&self.frame, units.map_or(1.0, |crs| units_of_crs(unit, crs)))
     }
 
     /// Cells of the finest level along each axis of the tree's extent.

@@ -29,7 +29,7 @@ pub struct TilesetSummary {
     /// Triangles of all tiles.
     pub triangles: u64,
     /// Maximum deviation from the curved globe in metres; `None` if the tileset is in the tree's
-    /// world coordinates.
+    /// world coordinates, in metres.
     pub deviation: Option<f64>,
 }
 
@@ -38,7 +38,8 @@ pub struct TilesetSummary {
 /// directory, which is created atomically. The request's level is the finest level.
 ///
 /// A tree with a known coordinate system is placed on the globe, by the affine map that touches the
-/// globe in the middle of the tree. Other trees keep their world coordinates, with z up.
+/// globe in the middle of the tree. Other trees keep their world coordinates, in metres, with z up:
+/// other units of length are converted, and without a unit, coordinates are taken as metres.
 ///
 /// Each thread holds the blocks around the tiles that it makes, at most 128 MiB. Memory does not
 /// grow with the number of tiles.
@@ -59,8 +60,8 @@ pub fn export_tileset(
     let mut total = 0;
     maker.visit(progress, |_| total += 1)?;
     let space = [[0.0; 3], maker.extent()];
-    let on_globe = OnGlobe::touching(maker.frame(), space);
-    let matrix = on_globe.map_or_else(|| matrix(maker.frame()), |on_globe| on_globe.matrix);
+    let on_globe = OnGlobe::touching(&maker.in_crs(), space);
+    let matrix = on_globe.map_or_else(|| matrix(&maker.in_metres()), |on_globe| on_globe.matrix);
     let mut shape = maker.shape()?;
     let mut writer = TilesetWriter {
         tree,
@@ -208,7 +209,7 @@ impl<'a> TilesetWriter<'a, '_> {
     /// Content of `tileset.json`.
     fn tileset(&self) -> Json {
         let mut asset = json!({ "version": "1.1", "generator": "spinney" });
-        if let Some(crs) = &self.maker.frame().crs {
+        if let Some(crs) = &self.tree.metadata().frame.crs {
             let note = match self.summary.deviation {
                 Some(_) => "the root's transform leads to EPSG:4978 by an affine map",
                 None => "the root's transform leads to coordinates of this system, not to geocentric ones",

@@ -16,6 +16,7 @@ use self::model_glb::{ModelGlbOptions, model_glb};
 use self::position::ModelPosition;
 use super::GltfOptions;
 use super::losses::Losses;
+use super::units::length;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::{Faces, Triangulated};
@@ -84,6 +85,7 @@ pub fn export_model_glb(
     let mut losses = Losses::of(&output);
     losses.add(!faces.file_attributes()?.is_empty(), "the metadata of source files");
     losses.add_crs(faces.crs().filter(|_| about.is_none()));
+    losses.add_unit(faces.unit().filter(|unit| length(Some(unit)).is_none()), None);
     let options =
         ModelGlbOptions { is_coloured, meshopt: options.meshopt, about, values, ..Default::default() };
     let bytes = model_glb(faces, &meshes, options)?;

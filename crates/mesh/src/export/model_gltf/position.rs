@@ -6,9 +6,9 @@ use glam::DVec3;
 use serde_json::{Value as Json, json};
 
 use super::super::gltf::globe::GlobePosition;
+use super::super::units::{length, metres_of_unit, units_of_crs};
 use spinney_base::{Error, Result};
 use spinney_brep::{Faces, Grid};
-use spinney_container::Unit;
 use spinney_crs::Crs;
 
 /// Maps grid points to metres.
@@ -43,11 +43,10 @@ impl<'a> ModelPosition<'a> {
     /// If coordinates are angles, and their system cannot be projected. `path` is for the error.
     pub(super) fn on_globe(faces: &'a dyn Faces, point: [f64; 3], path: &Path) -> Result<ModelPosition<'a>> {
         let Some(crs) = faces.crs() else { return Ok(ModelPosition::in_metres(faces)) };
-        let own = length(faces.unit());
         let scale = match crs.is_geographic() {
             // (The model's unit is that of heights.)
-            true => DVec3::new(1.0, 1.0, own.unwrap_or(1.0)),
-            false => DVec3::splat(own.zip(length(crs.unit())).map_or(1.0, |(own, unit)| own / unit)),
+            true => DVec3::new(1.0, 1.0, length(faces.unit()).unwrap_or(1.0)),
+            false => DVec3::splat(units_of_crs(faces.unit(), crs)),
         };
         let position = ModelPosition::new(faces, scale, GlobePosition::of(crs));
         match &position.globe {
@@ -81,9 +80,7 @@ impl<'a> ModelPosition<'a> {
     }
 
     fn in_metres(faces: &'a dyn Faces) -> ModelPosition<'a> {
-        // (Without any unit, metres.)
-        let unit = length(faces.unit()).or_else(|| length(faces.crs()?.unit()));
-        ModelPosition::new(faces, DVec3::splat(unit.unwrap_or(1.0)), None)
+        ModelPosition::new(faces, DVec3::splat(metres_of_unit(faces.unit(), faces.crs())), None)
     }
 
     fn new(faces: &'a dyn Faces, scale: DVec3, globe: Option<GlobePosition>) -> ModelPosition<'a> {
@@ -134,11 +131,6 @@ impl<'a> ModelPosition<'a> {
     fn scaled(&self, point: [f64; 3]) -> [f64; 3] {
         (DVec3::from(point) * self.scale).into()
     }
-}
-
-/// Returns the metres of a unit of length.
-fn length(unit: Option<&str>) -> Option<f64> {
-    unit.and_then(Unit::parse).and_then(Unit::metres)
 }
 
 /// Returns the centre of the bounding box.

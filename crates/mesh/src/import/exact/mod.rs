@@ -20,8 +20,8 @@ use spinney_base::io::{Output, directory_of};
 use spinney_base::{Error, Progress, Result, SilentProgress, SubProgress};
 use spinney_brep::format_position;
 use spinney_brep::{
-    BuildReport, ColumnValues, Face, FaceList, FaceSorter, Faces as _, Grid, InsideRule, ModelBuilder,
-    REPAIR_PASSES, Repair, repair, repair_bytes,
+    BuildReport, ColumnValues, DefectKind, Face, FaceList, FaceSorter, Faces as _, Grid, InsideRule,
+    ModelBuilder, REPAIR_PASSES, Repair, repair, repair_bytes,
 };
 use spinney_container::{Metadata, Tag};
 
@@ -179,7 +179,11 @@ pub fn import_exact(
                 "resolve it with --repair, or build cells (without --brep), which are the union of all parts"
             }
         };
-        let what = "the surface intersects itself, or is inside out: it bounds no body";
+        let are_folds = built.defects.iter().all(|defect| defect.kind == DefectKind::Fold);
+        let what = match are_folds {
+            true => "the surface is folded flat onto itself, and encloses nothing there",
+            false => "the surface intersects itself, or is inside out: it bounds no body",
+        };
         let error = built.error(&path, what, advice);
         let wrong = Wrong { built: &built, objects: &objects, closing: &closing, options };
         return Err(wrong.named(error, &mut models, snapper, sorter(), progress)?);
