@@ -271,6 +271,7 @@ impl Bodies<'_> {
             keeps_cuts: false,
             changed: &[],
             winding: &|_, _| None,
+            owners: None,
             rest: None,
             is_inside: &|windings| windings[0] != 0 && windings[1] != 0,
         };

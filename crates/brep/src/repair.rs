@@ -211,6 +211,7 @@ pub(crate) fn divided(
         keeps_cuts: false,
         changed: &[],
         winding: &|_, _| None,
+        owners: None,
         rest: None,
         is_inside: &|windings| rule.is_inside(windings[0]),
     };

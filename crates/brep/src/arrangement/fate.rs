@@ -1,5 +1,6 @@
 //! Decision which faces bound the inside, by the winding numbers on both sides.
 
+use super::owner::{FaceAtSample, FaceOwner};
 use super::sample::SamplePoint;
 use super::surface::Surface;
 use crate::boxes::Bounds;
@@ -10,8 +11,9 @@ use spinney_base::{Result, sort};
 /// Fate of a face, or of a region of one, by the winding numbers on both sides.
 #[derive(Clone, Copy)]
 pub(super) enum RegionFate {
-    /// It bounds the inside; reversed or not.
-    Stays { is_turned: bool },
+    /// It bounds the inside; reversed or not, and with another part than that of the face if `part`
+    /// is given.
+    Stays { is_turned: bool, part: Option<u32> },
     /// It is removed: a coincident face stays.
     Covered,
     /// It is removed: both sides are inside.
@@ -69,13 +71,28 @@ impl Surface<'_> {
         }
         let [above, below] = self.windings(sample, &same)?;
         let (front, back) = ((self.operands.is_inside)(&above), (self.operands.is_inside)(&below));
+        let FaceOwner { part, wall } = match self.operands.owners {
+            Some(owners) => {
+                let at = same.iter().map(|&(face, is_up)| FaceAtSample {
+                    face,
+                    operand: self.operand(face),
+                    part: self.face(face).part,
+                    is_up,
+                });
+                owners(sample, [&above, &below], &at.collect::<Vec<_>>())?
+            }
+            None => FaceOwner::default(),
+        };
         if front == back {
+            if let Some((_, is_turned)) = wall.filter(|(faces, _)| faces.contains(&face)) {
+                return Ok(RegionFate::Stays { is_turned, part: None });
+            }
             return Ok(if front { RegionFate::Inside } else { RegionFate::Outside });
         }
         let is_up = back;
         let stays = same.iter().find(|(_, up)| *up == is_up).or(same.first());
         let own = stays.filter(|(stays, _)| *stays == face);
-        Ok(own.map_or(RegionFate::Covered, |(_, up)| RegionFate::Stays { is_turned: *up != is_up }))
+        Ok(own.map_or(RegionFate::Covered, |(_, up)| RegionFate::Stays { is_turned: *up != is_up, part }))
     }
 
     /// Returns the winding numbers of all operands above and below a sample. `same` are the faces

@@ -54,7 +54,10 @@ pub(crate) fn divide(
     let resolved = resolve(faces, operands, path, memory, progress, &mut |kept| {
         match kept {
             RemainingFace::Whole { face, is_turned } => match faces.exact.get(&(face.number as u32)) {
-                Some(exact) => found.push(if is_turned { exact.turned() } else { exact.clone() }),
+                Some(exact) => {
+                    let exact = if is_turned { exact.turned() } else { exact.clone() };
+                    found.push(ExactFace { part: face.part, ..exact });
+                }
                 None if is_turned => found.list.push(&turner.turn(&face)),
                 None => found.list.push(&face),
             },
@@ -394,6 +397,7 @@ fn operands<'a>(ends: &'a [u32], far: &'a [i32], changed: &'a [bool]) -> Operand
         keeps_cuts: false,
         changed,
         winding: &|_, _| None,
+        owners: None,
         rest: None,
         is_inside: &|windings| windings[0] > 0,
     }

@@ -33,6 +33,7 @@ use super::exact_face::{ExactFace, ExactFaces};
 use super::fate::RegionFate;
 use super::orientation::Turned;
 use super::overlay::{PlaneRegion, PlaneSegment, VertexKey, Vertices, regions};
+use super::owner::OwnerRule;
 use super::point::{ExactPlane, ExactPoint};
 use super::rounding::colours;
 use super::sample::SamplePoint;
@@ -87,6 +88,8 @@ pub(crate) struct Operands<'a> {
     /// Returns the winding number of a body just above a sample, where faces that contain the
     /// sample do not count; `None` if it must be counted along a ray through the list.
     pub(crate) winding: &'a (dyn Fn(usize, &SamplePoint<'_>) -> Option<Result<i32>> + Sync),
+    /// The rule to which part a region of a face belongs; `None` if regions keep their parts.
+    pub(crate) owners: Option<&'a OwnerRule<'a>>,
     /// If the list is only a part of one surface: the change of the winding number above a sample
     /// by the other faces. These should touch no face of the list, except for neighbours.
     pub(crate) rest: Option<&'a OtherFaces<'a>>,
@@ -192,7 +195,9 @@ pub(super) fn resolve(
             next += 1;
             let found = regions_of.remove(&number).unwrap_or_default();
             match found.whole {
-                Some(is_turned) => each(RemainingFace::Whole { face, is_turned })?,
+                Some((is_turned, part)) => {
+                    each(RemainingFace::Whole { face: Face { part, ..face }, is_turned })?
+                }
                 None if found.regions.is_empty() => remove(&face, found.is_outside),
                 None => {
                     divided_faces += 1;
@@ -205,8 +210,9 @@ pub(super) fn resolve(
         } else {
             let has_area = surface.planes[number as usize].is_some();
             match fate_of.get(&components[number as usize]) {
-                Some(RegionFate::Stays { is_turned }) if has_area || !operands.are_bodies => {
-                    each(RemainingFace::Whole { face, is_turned: *is_turned })?
+                Some(RegionFate::Stays { is_turned, part }) if has_area || !operands.are_bodies => {
+                    let part = part.unwrap_or(face.part);
+                    each(RemainingFace::Whole { face: Face { part, ..face }, is_turned: *is_turned })?
                 }
                 fate if has_area => remove(&face, matches!(fate, Some(RegionFate::Outside))),
                 // (Faces without area do not count as removed.)
@@ -254,8 +260,8 @@ struct Divided {
     regions: Vec<ExactFace>,
     /// Whether a region was removed that has the outside on both sides.
     is_outside: bool,
-    /// If the whole face stays unchanged: whether it is reversed.
-    whole: Option<bool>,
+    /// If the whole face stays unchanged: whether it is reversed, and its part.
+    whole: Option<(bool, u32)>,
 }
 
 /// Faces with their planes, and a tree over their boxes.
@@ -547,9 +553,9 @@ impl<'a> Surface<'a> {
                 return None;
             }
             match self.fate(&sample, face, false) {
-                Ok(RegionFate::Stays { is_turned }) => {
+                Ok(RegionFate::Stays { is_turned, part }) => {
                     number.set(number.get() + u32::from(self.operands.keeps_cuts));
-                    return Some((is_turned, number.get()));
+                    return Some((is_turned, part.unwrap_or(own.part), number.get()));
                 }
                 Ok(fate) => is_outside.set(is_outside.get() || matches!(fate, RegionFate::Outside)),
                 Err(error) => drop(failed.replace(Some(error))),
@@ -562,15 +568,18 @@ impl<'a> Surface<'a> {
             return Err(error);
         }
         let whole = match &found[..] {
-            [(region, (is_turned, _))] if region.rings.iter().map(Vec::len).sum::<usize>() == corners => {
-                self.is_same(face, region).then_some(*is_turned)
+            [(region, (is_turned, part, _))]
+                if region.rings.iter().map(Vec::len).sum::<usize>() == corners =>
+            {
+                self.is_same(face, region).then_some((*is_turned, *part))
             }
             _ => None,
         };
-        let regions = found.into_iter().map(|(region, (is_turned, _))| {
+        let regions = found.into_iter().map(|(region, (is_turned, part, _))| {
             let colours = |face: &ExactFace| colours(&own, plane, face);
             let mut exact = ExactFace::of_region(&own, plane, &region, is_turned);
             exact.colours = colours(&exact);
+            exact.part = part;
             exact
         });
         Ok(Divided { regions: regions.collect(), is_outside: is_outside.get(), whole })

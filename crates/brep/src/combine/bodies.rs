@@ -21,6 +21,7 @@ use std::path::Path;
 use super::common_grid::{CommonGrid, incompatible_grids};
 use super::node_table::PairCounts;
 use super::overlap::Overlap;
+use super::owners::{Owners, PartNumbers};
 use super::table::Fate;
 use super::table::OperationTable;
 use super::values::FaceValues;
@@ -55,6 +56,8 @@ pub(super) struct Bodies<'a> {
     first: Vec<(u32, u64)>,
     /// The model whose octree is copied where no face changes: one with the common grid, if any.
     base: Option<usize>,
+    /// The rule to which parts faces of the result belong; `None` if they keep their parts.
+    pub(super) owners: Option<Owners<'a>>,
 }
 
 /// The proxies of a model that are replaced, since an exact face that they represent may be
@@ -145,7 +148,8 @@ impl<'a> Bodies<'a> {
             *model.grid() == common_grid.grid && is_reached && !is_thin
         };
         let base = (0..models.len()).filter(is_base).max_by_key(|number| models[*number].len());
-        let mut bodies = Bodies { models, common_grid, table, overlaps, replaced, is_coloured, first, base };
+        let mut bodies =
+            Bodies { models, common_grid, table, overlaps, replaced, is_coloured, first, base, owners: None };
         for number in (0..models.len()).filter(|number| models[*number].has_exact_faces()) {
             bodies.settle_exact_faces(number, progress)?;
             bodies.replace_proxies(number, progress)?;
@@ -240,6 +244,16 @@ impl<'a> Bodies<'a> {
             let list = &mut found.faces.list;
             self.each(number, progress, &mut |face, is_proxy, face_use| {
                 sources = sources.max(face.source.saturating_add(1));
+                if let (FaceUse::Settled(fate), Some(owners)) = (face_use, &self.owners) {
+                    // (Dropped faces are on the model's own grid.)
+                    let (at, part) = match fate {
+                        Fate::Drop => {
+                            (self.common_grid.point(number, face.points[0]), face.part + self.first[number].0)
+                        }
+                        _ => (face.points[0], face.part),
+                    };
+                    owners.note_settled(number, part, fate, at)?;
+                }
                 if matches!(face_use, FaceUse::Settled(Fate::Keep)) {
                     stays[0].set(face.number, true);
                     return Ok(());
@@ -293,7 +307,7 @@ impl<'a> Bodies<'a> {
                 exact_bytes += face.bytes();
                 match fate {
                     None => found.faces.push(face),
-                    Some(fate) => found.settled_faces.extend(settled(face, fate)),
+                    Some(fate) => found.settled_faces.extend(self.settled_face(number, face, fate)?),
                 }
                 Ok(())
             })?;
@@ -320,7 +334,9 @@ impl<'a> Bodies<'a> {
     ) -> Result<()> {
         if let Some(base) = self.base {
             self.each(base, progress, &mut |face, is_proxy, face_use| match face_use {
-                FaceUse::Settled(Fate::Keep) => each(base, face, is_proxy, true),
+                FaceUse::Settled(Fate::Keep) => {
+                    each(base, &self.with_part(base, face, Fate::Keep)?, is_proxy, true)
+                }
                 _ => Ok(()),
             })?;
         }
@@ -331,8 +347,13 @@ impl<'a> Bodies<'a> {
                 continue;
             }
             self.each(number, progress, &mut |face, is_proxy, face_use| match face_use {
-                FaceUse::Settled(Fate::Keep) if !is_base => each(number, face, is_proxy, false),
-                FaceUse::Settled(Fate::Reverse) => each(number, &turner.turn(face), is_proxy, false),
+                FaceUse::Settled(Fate::Keep) if !is_base => {
+                    each(number, &self.with_part(number, face, Fate::Keep)?, is_proxy, false)
+                }
+                FaceUse::Settled(Fate::Reverse) => {
+                    let face = self.with_part(number, face, Fate::Reverse)?;
+                    each(number, &turner.turn(&face), is_proxy, false)
+                }
                 _ => Ok(()),
             })?;
         }
@@ -343,6 +364,7 @@ impl<'a> Bodies<'a> {
     pub(super) fn keep_exact(
         &self,
         base: &BaseModel<'_>,
+        parts: &PartNumbers,
         builder: &mut ModelBuilder,
         progress: &dyn Progress,
     ) -> Result<()> {
@@ -352,14 +374,17 @@ impl<'a> Bodies<'a> {
             progress.check()?;
             let stays = |place: &usize| base.exact.number(first + *place as u64).is_some();
             if self.first[number] == (0, 0)
+                && parts.are_kept(base.model.parts().len())
+                && self.owners.as_ref().is_none_or(|owners| owners.keeps_parts(number, Fate::Keep))
                 && block.is_coloured() == self.is_coloured
                 && (0..block.len()).all(|place| stays(&place))
             {
                 return builder.push_kept_exact(block, last_part);
             }
             (0..block.len()).filter(stays).try_for_each(|place| {
-                let face = base.model.exact_face((first + place as u64) as u32)?;
-                builder.push_exact(self.exact(number, face))
+                let face = self.exact(number, base.model.exact_face((first + place as u64) as u32)?);
+                let part = parts.of(self.part_of(number, face.part, Fate::Keep, first_vertex(&face))?);
+                builder.push_exact(ExactFace { part, ..face })
             })
         })
     }
@@ -385,7 +410,7 @@ impl<'a> Bodies<'a> {
                     Some(Fate::Keep) if is_kept => Ok(()),
                     Some(fate) => {
                         let face = self.exact(number, model.exact_face(index)?);
-                        settled(face, fate).map_or(Ok(()), &mut *each)
+                        self.settled_face(number, face, fate)?.map_or(Ok(()), &mut *each)
                     }
                 }
             })?;
@@ -403,6 +428,26 @@ impl<'a> Bodies<'a> {
         let part = face.part.saturating_add(first_part);
         let source = face.source.saturating_add(first_source);
         ExactFace { part, source, ..self.common_grid.exact(number, face) }
+    }
+
+    /// Returns the part of a settled face in the result, from its own part; `at` is a point of it.
+    fn part_of(&self, number: usize, part: u32, fate: Fate, at: [i32; 3]) -> Result<u32> {
+        self.owners.as_ref().map_or(Ok(part), |owners| owners.of_settled(number, part, fate, at))
+    }
+
+    /// Returns a settled face on the common grid with its part in the result.
+    fn with_part<'f>(&self, number: usize, face: &Face<'f>, fate: Fate) -> Result<Face<'f>> {
+        Ok(Face { part: self.part_of(number, face.part, fate, face.points[0])?, ..*face })
+    }
+
+    /// Applies a fate to an exact face on the common grid; `None` if it is dropped.
+    fn settled_face(&self, number: usize, face: ExactFace, fate: Fate) -> Result<Option<ExactFace>> {
+        if fate == Fate::Drop {
+            return Ok(None);
+        }
+        let part = self.part_of(number, face.part, fate, first_vertex(&face))?;
+        let face = ExactFace { part, ..face };
+        Ok(Some(if fate == Fate::Reverse { face.turned() } else { face }))
     }
 
     /// Returns the use of a face of a model's octree: see the order of calls in [`Bodies`].
@@ -482,13 +527,9 @@ fn has_area(face: &Face<'_>) -> bool {
     ring_normal(face.rings().next().unwrap_or_default()) != [0; 3]
 }
 
-/// Applies a fate to an exact face; `None` if it is dropped.
-fn settled(face: ExactFace, fate: Fate) -> Option<ExactFace> {
-    match fate {
-        Fate::Keep => Some(face),
-        Fate::Reverse => Some(face.turned()),
-        Fate::Drop => None,
-    }
+/// Returns the grid point nearest to the first vertex of a face.
+fn first_vertex(face: &ExactFace) -> [i32; 3] {
+    face.corners[0].point.rounded()
 }
 
 /// Bytes of a face with its plane and box.

@@ -59,6 +59,7 @@ mod divided;
 mod fates;
 mod node_table;
 mod overlap;
+mod owners;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -76,14 +77,16 @@ use self::common_grid::CommonGrid;
 pub use self::divided::divide_faces;
 pub use self::node_table::{NodePair, OperandKind, TableEntry};
 use self::node_table::{PairCounts, node_pairs};
+use self::owners::{Owners, PartNumbers};
 use self::table::OperationTable;
 use self::values::FaceValues;
 use self::winding::{settled_above, winding};
 use super::arrangement::{
-    ExactFace, ExactFaces, Operands, Resolved, Rounded, SamplePoint, Seams, Surroundings, divide, round,
+    ExactFace, ExactFaces, FaceAtSample, FaceOwner, Operands, OwnerRule, Resolved, Rounded, SamplePoint,
+    Seams, Surroundings, divide, round,
 };
 use super::store::formula::formula;
-use super::{BuildReport, ExactModel, Faces, Grid, ModelBuilder};
+use super::{BuildReport, ExactModel, Face, Faces, Grid, ModelBuilder};
 use crate::closure::SurfaceClosure;
 use spinney_base::io::{Output, directory_of};
 use spinney_base::{Error, Progress, Result, SetOperation, SubProgress};
@@ -335,6 +338,9 @@ fn write_result(
     let path = models.first().map_or(Path::new(""), |model| model.path());
     let mut bodies = Bodies::new(models, common_grid, (table, counts), progress)?;
     bodies.settle_components(memory / 2, progress)?;
+    if models.len() > 1 && !keeps_cuts {
+        bodies.owners = Some(Owners::of(models, common_grid, table, memory / 8, progress)?);
+    }
     let is_unbounded = table.is_inside(&models.iter().map(|model| model.far_winding()).collect::<Vec<_>>());
     let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
         .codec(codec)
@@ -347,6 +353,10 @@ fn write_result(
     let Near { faces, ends, mut seams, settled_faces, base } =
         bodies.near(Some((&mut builder, &mut surface, &mut values)), memory / 2, progress)?;
     let far: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
+    let owner_rule = |sample: &SamplePoint<'_>, windings: [&[i32]; 2], faces: &[FaceAtSample]| {
+        let owners = bodies.owners.as_ref();
+        owners.map_or(Ok(FaceOwner::default()), |owners| owners.of_region(sample, windings, faces))
+    };
     let operands = Operands {
         ends: &ends,
         far: &far,
@@ -356,6 +366,7 @@ fn write_result(
         keeps_cuts,
         changed: &[],
         winding: &|number, sample| Some(winding(models[number], number, common_grid, sample)),
+        owners: bodies.owners.as_ref().map(|_| &owner_rule as &OwnerRule<'_>),
         rest: None,
         is_inside: &|windings| table.is_inside(windings),
     };
@@ -379,10 +390,16 @@ fn write_result(
     }
     let Rounded { faces, is_proxy, exact, displacement, reach, .. } = rounded;
     let displacement = displacement * grid.width();
+    // Invariant: all divisions are done by now, so no more objects are united.
+    let parts = match &bodies.owners {
+        Some(owners) => owners.numbers(origin.is_none(), progress),
+        None => PartNumbers::unchanged(models),
+    };
     let mut settled = 0u64;
     bodies.settled(progress, &mut |number, face, is_proxy, is_base| {
         settled += 1;
         seams.add_watched(face);
+        let face = &Face { part: parts.of(face.part), ..*face };
         if is_base && base.is_some() {
             builder.push_kept(face, is_proxy)?;
         } else {
@@ -394,23 +411,23 @@ fn write_result(
     faces.each(&mut |face| {
         let is_proxy = is_proxy[face.number as usize];
         surface.add(face, is_proxy);
-        builder.push_face(face, is_proxy)?;
+        builder.push_face(&Face { part: parts.of(face.part), ..*face }, is_proxy)?;
         values.give(face, &mut builder)
     })?;
     let mut after = settled + faces.len();
     seams.close(reach, faces.is_coloured(), &mut |face| {
         after += 1;
         surface.add(face, true);
-        builder.push_face(face, true)?;
+        builder.push_face(&Face { part: parts.of(face.part), ..*face }, true)?;
         values.give(face, &mut builder)
     })?;
     drop(faces);
     if let Some(base) = &base {
-        bodies.keep_exact(base, &mut builder, progress)?;
+        bodies.keep_exact(base, &parts, &mut builder, progress)?;
     }
     let mut push_exact = |face: ExactFace| {
         surface.add_exact(&face, progress)?;
-        builder.push_exact(face)
+        builder.push_exact(ExactFace { part: parts.of(face.part), ..face })
     };
     bodies.settled_exact(base.is_some(), progress, &mut push_exact)?;
     exact.into_iter().try_for_each(&mut push_exact)?;
@@ -430,9 +447,12 @@ fn write_result(
     });
     // (Divided faces all belong to the first model.)
     let kept = if keeps_cuts { &models[..1] } else { models };
+    let mut number = 0..;
     for model in kept {
-        for (part, name) in (0..).zip(model.parts()) {
-            builder.part(name, model.part_attributes(part)?.as_deref())?;
+        for ((part, name), number) in (0..).zip(model.parts()).zip(&mut number) {
+            if !parts.dropped.has(number) {
+                builder.part(name, model.part_attributes(part)?.as_deref())?;
+            }
         }
         model.file_attributes()?.iter().try_for_each(|text| builder.about_file(text))?;
     }

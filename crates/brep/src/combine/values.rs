@@ -11,9 +11,9 @@ pub(super) struct FaceValues<'a> {
     models: &'a [&'a ExactModel],
     /// Per model: numbers and names of the columns that the result keeps.
     columns: Vec<Vec<(u32, String)>>,
-    /// By part and source in the result: a model's face, by model and number; `None` if faces of
+    /// By source in the result, and own part: a model's face, by model and number; `None` if faces of
     /// this source have different values.
-    origins: BTreeMap<(u32, u64), Option<(usize, u32)>>,
+    origins: BTreeMap<(u64, u32), Option<(usize, u32)>>,
     /// Columns that the result drops, since there are too many.
     pub(super) lost_columns: u64,
     /// Faces of the result without values, since those of their source differ.
@@ -61,7 +61,7 @@ impl<'a> FaceValues<'a> {
         }
         // (Models have fewer than 2^32 faces.)
         let own = (model, face.number as u32);
-        let key = (face.part, face.source);
+        let key = (face.source, face.part);
         match self.origins.get(&key).copied() {
             None => drop(self.origins.insert(key, Some(own))),
             Some(Some(first)) if self.values(first)? != self.values(own)? => {
@@ -80,7 +80,10 @@ impl<'a> FaceValues<'a> {
 
     /// Sets the values of the builder's last face to those of its part and source.
     pub(super) fn give(&mut self, face: &Face<'_>, builder: &mut ModelBuilder) -> Result<()> {
-        match self.origins.get(&(face.part, face.source)).copied() {
+        // (Faces that belong to another object now have the part of that object. Their sources are
+        // those of one operand.)
+        let own = self.origins.get(&(face.source, face.part)).copied();
+        match own.or_else(|| self.of_source(face.source)) {
             Some(Some((model, number))) => self.copy(model, number.into(), builder),
             Some(None) => {
                 self.lost_values += 1;
@@ -88,6 +91,13 @@ impl<'a> FaceValues<'a> {
             }
             None => Ok(()),
         }
+    }
+
+    /// Returns the face of a source of any part, as [`FaceValues::origins`] do.
+    fn of_source(&self, source: u64) -> Option<Option<(usize, u32)>> {
+        let mut found = self.origins.range((source, 0)..=(source, u32::MAX)).map(|(_, face)| *face);
+        let first = found.next()?;
+        Some(first.filter(|_| found.next().is_none()))
     }
 
     /// Returns the column names and values of a model's face.

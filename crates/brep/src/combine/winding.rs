@@ -1,6 +1,6 @@
 //! Winding numbers of rational points from the octree: along a ray to the first cell without faces.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::ops::ControlFlow;
 
 use super::bodies::{Bodies, FaceUse};
@@ -66,6 +66,46 @@ pub(super) fn winding(
         }
     }
     Ok(winding)
+}
+
+/// Returns the winding numbers of a model's parts above a sample, each by its faces alone; those that
+/// are 0 may be left out. Faces that contain the sample do not count. (The ray goes on to the end,
+/// since cells store no parts.)
+pub(super) fn part_windings(
+    model: &ExactModel,
+    number: usize,
+    common_grid: &CommonGrid,
+    sample: &SamplePoint<'_>,
+) -> Result<HashMap<u32, i32>> {
+    let mut line = WindingTraversal::new(model, number, common_grid, sample, false);
+    // (Never stops early.)
+    let _ = line.node(&model.root()?)?;
+    let mut windings = HashMap::new();
+    let mut count = |part: u32, plane: &ExactPlane| {
+        let up = plane.normal[sample.axis].signum() as i32;
+        if sample.side(plane) * up < 0 {
+            *windings.entry(part).or_insert(0) += up;
+        }
+    };
+    let (mut buffer, mut points) = (FaceBuffer::default(), Vec::new());
+    let mut known = HashSet::new();
+    for face in line.faces.into_iter().filter(|face| known.insert(*face)) {
+        model.face(face, &mut buffer)?;
+        points.clear();
+        points.extend(buffer.points.iter().map(|point| common_grid.point(number, *point)));
+        let normal = ring_normal(&points[..buffer.ring_ends[0]]);
+        if !buffer.is_proxy && normal[sample.axis] != 0 && sample.meets(&points, &buffer.ring_ends) {
+            count(buffer.part, &ExactPlane::through(points[0], normal));
+        }
+    }
+    let mut known = HashSet::new();
+    for face in line.exact.into_iter().filter(|face| known.insert(*face)) {
+        let face = common_grid.exact(number, model.exact_face(face)?);
+        if face.plane.normal[sample.axis] != 0 && sample.meets_exact(&face) {
+            count(face.part, &face.plane);
+        }
+    }
+    Ok(windings)
 }
 
 /// Returns the change of the result's winding number above a sample by settled faces. None of these

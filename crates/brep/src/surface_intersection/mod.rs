@@ -147,6 +147,7 @@ pub fn surface_intersection(
         keeps_cuts: false,
         changed: &[],
         winding: &|_, _| None,
+        owners: None,
         rest: None,
         is_inside: &|_| false,
     };

@@ -60,6 +60,7 @@ fn pairs(faces: &crate::arrangement::ExactFaces, ends: &[u32], first: u64) -> (B
         keeps_cuts: false,
         changed: &[],
         winding: &|_, _| None,
+        owners: None,
         rest: None,
         is_inside: &|_| false,
     };
