@@ -44,35 +44,38 @@ fn parts_and_attributes_are_those_of_all() {
     let [a, b, c] = [("one", 0), ("two", 7), ("three", 11)].map(|(name, shift)| city(name, shift));
     for (operation, bodies) in [(7, vec![&a, &b]), (6, vec![&a, &b, &c]), (8, vec![&b, &a])] {
         let result = combined(operation, &bodies);
-        let parts: Vec<String> = bodies.iter().flat_map(|body| body.model.parts().to_vec()).collect();
-        assert_eq!(result.model.parts(), parts);
+        // All tetrahedra overlap, and so are one object. Objects without geometry stay.
+        let all = bodies.iter().enumerate().flat_map(|(number, body)| {
+            body.model.parts().iter().enumerate().map(move |(part, name)| (number, part, name.clone()))
+        });
+        let parts: Vec<(usize, usize, String)> =
+            all.filter(|(number, part, _)| *number == 0 || *part == 1).collect();
+        let names: Vec<&String> = parts.iter().map(|(.., name)| name).collect();
+        assert_eq!(result.model.parts().iter().collect::<Vec<_>>(), names);
         let part = |model: &ExactModel, part: usize| model.part_attributes(part as u32).unwrap();
         let files_of = |model: &ExactModel| model.file_attributes().unwrap();
-        for number in 0..parts.len() {
-            let (body, own) = (number / 2, number % 2);
-            assert_eq!(part(&result.model, number), part(&bodies[body].model, own), "part {number}");
+        for (number, (body, own, _)) in parts.iter().enumerate() {
+            assert_eq!(part(&result.model, number), part(&bodies[*body].model, *own), "part {number}");
         }
         let files: Vec<String> = bodies.iter().flat_map(|body| files_of(&body.model)).collect();
         assert_eq!(files_of(&result.model), files);
         let formula = result.model.formula().unwrap().unwrap();
         let names = vec![" \"(memory)\""; bodies.len()].concat();
         assert_eq!(formula, format!("(op{operation}{names})"));
-        // Faces keep their parts.
-        let mut counts = vec![0; parts.len()];
-        let mut sources = Vec::new();
+        // Faces keep their sources: four each, file by file.
+        let mut counts = vec![0; bodies.len()];
         let mut add = |face: &spinney::brep::Face<'_>| {
-            counts[face.part as usize] += 1;
-            sources.push((face.part, face.source));
+            assert_eq!(face.part, 0);
+            counts[face.source as usize / 4] += 1;
             Ok(())
         };
         result.model.each(&mut add).unwrap();
-        assert!(counts.iter().step_by(2).all(|count| *count > 0), "{counts:?}");
-        assert!(counts.iter().skip(1).step_by(2).all(|count| *count == 0), "{counts:?}");
-        // Four faces each, file by file.
-        assert!(sources.iter().all(|(part, source)| u64::from(*part) / 2 == source / 4), "{sources:?}");
-        // Results keep them in further operations.
+        assert!(counts.iter().all(|count| *count > 0), "{counts:?}");
+        // Results keep their objects in further operations; a tool's objects are none of the result,
+        // except that its cavities are united with those of a complement.
         let again = combined(2, &[&result, &c]);
-        assert_eq!(again.model.parts(), [parts, c.model.parts().to_vec()].concat());
+        let more = if operation == 8 { &c.model.parts()[1..] } else { &[] };
+        assert_eq!(again.model.parts(), [result.model.parts(), more].concat());
         assert_eq!(files_of(&again.model).len(), files.len() + files_of(&c.model).len());
         assert_eq!(again.model.formula().unwrap().unwrap(), format!("(op2 {formula} \"(memory)\")"));
     }
@@ -134,7 +137,8 @@ fn colours_stay_and_others_are_white() {
             assert!(result.model.is_coloured().unwrap());
             let mut counts = [0; 2];
             let mut visit = |face: &spinney::brep::Face<'_>| {
-                let is_red = (face.part == 0) == is_first && face.part < 2;
+                // (Four faces each, operand by operand.)
+                let is_red = (face.source < 4) == is_first && face.source < 8;
                 let expected = if is_red { [255, 0, 0] } else { [255; 3] };
                 assert!(face.colours.len() == face.points.len());
                 assert!(face.colours.iter().all(|colour| *colour == expected), "{face:?}");

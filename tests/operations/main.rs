@@ -20,6 +20,8 @@ mod exact_motions;
 #[cfg(feature = "mesh")]
 mod exact_operands;
 #[cfg(feature = "mesh")]
+mod exact_owners;
+#[cfg(feature = "mesh")]
 mod exact_sections;
 mod exact_sets;
 mod exact_triangles;

@@ -89,6 +89,8 @@ impl Surface<'_> {
             }
             return Ok(if front { RegionFate::Inside } else { RegionFate::Outside });
         }
+        // (The faces of a component may have several parts of their own.)
+        let part = part.filter(|part| *part != self.face(face).part);
         let is_up = back;
         let stays = same.iter().find(|(_, up)| *up == is_up).or(same.first());
         let own = stays.filter(|(stays, _)| *stays == face);

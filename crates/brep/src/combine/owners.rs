@@ -50,6 +50,8 @@ pub(super) struct Owners<'a> {
     is_turned: bool,
     /// The operand that the result is inside of, if there is one.
     owner: Option<usize>,
+    /// Whether points in any objects have an object in the result.
+    is_union: bool,
     /// Objects that are one in the result.
     united: Mutex<UnionFind>,
     /// Objects at uniform nodes, by operand, level and position.
@@ -154,10 +156,14 @@ impl<'a> Owners<'a> {
             operands,
             is_turned: table.is_inside(&far),
             owner: None,
+            is_union: false,
             united: Mutex::new(UnionFind::new(first as usize)),
             known: Mutex::default(),
         };
         owners.owner = owners.find_owner();
+        let first = |count: usize| (0..models.len()).map(|k| k < count).collect::<Vec<_>>();
+        let are_bounded = owners.operands.iter().all(|own| !own.is_turned);
+        owners.is_union = are_bounded && owners.has_object(&first(1)) && owners.has_object(&first(2));
         Ok(owners)
     }
 
@@ -259,32 +265,41 @@ impl<'a> Owners<'a> {
         Ok((found > 0) != self.operands[k].is_turned)
     }
 
+    /// Whether the points at the object side of a settled face of operand `own` are in its object.
+    fn keeps_side(&self, own: usize, fate: Fate) -> bool {
+        ((fate == Fate::Reverse) == self.is_turned) != self.operands[own].is_turned
+    }
+
     /// Returns in which operands' objects the points at the object side of a settled face of operand
     /// `own` are. `at` is a point of the face, far from the other operands' faces.
     fn members(&self, own: usize, fate: Fate, at: [i32; 3]) -> Result<Vec<bool>> {
         let mut members = vec![false; self.operands.len()];
-        members[own] = ((fate == Fate::Reverse) == self.is_turned) != self.operands[own].is_turned;
+        members[own] = self.keeps_side(own, fate);
         for k in (0..members.len()).filter(|k| *k != own) {
-            // The fate of a face determines where it is, often.
-            let is_possible = |winding: i32| {
-                let mut windings = [0; 2];
-                windings[k % 2] = winding;
-                self.table.fate(own, &windings) == fate
-            };
-            members[k] = match [is_possible(0), is_possible(1)] {
-                [true, false] if members.len() == 2 => self.operands[k].is_turned,
-                [false, true] if members.len() == 2 => !self.operands[k].is_turned,
-                _ => self.is_in_objects(k, at)?,
+            members[k] = match self.only_fate(own, fate) {
+                Some(is_in) => is_in != self.operands[k].is_turned,
+                None => self.is_in_objects(k, at)?,
             };
         }
         Ok(members)
+    }
+
+    /// Whether a face of operand `own` with a fate is inside of the other one, if there are two and
+    /// the fate determines it.
+    fn only_fate(&self, own: usize, fate: Fate) -> Option<bool> {
+        let has_fate = |winding: i32| self.table.fate(own, &[winding; 2]) == fate;
+        match (self.operands.len() == 2).then(|| [has_fate(0), has_fate(1)])? {
+            [true, false] => Some(false),
+            [false, true] => Some(true),
+            _ => None,
+        }
     }
 
     /// Whether all settled faces of an operand keep their parts.
     pub(super) fn keeps_parts(&self, own: usize, fate: Fate) -> bool {
         match self.owner {
             Some(owner) => owner == own,
-            None => fate == Fate::Keep && !self.is_turned && !self.operands[own].is_turned,
+            None => self.keeps_side(own, fate),
         }
     }
 
@@ -309,7 +324,8 @@ impl<'a> Owners<'a> {
     /// Unites the objects that are on both sides of a settled face, and those that overlap there.
     /// Must be called for all settled faces before [`Owners::numbers`].
     pub(super) fn note_settled(&self, own: usize, part: u32, fate: Fate, at: [i32; 3]) -> Result<()> {
-        let is_plain = self.operands.len() == 2 && fate != Fate::Drop;
+        // (In unions, and in operations on two operands, other faces are in no two objects.)
+        let is_plain = fate != Fate::Drop && (self.operands.len() == 2 || self.is_union);
         if self.owner.is_some() || is_plain || !self.operands[own].is_object(part) {
             return Ok(());
         }
@@ -453,8 +469,7 @@ impl<'a> Owners<'a> {
             names.push("...".into());
         }
         let text = format!(
-            "{} objects overlap others or share a wall with them, and are one object with them in the result: {}",
-            lost.len(),
+            "objects that overlap or share a wall are one object in the result: {}",
             names.join(", ")
         );
         progress.warn(self.models[named(*first).0].path(), &text);
