@@ -1,5 +1,7 @@
 //! Ray casting in exact models, from arrays to arrays.
 
+use std::sync::{Mutex, PoisonError};
+
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
@@ -125,7 +127,15 @@ impl Model {
         check(origins, directions)?;
         let lists = jobs::run(py, terms, |work| {
             let mut lists = Lists::with_capacity(origins.len() / 3);
-            let first = |rays: &[Ray]| model.rays().first_of(rays);
+            // Each thread has a caster, whose cache serves all of its rays.
+            let casters = Mutex::new(Vec::new());
+            let first = |rays: &[Ray]| {
+                let caster = casters.lock().unwrap_or_else(PoisonError::into_inner).pop();
+                let mut caster = caster.unwrap_or_else(|| model.rays());
+                let hits = caster.first_of(rays);
+                casters.lock().unwrap_or_else(PoisonError::into_inner).push(caster);
+                hits
+            };
             each_part((origins, directions), work, first, |hits| {
                 hits.iter().for_each(|hit| lists.push(hit.as_ref()));
             })?;

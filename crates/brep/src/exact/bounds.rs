@@ -193,10 +193,10 @@ pub(crate) const TURN_ROUNDING: f64 = after_roundings(5 + 3);
 const _: () = assert!(LINE_BITS as u32 + 2 <= f64::MANTISSA_DIGITS);
 
 /// For the parameter at which a line enters a box, and that at which it meets a face: quotients of
-/// integers. Those of faces are converted to doubles first; four roundings in all, and one for
-/// adding the bound. (The later conversion from parameters of a segment to those of the whole line
-/// is monotone.)
-pub(crate) const SHARE_ROUNDING: f64 = after_roundings(5);
+/// integers. Those of boxes are products with a reciprocal, and those of faces are converted to
+/// doubles first; five roundings in all, and one for adding the bound. (The later conversion from
+/// parameters of a segment to those of the whole line is monotone.)
+pub(crate) const SHARE_ROUNDING: f64 = after_roundings(6);
 
 /// Relative error of a face's squared distance, so that the distance of its bounding box is never
 /// larger: each coordinate of the vector to the nearest point of an edge takes about fifteen

@@ -13,6 +13,7 @@
 
 use super::plane::Plane;
 use crate::exact::bounds::{LINE_BITS as BITS, SHARE_ROUNDING, TURN_ROUNDING};
+use crate::exact::normal::triangle_normal;
 use crate::exact::perturbation::sign_or_first;
 use crate::exact::vector::{cross, dot, others, subtract};
 use crate::{Face, Grid};
@@ -29,6 +30,8 @@ pub struct Line {
     /// First end and vector to the second one in grid units, exactly.
     start: [f64; 3],
     way: [f64; 3],
+    /// Reciprocals of the vector's components.
+    inverse: [f64; 3],
     /// Maximum rounding error of the turn of an edge between grid points around the line, in
     /// doubles.
     rounding: f64,
@@ -44,6 +47,41 @@ pub(super) type Passage = [f64; 2];
 /// Passages of a line parallel to two walls: between them, or not.
 const ALWAYS: Passage = [f64::NEG_INFINITY, f64::INFINITY];
 const NEVER: Passage = [f64::INFINITY, f64::NEG_INFINITY];
+
+/// Number of triangles that are tested at once.
+pub(super) const LANES: usize = 4;
+
+/// Coordinates of triangles: of each vertex, along each axis, of each triangle.
+pub(super) type Triangles = [[[i32; LANES]; 3]; 3];
+
+/// Triangles that doubles can decide about: a bit for each triangle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Sides {
+    /// The line certainly does not cross the triangle.
+    pub(super) missed: u8,
+    /// The triangle certainly winds around the infinite line.
+    pub(super) around: u8,
+}
+
+// (The operands are not NaN, so that each of these is a single instruction.)
+#[inline]
+fn greater(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+#[inline]
+fn less(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+/// Rounds a number below 2^51 to the nearest integer, and ties to even ones. (Not all processors
+/// have an instruction for it, and the function of the C library takes longer.)
+#[inline]
+fn round(number: f64) -> i64 {
+    // Consecutive doubles between 2^52 and 2^53 are consecutive integers, and so are their bits.
+    const SHIFT: f64 = (3u64 << 51) as f64;
+    (number + SHIFT).to_bits() as i64 - SHIFT.to_bits() as i64
+}
 
 /// A crossing of a line and a face.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,7 +149,7 @@ impl Line {
         let [start, end] = [first, last].map(|share| {
             [0, 1, 2].map(|axis| {
                 let at = (from[axis] + along[axis] * share).clamp(low, high);
-                (at * scale).round_ties_even() as i64
+                round(at * scale)
             })
         });
         Line::new(start, end, fraction, [first, last])
@@ -131,7 +169,19 @@ impl Line {
         let reach = (1u64 << (BITS - fraction)) as f64;
         let terms = 2.0 * way.iter().map(|at| at.abs()).sum::<f64>() * reach * reach;
         let rounding = TURN_ROUNDING * terms;
-        (along != [0; 3]).then_some(Line { from, to, fraction, along, start, way, rounding, across, shares })
+        let inverse = way.map(|along| 1.0 / along);
+        (along != [0; 3]).then_some(Line {
+            from,
+            to,
+            fraction,
+            along,
+            start,
+            way,
+            inverse,
+            rounding,
+            across,
+            shares,
+        })
     }
 
     /// Returns the crossing with a face, if there is one.
@@ -139,8 +189,22 @@ impl Line {
         self.crossing_of(face, &Plane::of(face))
     }
 
+    /// Returns the crossing with a triangle, if there is one. Cheaper if the triangle is known to
+    /// wind around the line: see [`Line::sides`].
+    pub(super) fn crossing_of_triangle(&self, ring: &[[i32; 3]; 3], is_around: bool) -> Option<Crossing> {
+        let plane = Plane { normal: triangle_normal(ring), through: ring[0] };
+        self.plane_crossing(&plane).filter(|_| is_around || self.winding(ring) != 0)
+    }
+
     /// Returns the crossing with a face whose plane is known.
     pub(super) fn crossing_of(&self, face: &Face<'_>, plane: &Plane) -> Option<Crossing> {
+        let crossing = self.plane_crossing(plane)?;
+        let winding: i32 = face.rings().map(|ring| self.winding(ring)).sum();
+        (winding != 0).then_some(crossing)
+    }
+
+    /// Returns the crossing with a face's plane, if its ends are on both sides of it.
+    fn plane_crossing(&self, plane: &Plane) -> Option<Crossing> {
         let normal = plane.normal.map(i128::from);
         // (A displacement of the line against the normal raises the plane.)
         let raised = normal.map(|n| -n);
@@ -151,31 +215,38 @@ impl Line {
         if is_entry == (sign_or_first(after, raised) < 0) {
             return None;
         }
-        let winding: i32 = face.rings().map(|ring| self.winding(ring)).sum();
-        if winding == 0 {
-            return None;
-        }
         let share = before as f64 / (before - after) as f64;
         let [first, last] = self.shares;
         Some(Crossing { share: first + (last - first) * share, is_entry })
     }
 
-    /// Returns whether the line certainly misses a triangle, in doubles. The result of
-    /// [`Line::crossing`] is the same, if this returns `true`.
+    /// Returns on which sides of triangles' edges the line is, in doubles.
     ///
     /// If the line is on opposite sides of two edges, both beyond the rounding error, the triangle
-    /// cannot wind around it, whether it is perturbed or not.
+    /// cannot wind around it, whether it is perturbed or not. If it is on the same side of all
+    /// edges, beyond the rounding error of each, the triangle certainly winds around it.
     #[inline]
-    pub(super) fn misses(&self, triangle: &[[i32; 3]; 3]) -> bool {
-        let (start, d) = (self.start, self.way);
-        // (Exact: integers with fewer bits than doubles have, over a power of two.)
-        let seen = |p: &[i32; 3]| {
-            [f64::from(p[0]) - start[0], f64::from(p[1]) - start[1], f64::from(p[2]) - start[2]]
-        };
-        let [a, b, c] = [seen(&triangle[0]), seen(&triangle[1]), seen(&triangle[2])];
-        let turns = [dot(d, cross(a, b)), dot(d, cross(b, c)), dot(d, cross(c, a))];
-        let most = self.rounding;
-        turns.iter().any(|turn| *turn > most) & turns.iter().any(|turn| *turn < -most)
+    pub(super) fn sides(&self, triangles: &Triangles) -> Sides {
+        let (s, d) = (self.start, self.way);
+        let (mut least, mut most) = ([0.0; LANES], [0.0; LANES]);
+        for lane in 0..LANES {
+            // (Exact: integers with fewer bits than doubles have, over a power of two.)
+            let seen = |corner: &[[i32; LANES]; 3]| {
+                let at = |axis: usize| f64::from(corner[axis][lane]) - s[axis];
+                [at(0), at(1), at(2)]
+            };
+            let [a, b, c] = [seen(&triangles[0]), seen(&triangles[1]), seen(&triangles[2])];
+            let [u, v, w] = [dot(d, cross(a, b)), dot(d, cross(b, c)), dot(d, cross(c, a))];
+            (least[lane], most[lane]) = (less(less(u, v), w), greater(greater(u, v), w));
+        }
+        let mut sides = Sides { missed: 0, around: 0 };
+        for lane in 0..LANES {
+            let left = [most[lane] > self.rounding, least[lane] > self.rounding];
+            let right = [least[lane] < -self.rounding, most[lane] < -self.rounding];
+            sides.missed |= u8::from(left[0] & right[0]) << lane;
+            sides.around |= u8::from(left[1] | right[1]) << lane;
+        }
+        sides
     }
 
     /// Returns a grid point relative to an end.
@@ -237,11 +308,11 @@ impl Line {
     /// across an axis; the first is larger if it never does.
     #[inline]
     pub(super) fn passage(&self, axis: usize, min: f64, max: f64) -> Passage {
-        let (from, along) = (self.start[axis], self.way[axis]);
-        if along == 0.0 {
+        let from = self.start[axis];
+        if self.way[axis] == 0.0 {
             return if min <= from && from <= max { ALWAYS } else { NEVER };
         }
-        let [a, b] = [min, max].map(|wall| (wall - from) / along);
+        let [a, b] = [min, max].map(|wall| (wall - from) * self.inverse[axis]);
         [a.min(b), a.max(b)]
     }
 
@@ -249,11 +320,11 @@ impl Line {
     /// first the half in which it begins.
     #[inline]
     pub(super) fn halves(&self, axis: usize, [first, last]: Passage, middle: f64) -> [Passage; 2] {
-        let (from, along) = (self.start[axis], self.way[axis]);
-        if along == 0.0 {
+        let from = self.start[axis];
+        if self.way[axis] == 0.0 {
             return [from <= middle, from >= middle].map(|is_there| if is_there { ALWAYS } else { NEVER });
         }
-        let middle = (middle - from) / along;
+        let middle = (middle - from) * self.inverse[axis];
         [[first, middle], [middle, last]]
     }
 
@@ -269,9 +340,6 @@ impl Line {
     #[inline]
     pub(super) fn part_within(passages: &[Passage; 3]) -> Option<[f64; 2]> {
         let [[x, u], [y, v], [z, w]] = *passages;
-        // (The operands are not NaN, so that this is a single instruction.)
-        let greater = |a: f64, b: f64| if a > b { a } else { b };
-        let less = |a: f64, b: f64| if a < b { a } else { b };
         let first = greater(greater(greater(x, y), z) - SHARE_ROUNDING, 0.0);
         let last = less(less(less(u, v), w) + SHARE_ROUNDING, 1.0);
         (first <= last).then_some([first, last])
@@ -438,14 +506,15 @@ mod tests {
         assert!(line.within([0.0, 3.0, 0.0], [4.0; 3]).is_none());
     }
 
-    /// Triangles that doubles classify as missed are not crossed, also where lines pass through
-    /// vertices and along edges. Doubles detect nearly all triangles that are not crossed.
+    /// Triangles that doubles classify as missed are not crossed, and those around the line are
+    /// crossed where the line passes their plane: also where lines pass through vertices and along
+    /// edges. Doubles detect nearly all triangles that are not crossed.
     #[test]
     fn triangles_that_are_missed_have_no_crossing() {
         for (bits, size) in [(4, 12), (20, 1 << 20), (MAX_BITS, (1 << MAX_BITS) - 1)] {
             let grid = Grid { bits, origin: [0; 3], step: 1.0, divisor: 1.0 };
             let mut random = Random(6);
-            let mut counts = [0; 3];
+            let mut counts = [0; 4];
             for round in 0..20_000 {
                 let ring = [random.point(size), random.point(size), random.point(size)];
                 let mut end = |round: u32| {
@@ -460,7 +529,21 @@ mod tests {
                 let Some(line) = Line::ray(&grid, from, subtract(to, from)) else { continue };
                 let face =
                     Face { number: 0, points: &ring, ring_ends: &[3], colours: &[], part: 0, source: 0 };
-                match (line.misses(&ring), line.crossing(&face)) {
+                // The triangle in one lane, and others in the other lanes.
+                let mut others = [0; LANES].map(|_| [0; 3].map(|_| random.point(size)));
+                let lane = random.below(LANES as u64) as usize;
+                others[lane] = ring;
+                let sides = line.sides(
+                    &[0, 1, 2]
+                        .map(|corner| [0, 1, 2].map(|axis| others.map(|triangle| triangle[corner][axis]))),
+                );
+                let [is_missed, is_around] = [sides.missed, sides.around].map(|bits| bits >> lane & 1 == 1);
+                let found = line.crossing(&face);
+                assert!(!(is_missed && is_around));
+                assert_eq!(line.crossing_of_triangle(&ring, is_around), found, "{line:?} {ring:?}");
+                counts[3] += u32::from(is_around && line.winding(&ring) != 0);
+                assert!(!is_around || line.winding(&ring) != 0, "{line:?} {ring:?}");
+                match (is_missed, found) {
                     (true, found) => {
                         assert_eq!(found, None, "{line:?} {ring:?}");
                         counts[0] += 1;
@@ -469,7 +552,7 @@ mod tests {
                     (false, Some(_)) => counts[2] += 1,
                 }
             }
-            assert!(counts.iter().all(|count| *count > 500), "{counts:?}");
+            assert!(counts[..3].iter().all(|count| *count > 500) && counts[3] > 100, "{counts:?}");
         }
     }
 

@@ -40,6 +40,8 @@ mod parts;
 mod plane;
 mod ratio;
 mod ray;
+#[cfg(test)]
+mod ray_tests;
 mod region;
 mod section;
 mod simple_rings;

@@ -208,6 +208,11 @@ impl<'a> ModelSegment<'a> {
         self.number(HEAD + 4 * (self.faces + self.exact + at as usize))
     }
 
+    /// Returns the number of words, and that of bytes.
+    pub(crate) fn size(&self) -> (u32, usize) {
+        (self.words as u32, self.bytes.len())
+    }
+
     /// Returns the word of a child of an INNER node.
     #[inline]
     pub(crate) fn child(&self, word: u32, child: usize) -> u32 {
