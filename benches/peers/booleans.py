@@ -30,9 +30,10 @@ from exact import MESH, PYTHON, READ, TORUS, install, python, spinney
 PAIRS = Path(os.environ.get("PAIRS", WORK / "booleans"))
 VOLUMES = PAIRS / "volumes.json"
 STEPS = 2**25  # grid units along the longest side of a pair's box, at most
-GOAL = 1e-9
+GOAL = 1e-12  # maximum error of volumes
 LIMIT = 150  # seconds allowed for a reference per pair
-PATIENCE = 10  # seconds allowed for building and repairing a solid of a pair
+ROUNDS = 4  # repairs of a solid on one grid, at most
+PATIENCE = 10  # CPU seconds allowed for building or repairing a solid of a pair
 PLENTY = 120  # seconds allowed for libigl per measured operation
 SHOWN = (1, 7, 2)
 NAMES = {1: "A and B", 7: "A or B", 2: "A without B"}
@@ -97,7 +98,9 @@ def triangulated(ring, flat):
         # A reversed pair of edges encloses nothing; an ear is a triangle.
         at = next((at for at, (a, b, c) in enumerate(ends) if a == c), None)
         if at is None:
-            at = next(at for at, end in enumerate(ends) if is_ear(*end))
+            at = next((at for at, end in enumerate(ends) if is_ear(*end)), None)
+            if at is None:
+                raise subprocess.SubprocessError("a rounded polygon intersects itself")
             found.append(ends[at])
             del left[at]
         else:
@@ -202,36 +205,50 @@ def snapped(points, faces, width):
     return points, faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
 
 
+def triangles_of(ring, whole):
+    """Returns the triangles of a polygon whose vertices are integers."""
+    if len(ring) == 3:
+        return [ring]
+    corners = [list(map(int, whole[corner])) for corner in ring]
+    # Newell's normal, in integers.
+    normal = [0, 0, 0]
+    for p, q in zip(corners, corners[1:] + corners[:1]):
+        for axis in range(3):
+            i, j = (axis + 1) % 3, (axis + 2) % 3
+            normal[axis] += p[i] * q[j] - p[j] * q[i]
+    axis = max(range(3), key=lambda axis: abs(normal[axis]))
+    i, j = [(axis + 1) % 3, (axis + 2) % 3][:: 1 if normal[axis] > 0 else -1]
+    return triangulated(ring, {at: (corner[i], corner[j]) for at, corner in zip(ring, corners)})
+
+
 def body(points, faces, width):
-    """Returns the same on the grid, repaired by `spinney build --close --repair` if it is not a
+    """Returns the same on the grid, repaired by `spinney build --close --repair` until it is a
     solid."""
+    import resource
+
     import numpy as np
 
     points, faces = snapped(points, faces, width)
     off, model = PAIRS / "body.off", PAIRS / "body.goblin"
-    write_off(off, points, faces)
     build = [SPINNEY, "-q", "build", off, "-o", model, "--brep", "--snap", repr(width)]
-    try:
-        subprocess.run(build, check=True, stderr=subprocess.DEVNULL, timeout=PATIENCE)
-    except subprocess.SubprocessError:
-        subprocess.run([*build, "--close", "--repair"], check=True, timeout=PATIENCE)
+    # The export rounds the vertices of a repaired surface to the grid. Faces that are thinner than
+    # a grid unit may intersect by that, so the result is checked and repaired again.
+    patient = {"check": True, "preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_CPU, (PATIENCE, PATIENCE))}
+    for _ in range(ROUNDS):
+        write_off(off, points, faces)
+        try:
+            subprocess.run(build, stderr=subprocess.DEVNULL, **patient)
+            break
+        except subprocess.SubprocessError as error:
+            refused = error
+        subprocess.run([*build, "--close", "--repair"], **patient)
         subprocess.run([SPINNEY, "-q", "export", model, off], check=True)
         points, polygons = read_off(off)
         whole = points / width
-        assert (whole == np.round(whole)).all(), "corners off the grid"
-        faces = []
-        for ring in polygons:
-            corners = [list(map(int, whole[corner])) for corner in ring]
-            # Newell's normal, in integers.
-            normal = [0, 0, 0]
-            for p, q in zip(corners, corners[1:] + corners[:1]):
-                for axis in range(3):
-                    i, j = (axis + 1) % 3, (axis + 2) % 3
-                    normal[axis] += p[i] * q[j] - p[j] * q[i]
-            axis = max(range(3), key=lambda axis: abs(normal[axis]))
-            i, j = [(axis + 1) % 3, (axis + 2) % 3][:: 1 if normal[axis] > 0 else -1]
-            faces += [ring] if len(ring) == 3 else triangulated(ring, {at: (corner[i], corner[j]) for at, corner in zip(ring, corners)})
-        faces = np.array(faces)
+        assert (whole == np.round(whole)).all(), "vertices off the grid"
+        faces = np.array([triangle for ring in polygons for triangle in triangles_of(ring, whole)])
+    else:
+        raise refused
     off.unlink(missing_ok=True)
     model.unlink(missing_ok=True)
     return points, faces
