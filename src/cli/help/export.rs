@@ -94,8 +94,9 @@ A mesh of an octree is closed, its faces are counterclockwise seen from outside,
 the tree. By default it has the outer faces of the cells, merged to rectangles; where rectangles of different sizes \
 meet, the larger ones have the vertices of the smaller ones. Memory does not grow with the mesh.
 
-The faces of an exact model are written unchanged, including polygons with holes, and as CityJSON (.city.json), \
-too. Of a model with levels of detail ('spinney transform FILE levels'), --level, --error or --faces choose a coarser \
+The faces of an exact model keep their vertices. Polygons stay polygons in CityJSON (.city.json), and convex ones in \
+OBJ and OFF; others become triangles, as do all in PLY and STL. CityJSON is in metres, or in the unit of the \
+coordinate system; other formats do not store the unit. Of a model with levels of detail ('spinney transform FILE levels'), --level, --error or --faces choose a coarser \
 surface. A .csg file has the CSG text that a solid was built from.
 
 PLY is binary and has colours and classes of faces; OBJ is text; OFF is text and has colours of faces; STL is \
@@ -116,8 +117,8 @@ const GLTF: Topic = Topic {
     summary: "octrees and exact models for viewers: .glb, 'x/tileset.json' (3D Tiles 1.1)",
     about: "\
 Write an octree for viewers: x.glb is one level as binary glTF, x/tileset.json is 3D Tiles 1.1 in a new directory: \
-the octree in tiles of 64 cells, level by level. Both have normals, colours, and classes as features; tiles lie on \
-the globe if the file's coordinate system is known.
+the octree in tiles of 64 cells, level by level. Both are in metres and have normals, colours, and classes as \
+features; tiles lie on the globe if the file's coordinate system is known.
 
 The same of an exact model: objects are features with names and attributes, and a tileset has the model's levels of \
 detail ('spinney transform FILE levels'), which --level, --error or --faces choose for .glb.",
