@@ -58,7 +58,7 @@ pub mod tree {
 pub mod store {
     pub use spinney_container::{
         ByteSource, FileReference, Finding, LevelCounts, RangeSummary, ScopedTags, Shape, ShardSummary, Tag,
-        TagScope, TreeFormat, Unit, check_tree_name, create_tree_file, file_is_tree, file_of,
+        TagScope, TreeFormat, Unit, check_tree_name, create_tree_file, file_is_tree, file_of, shell_word,
     };
     pub use spinney_engine::store::{
         Packing, ShardCheck, SlabBoxes, TreeTarget, TreeWriter, WantedCells, build_tree, depth_for,

@@ -145,7 +145,7 @@ Examples:
   spinney combine changed 2020.goblin 2025.goblin -o changes.goblin
   spinney combine cross 2020.goblin 2025.goblin
   spinney combine and soils.gpkg parcels.fgb -o soils_of_parcels.gpkg
-  spinney combine not part.goblin --margin 4 -o mould.goblin
+  spinney combine a-b block.goblin part.goblin -o mould.goblin
 
 Set operations, by name or number, the sum of 1 (both), 2 (A only), 4 (B only) and 8 (neither):
    0  none                  nothing

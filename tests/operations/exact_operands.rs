@@ -71,8 +71,8 @@ fn parts_and_attributes_are_those_of_all() {
         };
         result.model.each(&mut add).unwrap();
         assert!(counts.iter().all(|count| *count > 0), "{counts:?}");
-        // Results keep their objects in further operations; a tool's objects are none of the result,
-        // except that its cavities are united with those of a complement.
+        // Results keep their objects in further operations; a tool's objects are none of the
+        // result, except that its cavities are united with those of a complement.
         let again = combined(2, &[&result, &c]);
         let more = if operation == 8 { &c.model.parts()[1..] } else { &[] };
         assert_eq!(again.model.parts(), [result.model.parts(), more].concat());

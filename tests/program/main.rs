@@ -54,6 +54,7 @@ mod cli_packed;
 mod cli_points;
 #[cfg(feature = "cli")]
 mod cli_reconstruction;
+mod cli_results;
 #[cfg(unix)]
 mod cli_safety;
 mod cli_section;

@@ -34,7 +34,9 @@ pub use level_counts::LevelCounts;
 pub use list::List;
 pub use metadata::{Metadata, ScopedTags, TagScope};
 pub use options::{ByteSource, OpenOptions};
-pub use other_formats::{FIRST_BYTES, OtherFormat, check_tree_name, create_tree_file, shell_word};
+pub use other_formats::{
+    FIRST_BYTES, OtherFormat, check_goblin_name, check_tree_name, create_tree_file, shell_word,
+};
 pub use record_layout::{RecordHead, RecordLayout, STATE_BITS, state_of};
 pub use shape::{HEAVY_THRESHOLD, STRIDE, Shape, reach};
 pub use shard::{

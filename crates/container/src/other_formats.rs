@@ -382,6 +382,23 @@ pub fn check_tree_name(path: &Path) -> Result<()> {
     Err(Error::unsupported(path, format!("a tree with the file extension of {}", format.name), advice))
 }
 
+/// Checks the file name of what has no editable form, and so is always a Goblin file: as
+/// [`check_tree_name`], and that the name does not end with `.autumn`. `what` is a plural.
+///
+/// # Errors
+/// If it has another extension.
+pub fn check_goblin_name(path: &Path, what: &str) -> Result<()> {
+    check_tree_name(path)?;
+    if TreeFormat::of(path) != TreeFormat::Autumnal {
+        return Ok(());
+    }
+    let advice = format!(
+        "{what} have no editable form: choose a name that ends with .goblin, such as {}",
+        shell_word(&path.with_extension("goblin"))
+    );
+    Err(Error::unsupported(path, format!("an Autumnal file (.autumn) of {what}"), advice))
+}
+
 /// Creates the file of a tree, as [`FileAccess::create`] does.
 ///
 /// # Errors

@@ -9,6 +9,7 @@ use spinney::raw::brep::{
     CombineReport, NodePair, OperandKind, TableEntry, boundary_classes, combine_explained,
 };
 use spinney::raw::io::any_file;
+use spinney::raw::store::shell_word;
 use spinney::{Codec, CombineOperation, ExactModel, SetOperation};
 
 use super::super::Global;
@@ -95,14 +96,23 @@ fn face_table(operation: SetOperation) -> Result<String> {
 /// Opens files, all of which must be exact models.
 fn models(files: &[PathBuf], global: &Global) -> Result<Vec<ExactModel>> {
     let mut models = Vec::new();
+    let is_model =
+        |file: &&PathBuf| spinney::raw::brep::is_model_file(file, global.access()).unwrap_or(false);
+    let model = files.iter().find(is_model);
     for file in files {
         match open(file, global)? {
             Some(model) => models.push(model),
             // (A missing file gets its own message.)
             None if !file.exists() => bail!("{}: no such file", file.display()),
+            None if spinney::open(file).is_ok() => bail!(
+                "{}: has cells, but other files are exact models: make cells of the same size of those: `spinney build {} \
+                 --grid {} -o CELLS.goblin`",
+                file.display(),
+                shell_word(model.unwrap_or(file)),
+                shell_word(file)
+            ),
             None => bail!(
-                "{}: is not an exact model, but other files are: make cells of those (`spinney build MODEL.goblin -o \
-                 CELLS.goblin`), or build it with --brep",
+                "{}: is not an exact model, but other files are: build one from it with --brep",
                 file.display()
             ),
         }

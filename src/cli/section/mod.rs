@@ -228,6 +228,15 @@ fn cut(
         let (name, file) = (output.display(), args.file.display());
         warn(&format!("{name}: is empty: no plane cuts the model; `spinney stats {file}` prints its bounds"));
     }
+    if made.polygons > 0 {
+        let bounds = view.bounds()?;
+        for [foot, above] in planes.iter().filter_map(|planes| planes.at_foot(bounds)) {
+            warn(&format!(
+                "{foot}: is the lower end of the model, where its section is empty: what is above a plane does not count; \
+                 for a section there, add `{above}`"
+            ));
+        }
+    }
     report_objects(&made.objects, global);
     let (polygons, planes) = (counted(made.polygons, "polygon"), counted(made.planes, "plane"));
     Ok(format!("{polygons} in {planes}, with an area of {}", made.area))

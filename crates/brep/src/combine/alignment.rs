@@ -55,11 +55,12 @@ impl Aligned {
         let units: Vec<String> = distinct(models).iter().map(|grid| grid.width().to_string()).collect();
         let text = format!(
             "{} of {} models were moved to a common grid with unit {}, by at most {displacement}: their own units are {} \
-             (build all of them with the same --snap to choose it)",
+             (to choose it, snap copies of all: `spinney transform MODEL --snap {} -o COPY.goblin`)",
             moved.iter().flatten().count(),
             models.len(),
             unit.width(),
-            shortened(&units)
+            shortened(&units),
+            unit.width()
         );
         let first = moved.iter().position(Option::is_some).unwrap_or(0);
         progress.warn(models[first].path(), &text);

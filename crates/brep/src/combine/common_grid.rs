@@ -234,6 +234,9 @@ pub(super) fn incompatible_grids(models: &[&ExactModel]) -> Error {
         ),
     };
     let names: Vec<String> = models.iter().map(|model| model.path().display().to_string()).collect();
-    let expected = format!("{expected}: build the models with --snap {wider}");
+    let expected = format!(
+        "{expected}: snap copies of the models, which moves vertices by up to 0.87 units: `spinney transform MODEL --snap \
+         {wider} -o COPY.goblin`"
+    );
     Error::invalid(format!("{}: grids", names.join(", ")), found, expected)
 }

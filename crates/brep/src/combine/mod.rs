@@ -143,7 +143,12 @@ pub struct CombineReport {
 /// exactly, as fractions. Queries of the file use the nearest points of the grid instead, except
 /// for volumes.
 ///
-/// The result has the part names of the bodies on which the operation depends, in their order.
+/// Each face of the result belongs to the object that it bounds, where an object is a part that is
+/// closed by itself. Intersections and differences have the objects of their first body, each cut
+/// by itself. In unions and symmetric differences, objects of different bodies that overlap or have
+/// a wall in common become one, with the name and the attributes of the first, and a warning lists
+/// others. Complements have the same objects as cavities. Walls between touching objects of one
+/// body stay. The module `owners` states the rule for all operations.
 /// Faces keep their values, and columns are joined by name. All fragments of a divided face have
 /// its values.
 ///

@@ -270,8 +270,8 @@ impl<'a> Owners<'a> {
         ((fate == Fate::Reverse) == self.is_turned) != self.operands[own].is_turned
     }
 
-    /// Returns in which operands' objects the points at the object side of a settled face of operand
-    /// `own` are. `at` is a point of the face, far from the other operands' faces.
+    /// Returns in which operands' objects the points at the object side of a settled face of
+    /// operand `own` are. `at` is a point of the face, far from the other operands' faces.
     fn members(&self, own: usize, fate: Fate, at: [i32; 3]) -> Result<Vec<bool>> {
         let mut members = vec![false; self.operands.len()];
         members[own] = self.keeps_side(own, fate);
@@ -303,7 +303,8 @@ impl<'a> Owners<'a> {
         }
     }
 
-    /// Returns the part of a settled face of operand `own`, from its own part; `at` is a point of it.
+    /// Returns the part of a settled face of operand `own`, from its own part; `at` is a point of
+    /// it.
     pub(super) fn of_settled(&self, own: usize, part: u32, fate: Fate, at: [i32; 3]) -> Result<u32> {
         if self.keeps_parts(own, fate) {
             return Ok(part);

@@ -11,8 +11,8 @@ pub(super) struct FaceValues<'a> {
     models: &'a [&'a ExactModel],
     /// Per model: numbers and names of the columns that the result keeps.
     columns: Vec<Vec<(u32, String)>>,
-    /// By source in the result, and own part: a model's face, by model and number; `None` if faces of
-    /// this source have different values.
+    /// By source in the result, and own part: a model's face, by model and number; `None` if faces
+    /// of this source have different values.
     origins: BTreeMap<(u64, u32), Option<(usize, u32)>>,
     /// Columns that the result drops, since there are too many.
     pub(super) lost_columns: u64,

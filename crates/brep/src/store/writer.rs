@@ -22,7 +22,7 @@ use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 use spinney_container::{
-    Codec, Content, FileHeader, HEADER_SIZE, Section, SectionWriter, Trailer, TreeFormat, check_tree_name,
+    Codec, Content, FileHeader, HEADER_SIZE, Section, SectionWriter, Trailer, TreeFormat, check_goblin_name,
 };
 
 /// A file that is being written, append-only.
@@ -42,7 +42,7 @@ impl ModelWriter {
     /// temporary file.
     pub(crate) fn new(out: Output, grid: &Grid, memory: u64) -> Result<ModelWriter> {
         let path = out.path().to_path_buf();
-        check_tree_name(&path)?;
+        check_goblin_name(&path, "exact models")?;
         let lists = List::ALL.map(|_| Sorter::new(directory_of(&path), memory));
         let (codec, block) = (Codec::Plain, BlockBuilder::default());
         let exact = ExactBlockBuilder::default();

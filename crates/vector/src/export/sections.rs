@@ -1,5 +1,6 @@
 //! Sections of exact models by planes, as polygons.
 
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
@@ -32,6 +33,28 @@ impl SectionPlanes {
     /// Returns the number of planes.
     pub fn count(&self) -> u32 {
         self.count
+    }
+
+    /// Returns the plane of an axis at the lower side of a box, if it is one of these, and a plane
+    /// just above it, as arguments: "z=0" and "z=0.001". (Sections contain what is below a plane.)
+    pub fn at_foot(&self, [low, high]: [[f64; 3]; 2]) -> Option<[String; 2]> {
+        /// Distance of the other plane, as a power of ten, relative to the size of the box.
+        const DIGITS: i32 = -4;
+        let axis = ["x", "y", "z"].iter().position(|axis| *axis == self.name)?;
+        let foot = low[axis];
+        let (mut first, mut end) = (0, self.count);
+        while first < end {
+            let middle = first + (end - first) / 2;
+            if self.at(middle) < foot { first = middle + 1 } else { end = middle }
+        }
+        let size = high[axis] - foot;
+        if first == self.count || self.at(first) != foot || size.partial_cmp(&0.0) != Some(Ordering::Greater)
+        {
+            return None;
+        }
+        let step: f64 = format!("1e{}", size.log10().floor() as i32 + DIGITS).parse().ok()?;
+        let above = DecimalSteps::new(foot, step).value(1);
+        Some([foot, above].map(|at| format!("{}={at}", self.name)))
     }
 
     /// Returns the dot product of a plane's points with the normal.

@@ -424,17 +424,23 @@ impl Wrong<'_> {
             }
             Ok(())
         })?;
+        let mut between_objects = 0;
         for (location, defect) in locations.iter_mut().zip(&built.defects) {
             let parts: BTreeSet<u32> =
                 defect.faces.iter().filter_map(|face| part_of.get(face).copied()).collect();
             let names: Vec<&str> = parts.iter().filter_map(|part| objects.name(*part)).collect();
+            between_objects += u32::from(names.len() > 1);
             if !names.is_empty() {
                 *location += &format!(", of {}", names.join(" and "));
             }
         }
-        let advice = match options.skip_bad {
-            true => advice,
-            false => format!("{advice}; --skip-bad omits objects that are no bodies by themselves"),
+        // (Objects that intersect each other may all be bodies by themselves.)
+        let advice = match (options.skip_bad, between_objects) {
+            (true, 0) => advice,
+            (false, 0) => format!("{advice}; --skip-bad omits objects that are no bodies by themselves"),
+            _ => format!(
+                "{advice}; --skip-bad keeps objects that are bodies by themselves, also where they intersect each other"
+            ),
         };
         Ok(Error::NotASolid { path, what, locations, count, advice })
     }
@@ -495,10 +501,11 @@ fn open_surface(path: &Path, grid: &Grid, (objects, has_closed): (&Objects, bool
         locations: loops.iter().take(100).map(place).collect(),
         count: loops.len() as u64,
         advice: match objects.count() {
-            1 => "close it with --close, or build cells (without --brep)".into(),
-            _ if !has_closed => {
-                "no object is closed: close them with --close, or build cells (without --brep)".into()
-            }
+            1 => "close it with --close (with `--close --repair` if faces intersect then), or build cells (without --brep)"
+                .into(),
+            _ if !has_closed => "no object is closed: close them and resolve intersections with `--close --repair`, or build \
+                                 cells (without --brep)"
+                .into(),
             _ => "close it with --close, omit open objects with --skip-bad, select others with --where, or build cells \
                   (without --brep)"
                 .into(),

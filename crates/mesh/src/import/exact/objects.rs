@@ -148,18 +148,20 @@ impl Objects {
                 .extend(own.into_iter().map(|object| SkippedObject { name: name(object), why: why.clone() }));
         }
         if bad.len() == runs.len() {
-            let ways = [
-                (options.close, "close them with --close"),
-                (options.repair, "resolve intersections with --repair"),
-            ];
-            let left = ways.iter().filter(|(is_given, _)| !is_given).map(|(_, way)| format!("{way}, or "));
+            // (Closing objects often makes intersections, or leaves those that it cannot see.)
+            let way = match (options.close, options.repair) {
+                (false, false) => "close them and resolve intersections with `--close --repair`, or ",
+                (false, true) => "close them with --close, or ",
+                (true, false) => "resolve intersections with --repair, or ",
+                (true, true) => "",
+            };
             let locations = skipped.iter().take(100).map(|object| format!("{}: {}", object.name, object.why));
             return Err(Error::NotASolid {
                 path: path.to_path_buf(),
                 what: "none of its objects is a body".into(),
                 locations: locations.collect(),
                 count: skipped.len() as u64,
-                advice: format!("{}build cells (without --brep)", left.collect::<String>()),
+                advice: format!("{way}build cells (without --brep)"),
             });
         }
         let taken: BTreeSet<u32> = self.taken.iter().copied().collect();

@@ -243,6 +243,10 @@ pub(in crate::import) fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result
     }
     let is_box = (0..3).all(|axis| all[0][axis].is_finite() && all[1][axis].is_finite());
     let name = models.first().map(|model| model.info().path.clone()).unwrap_or_default();
+    if !is_box && models.iter().all(|model| model.info().faces == Some(0)) {
+        let found = "none: the model is empty, and so has no bounds for cells";
+        return Err(Error::invalid(format!("{}: faces", name.display()), found, "a model with faces"));
+    }
     if !is_box {
         let advice =
             "an exact model without faces is an empty result, such as A-A: check what it was made of";
