@@ -80,7 +80,7 @@ fn exact_models_are_goblin_files() {
         let name = message.trim_end().rsplit("such as ").next().unwrap().to_string();
         assert!(name.ends_with("x.goblin"), "{message}");
         let again: Vec<&str> =
-            arguments.iter().map(|word| if *word == autumn { name.as_str() } else { word }).collect();
+            arguments.iter().map(|word| if *word == autumn { name.as_str() } else { *word }).collect();
         command(&again).assert().success();
     }
 }

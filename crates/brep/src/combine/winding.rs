@@ -69,9 +69,8 @@ pub(super) fn winding(
 }
 
 /// Returns the winding numbers of a model's parts above a sample, each by its faces alone; those
-/// that
-/// are 0 may be left out. Faces that contain the sample do not count. (The ray goes on to the end,
-/// since cells store no parts.)
+/// that are 0 may be left out. Faces that contain the sample do not count. (The ray goes on to the
+/// end, since cells store no parts.)
 pub(super) fn part_windings(
     model: &ExactModel,
     number: usize,
