@@ -329,3 +329,56 @@ fn mending_keeps_every_body() {
         assert_eq!(stdout(&["point", model, "850,200,135"]), "inside\n");
     }
 }
+
+/// A tetrahedron as a mesh file, with a corner at a point.
+fn tetrahedron([x, y, z]: [i32; 3], size: i32) -> String {
+    let corners = [[0, 0, 0], [size, 1, 2], [2, size, 1], [1, 2, size]];
+    let lines = corners.map(|[u, v, w]| format!("{} {} {}\n", x + u, y + v, z + w)).concat();
+    format!("OFF\n4 4 0\n{lines}3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
+}
+
+/// A chain of operations, a process each: the bytes do not depend on threads and memory, and an
+/// operation that a full disk stops leaves the last result and no other file.
+#[test]
+#[cfg(unix)]
+fn chains_of_operations_from_file_to_file() {
+    use std::process::Command;
+
+    const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
+
+    let pair = CubePair::new();
+    let (whole, new, other) = (pair.name("whole.goblin"), pair.name("new.goblin"), pair.name("tool.goblin"));
+    std::fs::copy(&pair.a, &whole).unwrap();
+    for step in 0..10 {
+        let at = [step * 17 % 50 - 4, step * 29 % 50 - 4, step * 37 % 50 - 4];
+        pair.built("tool", &tetrahedron(at, 20 + step), &["--brep", "--snap", "1"]);
+        let operation = if step % 3 == 2 { "or" } else { "a-b" };
+        let run = |target: &str, options: &[&str]| {
+            let words = ["combine", "-q", operation, &whole, &other, "-o", target];
+            command(&words).args(options).assert().success();
+            std::fs::read(target).unwrap()
+        };
+        let bytes = run(&new, &[]);
+        for options in [["--threads", "1"], ["--threads", "4"], ["--memory", "16M"]] {
+            assert!(run(&new, &options) == bytes, "{step}: {options:?}");
+        }
+        let names = || {
+            let entries = std::fs::read_dir(pair.directory.root()).unwrap();
+            let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name()).collect();
+            names.sort();
+            names
+        };
+        let (before, last) = (names(), std::fs::read(&whole).unwrap());
+        // (Limits are in blocks of 512 or 1024 bytes.)
+        for blocks in [0, 1] {
+            let limited = format!("ulimit -f {blocks}; exec \"$@\"");
+            let words = ["combine", "-q", operation, &whole, &other, "-o", &new];
+            let run = Command::new("sh").args(["-c", &limited, "sh", PROGRAM]).args(words).output().unwrap();
+            assert_eq!(run.status.code(), Some(1), "{step}: {}", String::from_utf8_lossy(&run.stderr));
+            let files = [&whole, &new].map(|file| std::fs::read(file).unwrap());
+            assert!(names() == before && files == [last.clone(), bytes.clone()], "{step}");
+        }
+        std::fs::rename(&new, &whole).unwrap();
+    }
+    assert!(stdout(&["verify", &whole]).contains("good"));
+}

@@ -10,7 +10,7 @@
 use std::hash::{BuildHasher, Hasher, RandomState};
 
 use crate::Face;
-use crate::arrangement::{ExactFace, MODULUS, VertexKey, Vertices, cross};
+use crate::arrangement::{ExactFace, ExactPoint, MODULUS, VertexKey, Vertices, cross};
 use crate::store::exact::ExactBlock;
 use spinney_base::{Progress, Result};
 
@@ -138,9 +138,7 @@ impl ExactClosure {
     }
 
     fn add_edge(&mut self, along: [i128; 3], from: ([i32; 3], u32), to: ([i32; 3], u32)) {
-        let divisor = along.into_iter().fold(0, |divisor, part| divide_out(divisor, part.unsigned_abs()));
-        let Some(first) = along.into_iter().find(|part| *part != 0) else { return };
-        let along = along.map(|part| part / divisor as i128 * first.signum());
+        let Some(along) = direction(along) else { return };
         let words = along.map(|part| [part as u64, (part >> 64) as u64]);
         let line = self.seed.number(words.as_flattened());
         let end = |(at, number): ([i32; 3], u32)| {
@@ -174,11 +172,7 @@ impl EdgeHashes {
         let mut sum = 0u64;
         for ends in edges(face) {
             let [from, to] = ends.map(|end| end.map(i64::from));
-            let along = [0, 1, 2].map(|axis| to[axis] - from[axis]);
-            let divisor =
-                along.into_iter().fold(0, |divisor, part| short_divisor(divisor, part.unsigned_abs()));
-            let Some(first) = along.into_iter().find(|part| *part != 0) else { continue };
-            let along = along.map(|part| part / divisor as i64 * first.signum());
+            let Some(along) = short_direction([0, 1, 2].map(|axis| to[axis] - from[axis])) else { continue };
             let line = Seed(self.0.number(&along.map(|part| part as u64)));
             let [from, to] = [from, to].map(|end| line.number(&end.map(|at| at as u64)));
             sum = sum.wrapping_add(to).wrapping_sub(from);
@@ -189,32 +183,76 @@ impl EdgeHashes {
     /// Returns the hash of the edges of a face with off-grid vertices.
     pub(crate) fn of_exact(self, face: &ExactFace) -> u64 {
         let mut sum = 0u64;
-        for (corner, next) in face.edges() {
-            let along = cross(face.plane.normal, corner.line.normal);
-            let divisor = along.into_iter().fold(0, |divisor, part| divide_out(divisor, part.unsigned_abs()));
-            let Some(first) = along.into_iter().find(|part| *part != 0) else { continue };
-            let along = along.map(|part| part / divisor as i128 * first.signum());
-            // Invariant: a direction or a point has one hash, whether it is that of a face on the
-            // grid or not. Otherwise edges of both would not cancel.
-            let line = match along.map(i64::try_from) {
-                [Ok(x), Ok(y), Ok(z)] => self.0.number(&[x, y, z].map(|part| part as u64)),
-                _ => self.0.number(along.map(|part| [part as u64, (part >> 64) as u64]).as_flattened()),
-            };
-            let line = Seed(line);
-            let [from, to] = [&corner.point, next].map(|point| {
-                let (fixed, residues) = (point.fixed(FRACTION_BITS), point.residues());
-                let at = fixed.map(|at| at >> FRACTION_BITS);
-                let is_on_grid = at.map(|at| at << FRACTION_BITS) == fixed
-                    && at.iter().zip(&residues).all(|(at, residue)| at.rem_euclid(MODULUS) == *residue);
-                match is_on_grid {
-                    true => line.number(&at.map(|at| at as u64)),
-                    false => line.number([fixed, residues].map(|at| at.map(|at| at as u64)).as_flattened()),
-                }
-            });
-            sum = sum.wrapping_add(to).wrapping_sub(from);
+        let mut ends: Vec<HashedPoint> = Vec::new();
+        for ring in face.rings() {
+            ends.clear();
+            ends.extend(ring.iter().map(|corner| HashedPoint::of(&corner.point)));
+            for (index, corner) in ring.iter().enumerate() {
+                let Some(along) = direction(cross(face.plane.normal, corner.line.normal)) else { continue };
+                // Invariant: a direction or a point has one hash, whether it is that of a face on
+                // the grid or not. Otherwise edges of both would not cancel.
+                let line = match along.map(i64::try_from) {
+                    [Ok(x), Ok(y), Ok(z)] => self.0.number(&[x, y, z].map(|part| part as u64)),
+                    _ => self.0.number(along.map(|part| [part as u64, (part >> 64) as u64]).as_flattened()),
+                };
+                let line = Seed(line);
+                let [from, to] = [index, (index + 1) % ends.len()].map(|end| ends[end].number(line));
+                sum = sum.wrapping_add(to).wrapping_sub(from);
+            }
         }
         sum
     }
+}
+
+/// Words of a point that are hashed.
+enum HashedPoint {
+    OnGrid([u64; 3]),
+    OffGrid([u64; 6]),
+}
+
+impl HashedPoint {
+    fn of(point: &ExactPoint) -> HashedPoint {
+        if let Some(at) = point.on_grid() {
+            return HashedPoint::OnGrid(at.map(|at| i64::from(at) as u64));
+        }
+        let (fixed, residues) = (point.fixed(FRACTION_BITS), point.residues());
+        let at = fixed.map(|at| at >> FRACTION_BITS);
+        let is_on_grid = at.map(|at| at << FRACTION_BITS) == fixed
+            && at.iter().zip(&residues).all(|(at, residue)| at.rem_euclid(MODULUS) == *residue);
+        if is_on_grid {
+            return HashedPoint::OnGrid(at.map(|at| at as u64));
+        }
+        let [[x, y, z], [u, v, w]] = [fixed, residues].map(|at| at.map(|at| at as u64));
+        HashedPoint::OffGrid([x, y, z, u, v, w])
+    }
+
+    /// Returns the hash of the point as the end of an edge along a line.
+    fn number(&self, line: Seed) -> u64 {
+        match self {
+            HashedPoint::OnGrid(words) => line.number(words),
+            HashedPoint::OffGrid(words) => line.number(words),
+        }
+    }
+}
+
+/// Returns the shortest integer vector along a line; `None` for a vector without length. Opposite
+/// vectors have the same one.
+fn direction(along: [i128; 3]) -> Option<[i128; 3]> {
+    if let [Ok(x), Ok(y), Ok(z)] = along.map(i64::try_from)
+        && [x, y, z].iter().all(|part| *part != i64::MIN)
+    {
+        return short_direction([x, y, z]).map(|along| along.map(i128::from));
+    }
+    let divisor = along.into_iter().fold(0, |divisor, part| divide_out(divisor, part.unsigned_abs()));
+    let first = along.into_iter().find(|part| *part != 0)?;
+    Some(along.map(|part| part / divisor as i128 * first.signum()))
+}
+
+/// Does the same as [`direction`] for numbers of one word, none of which is the smallest.
+fn short_direction(along: [i64; 3]) -> Option<[i64; 3]> {
+    let divisor = along.into_iter().fold(0, |divisor, part| short_divisor(divisor, part.unsigned_abs()));
+    let first = along.into_iter().find(|part| *part != 0)?;
+    Some(along.map(|part| part / divisor as i64 * first.signum()))
 }
 
 /// Returns the GCD of two numbers of one word.

@@ -1,7 +1,7 @@
 //! Sums over the faces of each part of a model, in bounded memory: volume, moments, area, bounds,
 //! and whether the part is closed.
 
-use std::collections::{HashMap, hash_map::Entry};
+use std::collections::{HashMap, HashSet, hash_map::Entry};
 use std::path::Path;
 
 use crate::Face;
@@ -60,18 +60,49 @@ pub(crate) struct SumsOfParts {
     spilled: Option<Sorter>,
     /// Maximum number of parts in memory.
     most: usize,
+    /// Parts to which faces were added, if they are recorded.
+    touched: Option<HashSet<u32>>,
 }
 
 impl SumsOfParts {
     /// Creates empty sums that are held in memory, however many parts there are.
     pub(crate) fn in_memory(bits: u8) -> SumsOfParts {
-        SumsOfParts { hashes: EdgeHashes::new(), bits, open: HashMap::new(), spilled: None, most: usize::MAX }
+        SumsOfParts {
+            hashes: EdgeHashes::new(),
+            bits,
+            open: HashMap::new(),
+            spilled: None,
+            most: usize::MAX,
+            touched: None,
+        }
     }
 
     /// Creates empty sums that take about `memory` bytes, and temporary files for more.
     pub(crate) fn new(directory: &Path, bits: u8, memory: u64) -> SumsOfParts {
         let most = (memory / 2 / BYTES).max(64) as usize;
         SumsOfParts { spilled: Some(Sorter::new(directory, memory / 2)), most, ..Self::in_memory(bits) }
+    }
+
+    /// Records the parts to which faces are added from now on: see [`SumsOfParts::is_touched`].
+    pub(crate) fn record_touched(&mut self) {
+        self.touched = Some(HashSet::new());
+    }
+
+    /// Returns whether faces were added to a part since parts are recorded.
+    pub(crate) fn is_touched(&self, part: u32) -> bool {
+        self.touched.as_ref().is_some_and(|touched| touched.contains(&part))
+    }
+
+    /// Adds the sums over all faces of a part, to which no face is added. The closedness of the
+    /// sums over all parts has no meaning after that.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be written.
+    pub(crate) fn carry(&mut self, part: u32, stored: &StoredSums) -> Result<()> {
+        // (Any number but 0 is the sum of the edges of an open part.)
+        let edges = u64::from(!stored.is_closed);
+        self.of(part)?.add(&OpenSums { mass: stored.mass.clone(), edges });
+        Ok(())
     }
 
     /// Returns the number of parts in memory.
@@ -86,7 +117,7 @@ impl SumsOfParts {
     pub(crate) fn add(&mut self, face: &Face<'_>, is_proxy: bool) -> Result<()> {
         let edges = if is_proxy { 0 } else { self.hashes.of_face(face) };
         let bits = self.bits;
-        let sums = self.of(face.part)?;
+        let sums = self.touch(face.part)?;
         sums.edges = sums.edges.wrapping_add(edges);
         sums.mass.add_face(face);
         if is_proxy {
@@ -102,10 +133,18 @@ impl SumsOfParts {
     pub(crate) fn add_exact(&mut self, face: &ExactFace) -> Result<()> {
         let edges = self.hashes.of_exact(face);
         let bits = self.bits;
-        let sums = self.of(face.part)?;
+        let sums = self.touch(face.part)?;
         sums.edges = sums.edges.wrapping_add(edges);
         sums.mass.add_exact(face, bits);
         Ok(())
+    }
+
+    /// Returns the sums of a part, for an added face.
+    fn touch(&mut self, part: u32) -> Result<&mut OpenSums> {
+        if let Some(touched) = &mut self.touched {
+            touched.insert(part);
+        }
+        self.of(part)
     }
 
     fn of(&mut self, part: u32) -> Result<&mut OpenSums> {

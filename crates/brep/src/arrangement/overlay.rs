@@ -121,6 +121,18 @@ impl Vertices {
         // searched here; exact coordinates decide. If a point had two numbers, lines that meet
         // there would be cut at different vertices, and rings would not close.
         let (low, high) = (cell(-MARGIN * FINE), cell(MARGIN * FINE));
+        if low == high {
+            let known = self.cells.entry(low).or_default();
+            return match known.iter().find(|known| self.list[**known as usize].is(&point)) {
+                Some(found) => *found,
+                None => {
+                    let number = self.list.len() as u32;
+                    known.push(number);
+                    self.list.push(point);
+                    number
+                }
+            };
+        }
         let mut candidates = [low; 8];
         for (corner, candidate) in candidates.iter_mut().enumerate() {
             for axis in 0..3 {

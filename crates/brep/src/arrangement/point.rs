@@ -140,6 +140,26 @@ pub(crate) fn fraction_bits(bits: u8) -> u32 {
 /// Modulus of residues of coordinates: a prime.
 pub(crate) const MODULUS: i64 = (1 << 61) - 1;
 
+/// Returns a number below 2^122 modulo [`MODULUS`].
+fn reduced(number: u128) -> u64 {
+    const LOW: u128 = MODULUS as u128;
+    // (2^61 is 1 modulo the modulus.)
+    let folded = (number & LOW) + (number >> 61);
+    let folded = ((folded & LOW) + (folded >> 61)) as u64;
+    if folded >= MODULUS as u64 { folded - MODULUS as u64 } else { folded }
+}
+
+/// Returns a signed number modulo [`MODULUS`], at least 0.
+fn residue(number: I256) -> u64 {
+    // (2^64 is 8 modulo the modulus, and the 2^256 of two's complement is 2^12.)
+    let unsigned = [3u32, 2, 1, 0].into_iter().fold(0, |high, word| {
+        let digit: u64 = (number >> (64 * word)).as_();
+        reduced(u128::from(high) * 8 + u128::from(digit))
+    });
+    let wrap = if number.is_negative() { MODULUS as u128 - (1 << 12) } else { 0 };
+    reduced(u128::from(unsigned) + wrap)
+}
+
 /// A point in homogeneous coordinates.
 #[derive(Clone, Copy, Debug)]
 pub struct ExactPoint {
@@ -284,8 +304,7 @@ impl ExactPoint {
     /// Returns residues of the coordinates modulo [`MODULUS`]. They depend on the point alone, not
     /// on its weight.
     pub(crate) fn residues(&self) -> [i64; 3] {
-        let residue = |number: I256| -> i128 { number.rem_euclid(wide(MODULUS.into())).as_() };
-        let times = |a: i128, b: i128| a * b % i128::from(MODULUS);
+        let times = |a: u64, b: u64| reduced(u128::from(a) * u128::from(b));
         // The inverse of the weight, by Fermat's theorem.
         let (mut inverse, mut power, mut exponent) = (1, residue(self.weight), MODULUS - 2);
         while exponent > 0 {

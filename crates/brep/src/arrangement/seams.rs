@@ -6,7 +6,7 @@
 //! operation cannot determine their fate. They are left out, and made again where the result needs
 //! them.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use crate::closure::edges;
 use crate::exact::vector::{dot, subtract};
@@ -80,6 +80,11 @@ impl Seams {
                 .0
                 .iter()
                 .all(|(edge, seam)| other.0.get(edge).is_some_and(|own| own.surplus == seam.surplus))
+    }
+
+    /// Returns the ends of all edges that are open or watched.
+    pub(crate) fn ends(&self) -> HashSet<[i32; 3]> {
+        self.0.keys().flatten().copied().collect()
     }
 
     /// Counts the edges of a face that are open or watched.

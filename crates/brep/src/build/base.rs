@@ -6,6 +6,8 @@
 //! are removed, unless they become empty: the octree may be deeper than that of a full build, but
 //! is equivalent.
 
+use std::collections::HashSet;
+
 use super::arena::{Arena, Mark};
 use super::cells::{Cell, uniform};
 use super::division::{Division, each_bit};
@@ -16,7 +18,7 @@ use super::subtree_faces::{FaceWords, SubtreeFaces, SubtreeFacesBuilder};
 use super::upper::{SpooledDivision, Upper, bytes_in_memory};
 use crate::face_set::Renumbering;
 use crate::geometry::Stages;
-use crate::store::segment::LeafHead;
+use crate::store::segment::{CUT, LeafHead};
 use crate::{ExactModel, FaceBuffer, ModelNode, ModelNodeState};
 use spinney_base::{Error, Result};
 
@@ -27,6 +29,10 @@ pub(crate) struct BaseModel<'a> {
     pub(crate) faces: Renumbering,
     /// New numbers of its kept faces with off-grid vertices.
     pub(crate) exact: Renumbering,
+    /// New numbers of its parts.
+    pub(crate) part_numbers: Vec<u32>,
+    /// Its parts of which faces are removed.
+    pub(crate) changed_parts: HashSet<u32>,
 }
 
 /// Faces of a cell that are only in the base, or only in the new model.
@@ -82,7 +88,15 @@ impl BaseModel<'_> {
 
 impl Upper<'_> {
     /// Copies a cell without changes; returns the word of its node.
-    fn copy(&mut self, base: &BaseModel<'_>, node: &ModelNode<'_>, out: &mut Arena) -> Result<u32> {
+    pub(super) fn copy(
+        &mut self,
+        base: &BaseModel<'_>,
+        node: &ModelNode<'_>,
+        out: &mut Arena,
+    ) -> Result<u32> {
+        if node.begins_segment() && node.level() > 0 && self.copy_segment(base, node, out)? {
+            return Ok(CUT);
+        }
         let near = base.near(node);
         match node.state() {
             ModelNodeState::Inner => {

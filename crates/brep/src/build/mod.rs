@@ -5,10 +5,12 @@ mod arena;
 mod base;
 mod cells;
 mod check;
+mod copied;
 mod defects;
 mod division;
 mod equal_faces;
 mod items;
+mod kept;
 mod memory;
 mod near;
 mod pairs;
@@ -27,10 +29,10 @@ use self::near::NearFaces;
 use self::spread::Spread;
 use self::subtree_faces::{FaceWords, SpoolTarget, SubtreeFacesBuilder};
 use self::upper::Upper;
-use super::store::exact::ExactBlock;
 use super::store::objects::{ColumnNames, ObjectWriter};
 use super::store::segment::CUT;
 use super::store::summary::{NodeCounts, Summary};
+use super::store::sums::StoredSums;
 use super::store::table::{FIRST_NAMED, MAX_BYTES, MAX_NAMED, TableWriter};
 use super::store::writer::{List, ModelWriter};
 use super::{Face, Faces, Grid};
@@ -220,36 +222,13 @@ impl ModelBuilder {
     /// Adds a face as [`ModelBuilder::push`] does, which may be a proxy for faces with off-grid
     /// vertices.
     pub(super) fn push_face(&mut self, face: &Face<'_>, is_proxy: bool) -> Result<()> {
-        let Some(number) = self.write_face(face, is_proxy)? else { return Ok(()) };
+        let number = self.write_face(face, is_proxy)?;
+        self.sums.add(face, is_proxy)?;
+        let Some(number) = number else { return Ok(()) };
         self.wide += 1;
         self.words.clear();
         FaceWords::write(number, face.points, face.ring_ends, &mut self.words);
         self.run.push(FaceWords(&self.words))
-    }
-
-    /// Adds a face of the base that is unchanged. These faces must be added first, in the base's
-    /// order.
-    pub(super) fn push_kept(&mut self, face: &Face<'_>, is_proxy: bool) -> Result<()> {
-        self.write_face(face, is_proxy).map(|_| ())
-    }
-
-    /// Adds a block of off-grid faces of the base that are all kept; no part number is above
-    /// `last_part`.
-    ///
-    /// # Errors
-    /// The errors of [`ModelBuilder::push_exact`].
-    pub(super) fn push_kept_exact(&mut self, block: &ExactBlock<'_>, last_part: u32) -> Result<()> {
-        self.check_exact_memory(block.len() as u64)?;
-        self.last_part = self.last_part.max(last_part);
-        self.near.skip(block.len());
-        for place in 0..block.len() {
-            let face = block.face(place);
-            let path = self.writer.path();
-            let corrupt =
-                |found| Error::corrupt(path, "block of exact faces", found, "a block as in formats.md");
-            self.sums.add_exact(&face.map_err(corrupt)?)?;
-        }
-        self.writer.exact_block(block)
     }
 
     /// Records a removed face of the base; a face without area is in no cell and is ignored.
@@ -279,7 +258,6 @@ impl ModelBuilder {
         self.faces += 1;
         self.proxies += u64::from(is_proxy);
         self.last_part = self.last_part.max(face.part);
-        self.sums.add(face, is_proxy)?;
         self.writer.face(&Face { number: number.into(), ..*face }, is_proxy)?;
         // (Several faces may have the same source.)
         let values = self.values_by_source.get(&face.source).cloned().unwrap_or_default();
@@ -422,7 +400,7 @@ impl ModelBuilder {
             mut face_values,
             face_columns,
             formula,
-            sums,
+            mut sums,
             ..
         } = self;
         let (run, target) = run.finish()?;
@@ -478,9 +456,14 @@ impl ModelBuilder {
             return Ok(report);
         }
         complete(metadata, &report);
+        if let Some(base) = base {
+            base.add_sums(&mut sums, progress)?;
+        }
         let sums = sums.finish(&mut |part, sums| {
             objects.sums(part, &sums.to_bytes(), &mut |key, bytes| writer.chunk(List::Objects, key, bytes))
         })?;
+        // (Base and result are closed: the caller has checked both.)
+        let sums = StoredSums { is_closed: sums.is_closed || base.is_some(), ..sums };
         let parts = objects.finish(&mut |key, bytes| writer.chunk(List::Objects, key, bytes))?;
         if u64::from(last_part) >= parts {
             let expected = format!("a number below {parts}, the number of added parts");

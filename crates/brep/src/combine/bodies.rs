@@ -6,8 +6,8 @@
 //! - Input of the arrangement: [`Bodies::near`] returns the near faces on the common grid
 //!   ([`Near`]), with the edges at which they meet settled faces. It also removes the base's
 //!   changed faces from the result.
-//! - Input of the output file: [`Bodies::settled`], [`Bodies::keep_exact`] and
-//!   [`Bodies::settled_exact`] yield the settled faces, kept or reversed.
+//! - Input of the output file: [`Bodies::keep_faces`], [`Bodies::settled`], [`Bodies::keep_exact`]
+//!   and [`Bodies::settled_exact`] yield the settled faces, kept or reversed.
 //!
 //! | face of the octree                                | [`FaceUse`]        |
 //! | ------------------------------------------------- | -------------- |
@@ -21,7 +21,7 @@ use std::path::Path;
 use super::common_grid::{CommonGrid, incompatible_grids};
 use super::node_table::PairCounts;
 use super::overlap::Overlap;
-use super::owners::{Owners, PartNumbers};
+use super::owners::Owners;
 use super::table::Fate;
 use super::table::OperationTable;
 use super::values::FaceValues;
@@ -30,7 +30,8 @@ use crate::build::BaseModel;
 use crate::closure::SurfaceClosure;
 use crate::exact::normal::ring_normal;
 use crate::face_set::{FaceSet, Renumbering};
-use crate::{ExactModel, Face, FaceList, Faces, ModelBuilder};
+use crate::store::block::Block;
+use crate::{ExactModel, Face, FaceBuffer, FaceList, Faces, ModelBuilder};
 use spinney_base::{Error, Progress, Result, SetOperation};
 use spinney_container::Tag;
 
@@ -48,14 +49,14 @@ pub(super) struct Bodies<'a> {
     pub(super) overlaps: Vec<Overlap>,
     /// Per model: the proxies that are replaced. Complete after [`Bodies::near`].
     replaced: Vec<Replaced>,
-    is_coloured: bool,
+    pub(super) is_coloured: bool,
     /// Number that is added to a model's parts, and number that is added to its sources.
     ///
     /// Source numbers are 0 until [`Bodies::near`] sets them: a model's number depends on the
     /// sources of the models before it.
-    first: Vec<(u32, u64)>,
+    pub(super) first: Vec<(u32, u64)>,
     /// The model whose octree is copied where no face changes: one with the common grid, if any.
-    base: Option<usize>,
+    pub(super) base: Option<usize>,
     /// The rule to which parts faces of the result belong; `None` if they keep their parts.
     pub(super) owners: Option<Owners<'a>>,
 }
@@ -95,6 +96,10 @@ pub(super) enum FaceUse {
 /// Visitor of faces: the face, whether it is a proxy, and its use.
 type FaceVisitor<'f> = dyn FnMut(&Face<'_>, bool, FaceUse) -> Result<()> + 'f;
 
+/// Whether a face is left out, by its number, its block and its index there; the buffer may be
+/// used.
+type FaceFilter<'f> = dyn FnMut(u64, &Block<'_>, usize, &mut FaceBuffer) -> bool + 'f;
+
 /// Input of the arrangement: the faces near other bodies, and what their replacement affects.
 pub(super) struct Near<'a> {
     pub(super) faces: ExactFaces,
@@ -114,6 +119,7 @@ impl<'a> Bodies<'a> {
         models: &'a [&'a ExactModel],
         common_grid: &'a CommonGrid,
         (table, mut counts): (OperationTable, Option<&mut PairCounts>),
+        owners: Option<Owners<'a>>,
         progress: &dyn Progress,
     ) -> Result<Bodies<'a>> {
         let (mut overlaps, mut replaced, mut is_coloured) = (Vec::new(), Vec::new(), false);
@@ -145,11 +151,13 @@ impl<'a> Bodies<'a> {
             let model = models[*number];
             let is_reached = !model.has_exact_faces() || model.reach() == reach(models);
             let is_thin = model.metadata().tag(Tag::ModelIntersections).is_some();
-            *model.grid() == common_grid.grid && is_reached && !is_thin
+            // (Faces that are copied keep their parts.)
+            let keeps_parts = owners.as_ref().is_none_or(|owners| owners.keeps_parts(*number, Fate::Keep));
+            *model.grid() == common_grid.grid && is_reached && !is_thin && keeps_parts
         };
         let base = (0..models.len()).filter(is_base).max_by_key(|number| models[*number].len());
         let mut bodies =
-            Bodies { models, common_grid, table, overlaps, replaced, is_coloured, first, base, owners: None };
+            Bodies { models, common_grid, table, overlaps, replaced, is_coloured, first, base, owners };
         for number in (0..models.len()).filter(|number| models[*number].has_exact_faces()) {
             bodies.settle_exact_faces(number, progress)?;
             bodies.replace_proxies(number, progress)?;
@@ -165,7 +173,7 @@ impl<'a> Bodies<'a> {
     /// Records the fates of the exact faces that are far from other bodies.
     fn settle_exact_faces(&mut self, number: usize, progress: &dyn Progress) -> Result<()> {
         let mut overlap = std::mem::replace(&mut self.overlaps[number], Overlap::none());
-        self.models[number].each_exact_head(&mut |index, head| {
+        self.models[number].each_exact_head(&mut |index, _| {
             if index.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
@@ -179,7 +187,8 @@ impl<'a> Bodies<'a> {
             // be in the model's next cell: walls lie between points of the model's own grid, but
             // may contain points of a finer common grid. Any point of a cell that the face is only
             // near would not do: the face may not reach it, and another body may lie between.)
-            let at = self.common_grid.exact_point(number, head.corner).rounded().map(|at| 2 * i64::from(at));
+            let corner = self.models[number].exact_corner(index)?;
+            let at = self.common_grid.exact_point(number, corner).rounded().map(|at| 2 * i64::from(at));
             let mut windings = Vec::with_capacity(self.models.len());
             for other in 0..self.models.len() {
                 let winding = if other == number {
@@ -203,7 +212,7 @@ impl<'a> Bodies<'a> {
     /// Takes proxies off the near faces, and marks their sources as replaced.
     fn replace_proxies(&mut self, number: usize, progress: &dyn Progress) -> Result<()> {
         let near: Vec<u32> = self.overlaps[number].faces.near().collect();
-        let mut buffer = crate::FaceBuffer::default();
+        let mut buffer = FaceBuffer::default();
         for (index, face) in near.into_iter().enumerate() {
             if index.is_multiple_of(1 << 12) {
                 progress.check()?;
@@ -239,28 +248,44 @@ impl<'a> Bodies<'a> {
             }
             let (mut sources, mut open) = (first_source, Seams::default());
             let is_base = self.base == Some(number);
+            let first_part = self.first[number].0;
+            let mut changed_parts = HashSet::new();
             let mut stays = [model.len(), model.exact_faces().0]
                 .map(|count| FaceSet::new(if is_base { count } else { 0 }));
             let list = &mut found.faces.list;
-            self.each(number, progress, &mut |face, is_proxy, face_use| {
+            let [faces_stay, _] = &mut stays;
+            let (mut highest, mut visited) = (None, 0);
+            let notes_kept = self.owners.as_ref().is_some_and(|owners| !owners.is_plain(Fate::Keep));
+            let mut is_kept = |face: u64, block: &Block<'_>, place: usize, buffer: &mut FaceBuffer| {
+                let is_kept = self.is_kept(number, face, block, place, buffer);
+                if is_kept {
+                    highest = highest.max(Some(block.source(place)));
+                    faces_stay.set(face, true);
+                }
+                is_kept && !notes_kept
+            };
+            self.each(number, &mut is_kept, progress, &mut |face, is_proxy, face_use| {
                 sources = sources.max(face.source.saturating_add(1));
                 if let (FaceUse::Settled(fate), Some(owners)) = (face_use, &self.owners) {
                     // (Dropped faces are on the model's own grid.)
                     let (at, part) = match fate {
                         Fate::Drop => {
-                            (self.common_grid.point(number, face.points[0]), face.part + self.first[number].0)
+                            (self.common_grid.point(number, face.points[0]), face.part + first_part)
                         }
                         _ => (face.points[0], face.part),
                     };
                     owners.note_settled(number, part, fate, at)?;
                 }
                 if matches!(face_use, FaceUse::Settled(Fate::Keep)) {
-                    stays[0].set(face.number, true);
                     return Ok(());
                 }
                 // (Dropped faces have their own part and source here, which both calls ignore.
                 // `sources` may stay below theirs, which no face of the result has. Their vertices
                 // are right, since the base's grid is the common grid.)
+                if is_base {
+                    let is_dropped = matches!(face_use, FaceUse::Settled(Fate::Drop));
+                    changed_parts.insert(if is_dropped { face.part } else { face.part - first_part });
+                }
                 if let Some((builder, surface, _)) = result.as_mut().filter(|_| is_base) {
                     surface.remove(face, is_proxy);
                     builder.remove(face)?;
@@ -274,12 +299,16 @@ impl<'a> Bodies<'a> {
                 if let Some((.., values)) = &mut result {
                     values.note(number, face)?;
                 }
-                if face.number.is_multiple_of(1 << 12) {
+                visited += 1;
+                if u64::is_multiple_of(visited, 1 << 12) {
                     let values = result.as_ref().map_or(0, |(.., values)| values.bytes());
                     self.check_memory(number, list.bytes() + open.bytes() + values + exact_bytes, memory)?;
                 }
                 Ok(())
             })?;
+            if let Some(highest) = highest {
+                sources = sources.max(first_source.saturating_add(highest).saturating_add(1));
+            }
             let open_bytes = open.bytes() + result.as_ref().map_or(0, |(.., values)| values.bytes());
             found.seams.watch(open);
             let (overlap, replaced) = (&self.overlaps[number].exact, &self.replaced[number]);
@@ -296,6 +325,7 @@ impl<'a> Bodies<'a> {
                     stays[1].set(index.into(), true);
                     return Ok(());
                 }
+                changed_parts.insert(head.part);
                 let face = self.exact(number, model.exact_face(index)?);
                 if let Some((builder, surface, _)) = result.as_mut().filter(|_| is_base) {
                     builder.remove_exact(&face);
@@ -313,7 +343,7 @@ impl<'a> Bodies<'a> {
             })?;
             if is_base {
                 let [faces, exact] = stays.map(Renumbering::of);
-                found.base = Some(BaseModel { model, faces, exact });
+                found.base = Some(BaseModel { model, faces, exact, part_numbers: Vec::new(), changed_parts });
             }
             self.check_memory(number, found.faces.list.bytes().saturating_add(exact_bytes), memory)?;
             first_source = sources;
@@ -323,70 +353,32 @@ impl<'a> Bodies<'a> {
     }
 
     /// Yields the settled faces of the octrees that are kept or reversed: the model's number, the
-    /// face, whether it is a proxy, and whether it is a face of the base that stays unchanged.
-    ///
-    /// Invariant: the base's unchanged faces come first, in the order of their numbers, so that
-    /// they get the numbers of [`Renumbering`]. Otherwise copied leaves would list other faces.
+    /// face, and whether it is a proxy. Leaves out the base's unchanged ones if `keeps_base`.
     pub(super) fn settled(
         &self,
+        keeps_base: bool,
         progress: &dyn Progress,
-        each: &mut dyn FnMut(usize, &Face<'_>, bool, bool) -> Result<()>,
+        each: &mut dyn FnMut(usize, &Face<'_>, bool) -> Result<()>,
     ) -> Result<()> {
-        if let Some(base) = self.base {
-            self.each(base, progress, &mut |face, is_proxy, face_use| match face_use {
-                FaceUse::Settled(Fate::Keep) => {
-                    each(base, &self.with_part(base, face, Fate::Keep)?, is_proxy, true)
-                }
-                _ => Ok(()),
-            })?;
-        }
         let mut turner = Turner::default();
         for number in 0..self.models.len() {
-            let is_base = self.base == Some(number);
-            if is_base && !self.overlaps[number].faces.are_some_turned() {
+            let is_kept = keeps_base && self.base == Some(number);
+            if is_kept && !self.overlaps[number].faces.are_some_turned() {
                 continue;
             }
-            self.each(number, progress, &mut |face, is_proxy, face_use| match face_use {
-                FaceUse::Settled(Fate::Keep) if !is_base => {
-                    each(number, &self.with_part(number, face, Fate::Keep)?, is_proxy, false)
+            let mut all = |_: u64, _: &Block<'_>, _: usize, _: &mut FaceBuffer| false;
+            self.each(number, &mut all, progress, &mut |face, is_proxy, face_use| match face_use {
+                FaceUse::Settled(Fate::Keep) if !is_kept => {
+                    each(number, &self.with_part(number, face, Fate::Keep)?, is_proxy)
                 }
                 FaceUse::Settled(Fate::Reverse) => {
                     let face = self.with_part(number, face, Fate::Reverse)?;
-                    each(number, &turner.turn(&face), is_proxy, false)
+                    each(number, &turner.turn(&face), is_proxy)
                 }
                 _ => Ok(()),
             })?;
         }
         Ok(())
-    }
-
-    /// Adds the base's unchanged exact faces. Copies a block as a whole if all its faces stay.
-    pub(super) fn keep_exact(
-        &self,
-        base: &BaseModel<'_>,
-        parts: &PartNumbers,
-        builder: &mut ModelBuilder,
-        progress: &dyn Progress,
-    ) -> Result<()> {
-        let Some(number) = self.base else { return Ok(()) };
-        let last_part = base.model.parts().len().saturating_sub(1) as u32;
-        base.model.each_exact_block(&mut |first, block| {
-            progress.check()?;
-            let stays = |place: &usize| base.exact.number(first + *place as u64).is_some();
-            if self.first[number] == (0, 0)
-                && parts.are_kept(base.model.parts().len())
-                && self.owners.as_ref().is_none_or(|owners| owners.keeps_parts(number, Fate::Keep))
-                && block.is_coloured() == self.is_coloured
-                && (0..block.len()).all(|place| stays(&place))
-            {
-                return builder.push_kept_exact(block, last_part);
-            }
-            (0..block.len()).filter(stays).try_for_each(|place| {
-                let face = self.exact(number, base.model.exact_face((first + place as u64) as u32)?);
-                let part = parts.of(self.part_of(number, face.part, Fate::Keep, first_vertex(&face))?);
-                builder.push_exact(ExactFace { part, ..face })
-            })
-        })
     }
 
     /// Yields the settled exact faces, kept or reversed, whose proxies are not replaced. Leaves out
@@ -420,7 +412,7 @@ impl<'a> Bodies<'a> {
 
     /// Moves an exact face of a model to the common grid, with the result's part and source
     /// numbers: see the order of calls in [`Bodies`].
-    fn exact(&self, number: usize, mut face: ExactFace) -> ExactFace {
+    pub(super) fn exact(&self, number: usize, mut face: ExactFace) -> ExactFace {
         let (first_part, first_source) = self.first[number];
         if self.is_coloured && face.colours.is_empty() {
             face.colours = vec![[255; 3]; face.corners.len()];
@@ -462,27 +454,63 @@ impl<'a> Bodies<'a> {
         }
     }
 
-    /// Yields the faces of a model's octree on the common grid, with the result's part and source
-    /// numbers, `is_proxy` and the use of each. Dropped faces are yielded unchanged: on the model's
-    /// own grid, with its own numbers and colours.
-    fn each(&self, number: usize, progress: &dyn Progress, each: &mut FaceVisitor<'_>) -> Result<()> {
+    /// Returns whether a face of a model's octree is settled and kept: the same as
+    /// [`Bodies::use_of`], from its block.
+    fn is_kept(
+        &self,
+        number: usize,
+        face: u64,
+        block: &Block<'_>,
+        place: usize,
+        buffer: &mut FaceBuffer,
+    ) -> bool {
+        if self.overlaps[number].faces.of(face) != Some(Fate::Keep)
+            || (block.is_proxy(place) && self.replaced[number].has(block.part(place), block.source(place)))
+        {
+            return false;
+        }
+        if let Some(triangle) = block.triangle(place) {
+            return ring_normal(&triangle) != [0; 3];
+        }
+        block.read(place, buffer);
+        has_area(&buffer.face())
+    }
+
+    /// Yields the faces of a model's octree, but those for which `is_left_out`, on the common grid,
+    /// with the result's part and source numbers, `is_proxy` and the use of each. Dropped faces are
+    /// yielded unchanged: on the model's own grid, with its own numbers and colours.
+    fn each(
+        &self,
+        number: usize,
+        is_left_out: &mut FaceFilter<'_>,
+        progress: &dyn Progress,
+        each: &mut FaceVisitor<'_>,
+    ) -> Result<()> {
         let model = self.models[number];
         let (first_part, first_source) = self.first[number];
         let (mut points, mut white) = (Vec::new(), Vec::new());
-        model.each_face(&mut |face, is_proxy| {
-            if face.number.is_multiple_of(1 << 12) {
-                progress.check()?;
+        let mut buffer = FaceBuffer::default();
+        model.each_block(&mut |first, block| {
+            progress.check()?;
+            for place in 0..block.len() {
+                if is_left_out(first + place as u64, block, place, &mut buffer) {
+                    continue;
+                }
+                block.read(place, &mut buffer);
+                let (face, is_proxy) = (buffer.face(), buffer.is_proxy);
+                let face_use = self.use_of(number, &face, is_proxy);
+                if matches!(face_use, FaceUse::Settled(Fate::Drop)) {
+                    each(&face, is_proxy, face_use)?;
+                    continue;
+                }
+                self.put(number, face.number, face.points, &mut points)?;
+                white.resize(if self.is_coloured { points.len() } else { 0 }, [255; 3]);
+                let colours = if face.colours.is_empty() { &white[..] } else { face.colours };
+                let (part, source) =
+                    (face.part.saturating_add(first_part), face.source.saturating_add(first_source));
+                each(&Face { points: &points, colours, part, source, ..face }, is_proxy, face_use)?;
             }
-            let face_use = self.use_of(number, face, is_proxy);
-            if matches!(face_use, FaceUse::Settled(Fate::Drop)) {
-                return each(face, is_proxy, face_use);
-            }
-            self.put(number, face.number, face.points, &mut points)?;
-            white.resize(if self.is_coloured { points.len() } else { 0 }, [255; 3]);
-            let colours = if face.colours.is_empty() { &white[..] } else { face.colours };
-            let (part, source) =
-                (face.part.saturating_add(first_part), face.source.saturating_add(first_source));
-            each(&Face { points: &points, colours, part, source, ..*face }, is_proxy, face_use)
+            Ok(())
         })
     }
 
@@ -558,6 +586,7 @@ impl NearFaces {
             &models,
             &common_grid,
             (OperationTable::of_two(SetOperation::Intersection), None),
+            None,
             progress,
         )?;
         let near: usize = (0..2).map(|body| bodies.near_of(body).len()).sum();

@@ -27,7 +27,9 @@
 //!    faces, most of them without area, that close the surface on the grid. If stage 3 has
 //!    stitched, no seams are left, and this stage adds nothing.
 //! 5. Emit (`ModelBuilder`). Input: settled faces, new faces, and the base's octree. Output: the
-//!    file.
+//!    file. The base's unchanged faces are copied block by block (`kept`), the segments of its
+//!    octree without changes with new face numbers (`build::copied`), and the sums over the faces
+//!    of its unchanged parts from its file (`build::kept`).
 //!
 //! An exact face has vertices off the grid. Each cell that it is near lists it, so a result can be
 //! an operand like any other model. In the octree, on-grid faces represent an exact face: its
@@ -53,10 +55,13 @@
 mod alignment;
 mod bodies;
 mod boundary;
+#[cfg(test)]
+mod chain_tests;
 mod common_grid;
 mod components;
 mod divided;
 mod fates;
+mod kept;
 mod node_table;
 mod overlap;
 mod owners;
@@ -341,11 +346,12 @@ fn write_result(
     let Request { operation, origin, keeps_cuts, counts } = request;
     let grid = common_grid.grid.clone();
     let path = models.first().map_or(Path::new(""), |model| model.path());
-    let mut bodies = Bodies::new(models, common_grid, (table, counts), progress)?;
+    let owners = match models.len() > 1 && !keeps_cuts {
+        true => Some(Owners::of(models, common_grid, table, memory / 8, progress)?),
+        false => None,
+    };
+    let mut bodies = Bodies::new(models, common_grid, (table, counts), owners, progress)?;
     bodies.settle_components(memory / 2, progress)?;
-    if models.len() > 1 && !keeps_cuts {
-        bodies.owners = Some(Owners::of(models, common_grid, table, memory / 8, progress)?);
-    }
     let is_unbounded = table.is_inside(&models.iter().map(|model| model.far_winding()).collect::<Vec<_>>());
     let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
         .codec(codec)
@@ -386,9 +392,10 @@ fn write_result(
     // Invariant: the leaves list exact faces up to the file's `reach`, the maximum distance of a
     // proxy from its exact face. So a base with exact faces whose octree is copied must have the
     // result's reach. (If the base is rejected, removals already recorded for it are discarded.)
-    let base = base.filter(|base| !base.model.has_exact_faces() || base.model.reach() == rounded.reach);
-    if base.is_none() {
-        surface = SurfaceClosure::new(true);
+    let mut base = base.filter(|base| !base.model.has_exact_faces() || base.model.reach() == rounded.reach);
+    match base {
+        Some(_) => builder = builder.keeping(),
+        None => surface = SurfaceClosure::new(true),
     }
     if rounded.reach != bodies.reach() {
         builder = builder.reach(rounded.reach);
@@ -400,17 +407,15 @@ fn write_result(
         Some(owners) => owners.numbers(origin.is_none(), progress),
         None => PartNumbers::unchanged(models),
     };
-    let mut settled = 0u64;
-    bodies.settled(progress, &mut |number, face, is_proxy, is_base| {
+    let mut settled = match &mut base {
+        Some(base) => bodies.keep_faces(base, &parts, (&mut builder, &mut seams), &values, progress)?,
+        None => 0,
+    };
+    bodies.settled(base.is_some(), progress, &mut |number, face, is_proxy| {
         settled += 1;
         seams.add_watched(face);
-        let face = &Face { part: parts.of(face.part), ..*face };
-        if is_base && base.is_some() {
-            builder.push_kept(face, is_proxy)?;
-        } else {
-            surface.add(face, is_proxy);
-            builder.push_face(face, is_proxy)?;
-        }
+        surface.add(face, is_proxy);
+        builder.push_face(&Face { part: parts.of(face.part), ..*face }, is_proxy)?;
         values.copy(number, face.number, &mut builder)
     })?;
     faces.each(&mut |face| {
@@ -428,7 +433,7 @@ fn write_result(
     })?;
     drop(faces);
     if let Some(base) = &base {
-        bodies.keep_exact(base, &parts, &mut builder, progress)?;
+        bodies.keep_exact(base, &mut builder, progress)?;
     }
     let mut push_exact = |face: ExactFace| {
         surface.add_exact(&face, progress)?;
@@ -524,7 +529,7 @@ fn on_grid(
     let crossings = rounded.crossings(path, memory, progress)?;
     seams.add_all(&rounded.faces, progress)?;
     if crossings > 0 {
-        bodies.settled(progress, &mut |_, face, _, _| {
+        bodies.settled(false, progress, &mut |_, face, _| {
             seams.add_watched(face);
             Ok(())
         })?;

@@ -128,11 +128,6 @@ impl PartNumbers {
     pub(super) fn of(&self, part: u32) -> u32 {
         self.numbers.get(part as usize).copied().unwrap_or(part)
     }
-
-    /// Whether the first `count` parts keep their numbers.
-    pub(super) fn are_kept(&self, count: usize) -> bool {
-        (0..).zip(&self.numbers).take(count).all(|(part, number)| part == *number)
-    }
 }
 
 impl<'a> Owners<'a> {
@@ -322,12 +317,16 @@ impl<'a> Owners<'a> {
         Ok(found.unwrap_or(part))
     }
 
+    /// Whether no settled faces with a fate have several objects on a side.
+    pub(super) fn is_plain(&self, fate: Fate) -> bool {
+        // (In unions, and in operations on two operands, only dropped faces have.)
+        self.owner.is_some() || (fate != Fate::Drop && (self.operands.len() == 2 || self.is_union))
+    }
+
     /// Unites the objects that are on both sides of a settled face, and those that overlap there.
     /// Must be called for all settled faces before [`Owners::numbers`].
     pub(super) fn note_settled(&self, own: usize, part: u32, fate: Fate, at: [i32; 3]) -> Result<()> {
-        // (In unions, and in operations on two operands, other faces are in no two objects.)
-        let is_plain = fate != Fate::Drop && (self.operands.len() == 2 || self.is_union);
-        if self.owner.is_some() || is_plain || !self.operands[own].is_object(part) {
+        if self.is_plain(fate) || !self.operands[own].is_object(part) {
             return Ok(());
         }
         let mut members = self.members(own, fate, at)?;

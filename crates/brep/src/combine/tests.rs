@@ -17,9 +17,9 @@ use crate::{Face, FaceList, LEAF_SIZE, ModelNode, ModelNodeState};
 /// The prime.
 const P: i128 = (1 << 61) - 1;
 
-type Tetrahedron = [[i32; 3]; 4];
+pub(super) type Tetrahedron = [[i32; 3]; 4];
 
-fn random(seed: u64) -> impl FnMut(i32) -> i32 {
+pub(super) fn random(seed: u64) -> impl FnMut(i32) -> i32 {
     let mut state = seed;
     move |below| {
         state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -28,7 +28,7 @@ fn random(seed: u64) -> impl FnMut(i32) -> i32 {
 }
 
 /// Builds and opens a model of triangles.
-fn model(triangles: &[[[i32; 3]; 3]]) -> ExactModel {
+pub(super) fn model(triangles: &[[[i32; 3]; 3]]) -> ExactModel {
     model_of_leaves(triangles, LEAF_SIZE)
 }
 
@@ -50,7 +50,7 @@ fn model_of_leaves(triangles: &[[[i32; 3]; 3]], leaf_size: usize) -> ExactModel 
 }
 
 /// A tetrahedron's faces, oriented outwards; `None` if it is flat.
-fn tetrahedron([a, b, c, d]: Tetrahedron) -> Option<Vec<[[i32; 3]; 3]>> {
+pub(super) fn tetrahedron([a, b, c, d]: Tetrahedron) -> Option<Vec<[[i32; 3]; 3]>> {
     let normal = ring_normal(&[a, b, c]);
     let height: i128 = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(d[axis] - a[axis])).sum();
     let faces = [[a, b, c], [a, d, b], [b, d, c], [c, d, a]];
@@ -69,7 +69,7 @@ fn combined(operation: u8, models: &[&ExactModel]) -> ExactModel {
 }
 
 /// The operation with an index.
-fn set(index: u8) -> SetOperation {
+pub(super) fn set(index: u8) -> SetOperation {
     SetOperation::from_index(index).unwrap()
 }
 
@@ -244,7 +244,7 @@ fn volumes_of_results_add_up() {
 
 /// Whether a point, in quarters of a grid unit, is in a tetrahedron with faces as from
 /// [`tetrahedron`]; `None` if it is closer than two grid units to one of its planes.
-fn is_in(faces: &[[[i32; 3]; 3]], point: [i32; 3]) -> Option<bool> {
+pub(super) fn is_in(faces: &[[[i32; 3]; 3]], point: [i32; 3]) -> Option<bool> {
     let mut is_inside = true;
     for face in faces {
         let normal = ring_normal(face).map(i128::from);

@@ -48,6 +48,11 @@ impl<'a> FaceValues<'a> {
         Ok(FaceValues { models, columns, origins: BTreeMap::new(), lost_columns, lost_values: 0 })
     }
 
+    /// Returns whether faces of a model may have values that the result keeps.
+    pub(super) fn has_columns(&self, model: usize) -> bool {
+        !self.columns[model].is_empty()
+    }
+
     /// Returns the memory use in bytes.
     pub(super) fn bytes(&self) -> u64 {
         self.origins.len() as u64 * Self::BYTES

@@ -27,19 +27,19 @@ pub(super) const PROXIES: u32 = 32;
 /// Collects the faces of a block.
 #[derive(Default)]
 pub(crate) struct BlockBuilder {
-    first: u64,
+    pub(super) first: u64,
     /// Numbers of the vertices in this block.
     known: HashMap<([i32; 3], [u8; 3]), u32, crate::hash::Hasher>,
-    vertices: Vec<[i32; 3]>,
-    colours: Vec<[u8; 3]>,
-    corners: Vec<u32>,
-    ring_ends: Vec<u32>,
-    face_ends: Vec<u32>,
-    parts: Vec<u32>,
-    sources: Vec<u64>,
+    pub(super) vertices: Vec<[i32; 3]>,
+    pub(super) colours: Vec<[u8; 3]>,
+    pub(super) corners: Vec<u32>,
+    pub(super) ring_ends: Vec<u32>,
+    pub(super) face_ends: Vec<u32>,
+    pub(super) parts: Vec<u32>,
+    pub(super) sources: Vec<u64>,
     /// Whether each face is a proxy for faces with off-grid vertices.
-    proxies: Vec<bool>,
-    is_coloured: bool,
+    pub(super) proxies: Vec<bool>,
+    pub(super) is_coloured: bool,
 }
 
 impl BlockBuilder {
@@ -50,6 +50,11 @@ impl BlockBuilder {
 
     pub(crate) fn is_empty(&self) -> bool {
         self.parts.is_empty()
+    }
+
+    /// Returns whether so many more faces of another block can be appended.
+    pub(crate) fn takes(&self, faces: usize) -> bool {
+        self.is_empty() || self.parts.len() + faces <= MAX_FACES
     }
 
     /// Adds a face, which may be a proxy for faces with off-grid vertices.
@@ -146,9 +151,9 @@ impl BlockBuilder {
 
 /// A block of a file.
 pub(crate) struct Block<'a> {
-    bytes: FileBytes<'a>,
-    first: u64,
-    layout: BlockLayout,
+    pub(super) bytes: FileBytes<'a>,
+    pub(super) first: u64,
+    pub(super) layout: BlockLayout,
 }
 
 /// Counts and offsets of a block's lists.
@@ -164,7 +169,7 @@ pub(super) struct BlockLayout {
     parts: usize,
     sources: usize,
     proxies: usize,
-    colours: usize,
+    pub(super) colours: usize,
     corner_list: usize,
     pub(super) end: usize,
 }
@@ -293,7 +298,7 @@ impl<'a> Block<'a> {
     }
 
     #[inline]
-    fn corner(&self, index: usize) -> usize {
+    pub(super) fn corner(&self, index: usize) -> usize {
         let bytes: &[u8] = &self.bytes;
         if self.layout.has(WIDE) {
             word(bytes, self.layout.corner_list + 4 * index) as usize
@@ -304,7 +309,7 @@ impl<'a> Block<'a> {
     }
 
     #[inline]
-    fn vertex(&self, number: usize) -> [i32; 3] {
+    pub(super) fn vertex(&self, number: usize) -> [i32; 3] {
         let at = HEAD + 12 * number;
         let bytes = self.bytes.get(at..at + 12).unwrap_or(&[0; 12]);
         [word(bytes, 0) as i32, word(bytes, 4) as i32, word(bytes, 8) as i32]
@@ -330,8 +335,8 @@ impl<'a> Block<'a> {
         self.layout.has(PROXIES)
     }
 
-    /// Returns whether a face is a proxy.
-    fn is_proxy(&self, face: usize) -> bool {
+    /// Returns whether a face is a proxy, by its index.
+    pub(crate) fn is_proxy(&self, face: usize) -> bool {
         let byte = self.bytes.get(self.layout.proxies + face / 8).filter(|_| self.has_proxies());
         byte.is_some_and(|byte| byte >> (face % 8) & 1 == 1)
     }
@@ -341,6 +346,26 @@ impl<'a> Block<'a> {
         word(&self.bytes, self.layout.parts + if self.layout.has(PARTS) { 4 * face } else { 0 })
     }
 
+    /// Visits the end of each ring of a face, from the face's first corner on; returns that corner.
+    #[inline]
+    pub(super) fn rings(&self, face: usize, visit: &mut impl FnMut(usize)) -> usize {
+        let layout = &self.layout;
+        if layout.has(TRIANGLES) {
+            visit(3);
+            return 3 * face;
+        }
+        let end = |list: usize, index: usize| match index {
+            0 => 0,
+            _ => word(&self.bytes, list + 4 * (index - 1)) as usize,
+        };
+        let rings = end(layout.face_ends, face)..end(layout.face_ends, face + 1).min(layout.rings);
+        let start = end(layout.ring_ends, rings.start);
+        rings.for_each(|ring| {
+            visit(end(layout.ring_ends, ring + 1).min(layout.corners).saturating_sub(start))
+        });
+        start
+    }
+
     /// Reads a face by its index in the block, which must be below the length.
     #[inline]
     pub(crate) fn read(&self, face: usize, buffer: &mut FaceBuffer) {
@@ -348,20 +373,8 @@ impl<'a> Block<'a> {
         buffer.points.clear();
         buffer.ring_ends.clear();
         buffer.colours.clear();
-        let (start, end) = if layout.has(TRIANGLES) {
-            buffer.ring_ends.push(3);
-            (3 * face, 3 * face + 3)
-        } else {
-            let end = |list: usize, index: usize| match index {
-                0 => 0,
-                _ => word(&self.bytes, list + 4 * (index - 1)) as usize,
-            };
-            let rings = end(layout.face_ends, face)..end(layout.face_ends, face + 1).min(layout.rings);
-            let start = end(layout.ring_ends, rings.start);
-            let ends = rings.map(|ring| end(layout.ring_ends, ring + 1).min(layout.corners));
-            buffer.ring_ends.extend(ends.map(|end| end.saturating_sub(start)));
-            (start, start + buffer.ring_ends.last().copied().unwrap_or(0))
-        };
+        let start = self.rings(face, &mut |end| buffer.ring_ends.push(end));
+        let end = start + buffer.ring_ends.last().copied().unwrap_or(0);
         for corner in start..end {
             let vertex = self.corner(corner);
             buffer.points.push(self.vertex(vertex));
@@ -374,12 +387,17 @@ impl<'a> Block<'a> {
         buffer.number = self.first + face as u64;
         buffer.part = self.part(face);
         buffer.is_proxy = self.is_proxy(face);
-        buffer.source = if layout.has(SOURCES) {
-            let at = layout.sources + 8 * face;
-            u64::from(word(&self.bytes, at)) | u64::from(word(&self.bytes, at + 4)) << 32
-        } else {
-            buffer.number
-        };
+        buffer.source = self.source(face);
+    }
+
+    /// Returns a face's number in the file that the model was built from, by the face's index.
+    #[inline]
+    pub(crate) fn source(&self, face: usize) -> u64 {
+        if !self.layout.has(SOURCES) {
+            return self.first + face as u64;
+        }
+        let at = self.layout.sources + 8 * face;
+        u64::from(word(&self.bytes, at)) | u64::from(word(&self.bytes, at + 4)) << 32
     }
 }
 

@@ -6,6 +6,7 @@ use std::ops::Range;
 use bnum::cast::As;
 use bnum::types::I256;
 
+use super::exact_lists::ExactLists;
 use crate::arrangement::{Corner, ExactFace, ExactPlane, ExactPoint, Vertices, wide};
 use crate::exact::bounds::{NORMAL_BITS, OFFSET_BITS, WEIGHT_BITS};
 use spinney_base::io::FileBytes;
@@ -24,7 +25,7 @@ pub(super) const COLOURED: u32 = 1;
 pub(super) const WIDE: u32 = 2;
 pub(super) const PARTS: u32 = 4;
 /// Bytes of a vertex that is a grid point.
-const GRID_VERTEX: usize = 12;
+pub(super) const GRID_VERTEX: usize = 12;
 
 /// Maximum bytes of a normal component, an offset, a coordinate and a weight.
 const MAX_WIDTHS: [usize; 4] = [8, 16, 25, 22];
@@ -32,6 +33,8 @@ const MAX_WIDTHS: [usize; 4] = [8, 16, 25, 22];
 /// Collects faces into blocks.
 #[derive(Default)]
 pub(crate) struct ExactBlockBuilder {
+    /// Faces of other blocks, which come first.
+    copied: Option<ExactLists>,
     faces: Vec<ExactFace>,
     corners: usize,
     /// Number of faces of the finished blocks.
@@ -46,12 +49,34 @@ impl ExactBlockBuilder {
 
     /// Returns whether the block takes no more faces.
     pub(crate) fn is_full(&self) -> bool {
-        self.faces.len() >= MAX_FACES || self.corners >= MANY_CORNERS
+        self.count() >= MAX_FACES || self.corners >= MANY_CORNERS
     }
 
     /// Returns whether the block has no face yet.
     pub(crate) fn is_empty(&self) -> bool {
-        self.faces.is_empty()
+        self.count() == 0
+    }
+
+    /// Returns the number of faces of the block.
+    fn count(&self) -> usize {
+        self.copied.as_ref().map_or(0, ExactLists::len) + self.faces.len()
+    }
+
+    /// Returns whether faces of another block can be appended.
+    pub(crate) fn takes(&self, lists: &ExactLists) -> bool {
+        self.is_empty()
+            || (self.faces.is_empty()
+                && self.count() + lists.len() <= MAX_FACES
+                && self.corners + lists.corners.len() <= MANY_CORNERS)
+    }
+
+    /// Appends faces of another block: see [`ExactBlockBuilder::takes`].
+    pub(crate) fn append(&mut self, lists: ExactLists) {
+        self.corners += lists.corners.len();
+        match &mut self.copied {
+            Some(copied) => copied.append(lists),
+            None => self.copied = Some(lists),
+        }
     }
 
     /// Counts the faces of a block that is copied unchanged; returns the number of its first face.
@@ -63,14 +88,22 @@ impl ExactBlockBuilder {
 
     /// Returns the number of faces of all blocks so far.
     pub(crate) fn len(&self) -> u64 {
-        self.before + self.faces.len() as u64
+        self.before + self.count() as u64
     }
 
     /// Returns the number of the block's first face, and its bytes; begins the next block.
     pub(crate) fn finish(&mut self) -> (u64, Vec<u8>) {
         let first = self.before;
-        let bytes = encode(&self.faces);
         self.before = self.len();
+        let bytes = match self.copied.take() {
+            None => encode(&self.faces),
+            Some(mut copied) => {
+                if !self.faces.is_empty() {
+                    copied.append(lists_of(&self.faces));
+                }
+                copied.to_bytes()
+            }
+        };
         self.faces.clear();
         self.corners = 0;
         (first, bytes)
@@ -79,15 +112,18 @@ impl ExactBlockBuilder {
 
 /// Encodes a block.
 pub(crate) fn encode(faces: &[ExactFace]) -> Vec<u8> {
+    lists_of(faces).to_bytes()
+}
+
+/// Returns the lists of a block.
+fn lists_of(faces: &[ExactFace]) -> ExactLists {
     let mut planes = Planes::default();
     let mut grid_points: HashMap<[i32; 3], u32, crate::hash::Hasher> = HashMap::default();
     let mut grid_list = Vec::new();
     let mut vertices = Vertices::default();
     let (mut face_planes, mut parts, mut sources) = (Vec::new(), Vec::new(), Vec::new());
     let (mut face_ends, mut ring_ends) = (Vec::<u32>::new(), Vec::<u32>::new());
-    // Vertex kind (on the grid or not), vertex number within its kind, and number of the edge's
-    // plane.
-    let mut corners: Vec<(bool, u32, u32)> = Vec::new();
+    let mut corners = Vec::new();
     let mut colours = Vec::new();
     for face in faces {
         face_planes.push(planes.number(&face.plane));
@@ -114,10 +150,6 @@ pub(crate) fn encode(faces: &[ExactFace]) -> Vec<u8> {
         colours.extend_from_slice(face.colours.as_flattened());
     }
     let (planes, vertices) = (planes.list, vertices.list());
-    let one_part = parts.iter().all(|part| *part == parts[0]);
-    let is_wide = planes.len().max(grid_list.len() + vertices.len()) > 1 << 16;
-    let flag = |is_set: bool, flag: u32| if is_set { flag } else { 0 };
-    let flags = flag(!colours.is_empty(), COLOURED) | flag(is_wide, WIDE) | flag(!one_part, PARTS);
     let widest = |numbers: &mut dyn Iterator<Item = I256>| numbers.map(width_of).max().unwrap_or(1);
     let widths = [
         widest(&mut planes.iter().flat_map(|plane| plane.normal).map(|part| wide(part.into()))),
@@ -125,35 +157,30 @@ pub(crate) fn encode(faces: &[ExactFace]) -> Vec<u8> {
         widest(&mut vertices.iter().flat_map(|point| point.at)),
         widest(&mut vertices.iter().map(|point| point.weight)),
     ];
-    let mut bytes = Vec::new();
-    let counts = [faces.len(), planes.len(), grid_list.len(), vertices.len(), ring_ends.len(), corners.len()];
-    counts.into_iter().for_each(|count| bytes.extend_from_slice(&(count as u32).to_le_bytes()));
-    bytes.extend_from_slice(&flags.to_le_bytes());
-    bytes.extend(widths.map(|width| width as u8));
+    let mut plane_bytes = Vec::new();
     for plane in &planes {
-        plane.normal.iter().for_each(|part| bytes.extend_from_slice(&part.to_le_bytes()[..widths[0]]));
-        bytes.extend_from_slice(&plane.offset.to_le_bytes()[..widths[1]]);
+        plane.normal.iter().for_each(|part| plane_bytes.extend_from_slice(&part.to_le_bytes()[..widths[0]]));
+        plane_bytes.extend_from_slice(&plane.offset.to_le_bytes()[..widths[1]]);
     }
-    grid_list.as_flattened().iter().for_each(|at| bytes.extend_from_slice(&at.to_le_bytes()));
+    let grid_points = grid_list.as_flattened().iter().flat_map(|at| at.to_le_bytes()).collect();
+    let mut vertex_bytes = Vec::new();
     for point in vertices {
-        point.at.iter().for_each(|at| push(&mut bytes, at, widths[2]));
-        push(&mut bytes, &point.weight, widths[3]);
+        point.at.iter().for_each(|at| push(&mut vertex_bytes, at, widths[2]));
+        push(&mut vertex_bytes, &point.weight, widths[3]);
     }
-    let number = |bytes: &mut Vec<u8>, number: u32| match is_wide {
-        true => bytes.extend_from_slice(&number.to_le_bytes()),
-        false => bytes.extend_from_slice(&(number as u16).to_le_bytes()),
-    };
-    face_planes.iter().for_each(|plane| number(&mut bytes, *plane));
-    let parts = &parts[..if one_part { 1 } else { parts.len() }];
-    parts.iter().for_each(|part| bytes.extend_from_slice(&part.to_le_bytes()));
-    sources.iter().for_each(|source| bytes.extend_from_slice(&source.to_le_bytes()));
-    face_ends.iter().chain(&ring_ends).for_each(|end| bytes.extend_from_slice(&end.to_le_bytes()));
-    for (is_on_grid, vertex, line) in corners {
-        number(&mut bytes, if is_on_grid { vertex } else { grid_list.len() as u32 + vertex });
-        number(&mut bytes, line);
+    ExactLists {
+        widths,
+        planes: plane_bytes,
+        grid_points,
+        vertices: vertex_bytes,
+        face_planes,
+        parts,
+        sources,
+        face_ends,
+        ring_ends,
+        corners,
+        colours,
     }
-    bytes.extend(colours);
-    bytes
 }
 
 /// Distinct planes of a block.
@@ -214,7 +241,7 @@ pub(super) struct ExactLayout {
     pub(super) widths: [usize; 4],
     /// Offsets of the lists: planes, grid points, vertices, planes of faces, parts, sources, ends
     /// of faces, ends of rings, corners, colours, and the end.
-    lists: [usize; 11],
+    pub(super) lists: [usize; 11],
 }
 
 impl ExactLayout {
@@ -263,19 +290,18 @@ impl ExactLayout {
     }
 }
 
-/// Part, source and first vertex of a face.
+/// Part and source of a face.
 pub(crate) struct ExactHead {
     pub(crate) part: u32,
     pub(crate) source: u64,
-    pub(crate) corner: ExactPoint,
 }
 
 /// A block of a file. Faces are decoded one by one, so the memory does not depend on counts of an
 /// untrusted file.
 pub(crate) struct ExactBlock<'a> {
-    bytes: FileBytes<'a>,
+    pub(super) bytes: FileBytes<'a>,
     bits: u8,
-    layout: ExactLayout,
+    pub(super) layout: ExactLayout,
 }
 
 impl<'a> ExactBlock<'a> {
@@ -324,13 +350,13 @@ impl<'a> ExactBlock<'a> {
         self.layout.has(COLOURED)
     }
 
-    fn word(&self, at: usize) -> u32 {
+    pub(super) fn word(&self, at: usize) -> u32 {
         let four = self.bytes.get(at..at + 4);
         four.map_or(0, |four| u32::from_le_bytes(four.try_into().expect("four bytes")))
     }
 
     /// Returns an entry of a list of plane or vertex numbers.
-    fn number(&self, list: usize, index: usize) -> usize {
+    pub(super) fn number(&self, list: usize, index: usize) -> usize {
         if self.layout.has(WIDE) {
             return self.word(self.layout.lists[list] + 4 * index) as usize;
         }
@@ -338,12 +364,12 @@ impl<'a> ExactBlock<'a> {
         self.bytes.get(at..at + 2).map_or(0, |two| u16::from_le_bytes([two[0], two[1]])) as usize
     }
 
-    fn part(&self, face: usize) -> u32 {
+    pub(super) fn part(&self, face: usize) -> u32 {
         self.word(self.layout.lists[4] + if self.layout.has(PARTS) { 4 * face } else { 0 })
     }
 
     /// Returns the range of a face's rings, or of a ring's corners.
-    fn between(&self, list: usize, index: usize) -> Range<usize> {
+    pub(super) fn between(&self, list: usize, index: usize) -> Range<usize> {
         let end = |index: usize| self.word(self.layout.lists[list] + 4 * index) as usize;
         (if index == 0 { 0 } else { end(index - 1) })..end(index)
     }
@@ -405,13 +431,20 @@ impl<'a> ExactBlock<'a> {
         &self,
         each: &mut dyn FnMut(&ExactPlane, &ExactPlane, [usize; 2]),
     ) -> Result<(), String> {
+        // (Most planes are those of several edges.)
+        let mut planes: Vec<Option<ExactPlane>> = vec![None; self.layout.counts[1]];
+        let mut plane_of = |index: usize| match planes.get_mut(index) {
+            Some(Some(plane)) => Ok(*plane),
+            Some(known) => Ok(*known.insert(self.plane(index)?)),
+            None => self.plane(index),
+        };
         for face in 0..self.len() {
-            let plane = self.plane(self.number(3, face))?;
+            let plane = plane_of(self.number(3, face))?;
             for ring in self.between(6, face) {
                 let range = self.between(7, ring);
                 let corners = range.clone().zip(range.clone().cycle().skip(1));
                 for (corner, next) in corners {
-                    let line = self.plane(self.number(8, 2 * corner + 1))?;
+                    let line = plane_of(self.number(8, 2 * corner + 1))?;
                     each(&plane, &line, [corner, next].map(|corner| self.number(8, 2 * corner)));
                 }
             }
@@ -419,15 +452,19 @@ impl<'a> ExactBlock<'a> {
         Ok(())
     }
 
-    /// Returns part, source and first vertex of a face, by its index in a checked block. Errors
-    /// describe an invalid face.
-    pub(crate) fn head(&self, face: usize) -> Result<ExactHead, String> {
-        let first = self.between(7, self.between(6, face).start).start;
-        let corner = self.vertex(self.number(8, 2 * first))?;
-        Ok(ExactHead { part: self.part(face), source: self.source(face), corner })
+    /// Returns part and source of a face, by its index in a checked block.
+    pub(crate) fn head(&self, face: usize) -> ExactHead {
+        ExactHead { part: self.part(face), source: self.source(face) }
     }
 
-    fn source(&self, face: usize) -> u64 {
+    /// Returns the first vertex of a face, by its index in a checked block. Errors describe an
+    /// invalid face.
+    pub(crate) fn first_corner(&self, face: usize) -> Result<ExactPoint, String> {
+        let first = self.between(7, self.between(6, face).start).start;
+        self.vertex(self.number(8, 2 * first))
+    }
+
+    pub(super) fn source(&self, face: usize) -> u64 {
         let word = |half: usize| u64::from(self.word(self.layout.lists[5] + 8 * face + 4 * half));
         word(0) | word(1) << 32
     }

@@ -1,10 +1,14 @@
 //! Files of exact models: see `formats.md`.
 
 pub(crate) mod block;
+mod block_subset;
 pub(crate) mod chunks;
 mod copy;
 pub(super) mod exact;
+pub(crate) mod exact_lists;
+mod exact_subset;
 mod face_values;
+mod faces_of_parts;
 pub(crate) mod formula;
 pub(crate) mod levels;
 pub(crate) mod node;
@@ -17,6 +21,7 @@ pub(crate) mod summary;
 pub(crate) mod sums;
 mod surface;
 pub(crate) mod table;
+mod used_entries;
 mod verify;
 pub(crate) mod writer;
 

@@ -73,6 +73,15 @@ impl ModelNode<'_> {
         self.begins_segment
     }
 
+    /// Returns the node's segment with other face numbers: see [`ModelSegment::renumbered`].
+    pub(crate) fn renumbered_segment(
+        &self,
+        face: &dyn Fn(u32) -> Option<u32>,
+        exact: &dyn Fn(u32) -> Option<u32>,
+    ) -> Option<Vec<u8>> {
+        self.segment.renumbered(face, exact)
+    }
+
     /// Returns the state of the node.
     #[inline]
     pub fn state(&self) -> ModelNodeState {

@@ -12,7 +12,7 @@ use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
 use super::segment::{CUT, INNER, ModelSegment};
 use super::summary::{NodeCounts, Summary};
 use super::sums::SUMS;
-use crate::arrangement::ExactFace;
+use crate::arrangement::{ExactFace, ExactPoint};
 use crate::query::MassSums;
 use crate::{AttributedFaceVisitor, Face, Faces, Grid};
 use spinney_base::io::{FileStat, ReadBackend};
@@ -239,6 +239,16 @@ impl ExactModel {
         self.corrupt(format!("block of exact faces {index}"), found, "a block as in formats.md")
     }
 
+    /// Returns the error of an invalid block that begins with a face.
+    pub(crate) fn wrong_face(&self, first: u64, found: String) -> Error {
+        self.corrupt(format!("block of faces from {first} on"), found, "a block as in formats.md")
+    }
+
+    /// Returns the error of an invalid block that begins with a face with off-grid vertices.
+    pub(crate) fn wrong_exact_face(&self, first: u64, found: String) -> Error {
+        self.corrupt(format!("block of exact faces from {first} on"), found, "a block as in formats.md")
+    }
+
     /// Checks that a block of `faces` faces begins at the end of the previous one, and ends where
     /// the next one begins.
     fn check_key(
@@ -282,15 +292,14 @@ impl ExactModel {
         Ok(())
     }
 
-    /// Visits part, source and first vertex of all faces with off-grid vertices in order, each with
+    /// Visits part and source of all faces with off-grid vertices in order, each with
     /// its number. Faster than reading the faces.
     pub(crate) fn each_exact_head(&self, each: &mut dyn FnMut(u32, ExactHead) -> Result<()>) -> Result<()> {
         let mut number = 0;
         for index in 0..self.exact.len() {
             let block = self.exact_block(index)?;
             for place in 0..block.len() {
-                let head = block.head(place).map_err(|found| self.wrong_exact_block(index, found))?;
-                each(number, head)?;
+                each(number, block.head(place))?;
                 // (Files have less than 2^32 faces.)
                 number += 1;
             }
@@ -300,14 +309,27 @@ impl ExactModel {
 
     /// Reads a face with off-grid vertices.
     pub(crate) fn exact_face(&self, number: u32) -> Result<ExactFace> {
+        let (index, block, place) = self.exact_block_of(number)?;
+        block.face(place).map_err(|found| self.wrong_exact_block(index, found))
+    }
+
+    /// Reads the first vertex of a face with off-grid vertices.
+    pub(crate) fn exact_corner(&self, number: u32) -> Result<ExactPoint> {
+        let (index, block, place) = self.exact_block_of(number)?;
+        block.first_corner(place).map_err(|found| self.wrong_exact_block(index, found))
+    }
+
+    /// Returns the index of the block of a face with off-grid vertices, the block, and the index of
+    /// the face in it.
+    fn exact_block_of(&self, number: u32) -> Result<(usize, ExactBlock<'_>, usize)> {
         let missing = || self.corrupt("list of exact faces".into(), format!("no face {number}"), "all faces");
         let index = self.exact.find(&self.path, &*self.backend, number.into())?.ok_or_else(missing)?;
         let place = u64::from(number) - self.exact.entry(&self.path, &*self.backend, index)?.key;
         let block = self.exact_block(index)?;
-        if place >= block.len() as u64 {
-            return Err(missing());
+        match place < block.len() as u64 {
+            true => Ok((index, block, place as usize)),
+            false => Err(missing()),
         }
-        block.face(place as usize).map_err(|found| self.wrong_exact_block(index, found))
     }
 
     /// Visits all faces of the octree in the order of their numbers, each with whether it is a

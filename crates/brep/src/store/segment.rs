@@ -202,6 +202,23 @@ impl<'a> ModelSegment<'a> {
         self.number(HEAD + 4 * (self.faces + local as usize))
     }
 
+    /// Returns the segment's bytes with other numbers of its faces and of its faces with off-grid
+    /// vertices; `None` if one of them has none. The order of the numbers must be the same.
+    pub(crate) fn renumbered(
+        &self,
+        face: &dyn Fn(u32) -> Option<u32>,
+        exact: &dyn Fn(u32) -> Option<u32>,
+    ) -> Option<Vec<u8>> {
+        let mut bytes = self.bytes.to_vec();
+        let numbers = bytes.get_mut(HEAD..HEAD + 4 * (self.faces + self.exact))?;
+        for (index, four) in numbers.chunks_exact_mut(4).enumerate() {
+            let number = u32::from_le_bytes(four.try_into().expect("four bytes"));
+            let number = if index < self.faces { face(number)? } else { exact(number)? };
+            four.copy_from_slice(&number.to_le_bytes());
+        }
+        Some(bytes)
+    }
+
     /// Returns the word of a node.
     #[inline]
     pub(crate) fn word(&self, at: u32) -> u32 {

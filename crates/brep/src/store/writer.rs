@@ -5,10 +5,11 @@ use std::borrow::Cow;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::block::BlockBuilder;
+use super::block::{Block, BlockBuilder};
 use super::chunks::Entry;
 pub(crate) use super::chunks::List;
-use super::exact::{EXACT, ExactBlock, ExactBlockBuilder};
+use super::exact::{EXACT, ExactBlockBuilder};
+use super::exact_lists::ExactLists;
 use super::formula::FORMULA;
 use super::levels::{CLUSTERS, DetailLevel, LEVEL_FACES, LEVELS};
 use super::objects::{FACE_VALUES, OBJECTS};
@@ -108,6 +109,27 @@ impl ModelWriter {
         if self.block.is_full() { self.finish_block() } else { Ok(()) }
     }
 
+    /// Adds some faces of another block, whose numbers start with `first`; returns `None` if that
+    /// block is invalid.
+    pub(crate) fn faces_of(&mut self, block: &Block<'_>, faces: &[usize], first: u64) -> Result<Option<()>> {
+        if !self.block.takes(faces.len()) {
+            self.finish_block()?;
+        }
+        let added = self.block.append(block, faces, first);
+        if self.block.is_full() {
+            self.finish_block()?;
+        }
+        Ok(added)
+    }
+
+    /// Adds a block of faces, the first of which has the number `first`.
+    pub(crate) fn face_block(&mut self, first: u64, block: &[u8]) -> Result<()> {
+        if !self.block.is_empty() {
+            self.finish_block()?;
+        }
+        self.chunk(List::Faces, first, block)
+    }
+
     fn finish_block(&mut self) -> Result<()> {
         let (first, bytes) = self.block.finish();
         self.chunk(List::Faces, first, &bytes)
@@ -129,13 +151,22 @@ impl ModelWriter {
         if self.exact.is_full() { self.finish_exact_block() } else { Ok(()) }
     }
 
-    /// Adds all faces of a block of another file.
-    pub(crate) fn exact_block(&mut self, block: &ExactBlock<'_>) -> Result<()> {
+    /// Adds faces with off-grid vertices of another block.
+    pub(crate) fn exact_lists(&mut self, lists: ExactLists) -> Result<()> {
+        if !self.exact.takes(&lists) {
+            self.finish_exact_block()?;
+        }
+        self.exact.append(lists);
+        if self.exact.is_full() { self.finish_exact_block() } else { Ok(()) }
+    }
+
+    /// Adds a block of `faces` faces with off-grid vertices.
+    pub(crate) fn exact_block(&mut self, faces: usize, block: &[u8]) -> Result<()> {
         if !self.exact.is_empty() {
             self.finish_exact_block()?;
         }
-        let first = self.exact.skip(block.len());
-        self.chunk(List::Exact, first, block.bytes())
+        let first = self.exact.skip(faces);
+        self.chunk(List::Exact, first, block)
     }
 
     /// Returns the number of added faces with off-grid vertices.
