@@ -119,7 +119,7 @@ fn options_without_an_effect_are_refused() {
         let message = refuse(&["union", files[0], files[1]]);
         assert!(
             message.contains("cells.goblin: ")
-                && message.contains("--brep")
+                && message.contains("--grid")
                 && message.contains("spinney build"),
             "{message}"
         );

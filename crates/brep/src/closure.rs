@@ -29,7 +29,7 @@ impl Seed {
 
     /// Returns the hash of an undirected edge, and whether the edge is directed from its lesser end
     /// to the greater.
-    fn edge(self, from: [i32; 3], to: [i32; 3]) -> (u64, bool) {
+    pub(crate) fn edge(self, from: [i32; 3], to: [i32; 3]) -> (u64, bool) {
         let is_forward = from < to;
         let [a, b] = if is_forward { [from, to] } else { [to, from] };
         let pair = |a: i32, b: i32| u64::from(a as u32) << 32 | u64::from(b as u32);

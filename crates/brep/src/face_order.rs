@@ -77,7 +77,7 @@ struct BlockFaces {
     numbers: Vec<u64>,
     values: Vec<ColumnValues>,
     corners: usize,
-    scratch: FaceScratch,
+    scratch: StoredFace,
     /// Number of the first face of the block.
     first: u64,
     /// Source and new source of the last face of the previous block.
@@ -92,16 +92,17 @@ impl BlockFaces {
             numbers: Vec::new(),
             values: Vec::new(),
             corners: 0,
-            scratch: FaceScratch::default(),
+            scratch: StoredFace::default(),
             first: 0,
             last: None,
         }
     }
 
     fn push(&mut self, item: &[u8]) {
-        let (number, values) = read_face(item, &mut self.faces, &mut self.scratch);
-        self.numbers.push(number);
-        self.values.push(values);
+        self.scratch.read(item);
+        self.faces.push(&self.scratch.face());
+        self.numbers.push(self.scratch.number);
+        self.values.push(std::mem::take(&mut self.scratch.values));
         self.corners += self.scratch.points.len();
     }
 
@@ -193,7 +194,7 @@ fn connected_order(faces: &FaceList) -> Vec<(usize, usize)> {
 }
 
 /// Appends a face with its values.
-fn write_face(face: &Face<'_>, values: &[(&str, &str)], item: &mut Vec<u8>) {
+pub(crate) fn write_face(face: &Face<'_>, values: &[(&str, &str)], item: &mut Vec<u8>) {
     item.extend_from_slice(&face.number.to_le_bytes());
     item.extend_from_slice(&face.source.to_le_bytes());
     let mut word = |word: u32| item.extend_from_slice(&word.to_le_bytes());
@@ -210,35 +211,45 @@ fn write_face(face: &Face<'_>, values: &[(&str, &str)], item: &mut Vec<u8>) {
     }
 }
 
-/// Memory of a face that is read.
+/// A face that is read, with its values.
 #[derive(Default)]
-struct FaceScratch {
+pub(crate) struct StoredFace {
+    number: u64,
+    source: u64,
+    part: u32,
     ring_ends: Vec<usize>,
     points: Vec<[i32; 3]>,
     colours: Vec<[u8; 3]>,
+    pub(crate) values: ColumnValues,
 }
 
-/// Reads a face, and appends it to a list. Returns its number and values.
-fn read_face(mut item: &[u8], faces: &mut FaceList, scratch: &mut FaceScratch) -> (u64, ColumnValues) {
-    let FaceScratch { ring_ends, points, colours } = scratch;
-    let mut take = |count: usize| item.split_off(..count).expect("the item that was written");
-    let long = |bytes: &[u8]| u64::from_le_bytes(bytes.try_into().expect("eight bytes"));
-    let word = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().expect("four bytes"));
-    let (number, source, part) = (long(take(8)), long(take(8)), word(take(4)));
-    let [ring_count, point_count, colour_count, count] = [0; 4].map(|_| word(take(4)) as usize);
-    ring_ends.clear();
-    ring_ends.extend((0..ring_count).map(|_| word(take(4)) as usize));
-    points.clear();
-    points.extend((0..point_count).map(|_| [0; 3].map(|_| word(take(4)) as i32)));
-    colours.clear();
-    colours.extend((0..colour_count).map(|_| <[u8; 3]>::try_from(take(3)).expect("three bytes")));
-    let mut text = || {
-        let length = word(take(4)) as usize;
-        String::from_utf8_lossy(take(length)).into_owned()
-    };
-    let values = (0..count).map(|_| (text(), text())).collect();
-    faces.push(&Face { number, points, ring_ends, colours, part, source });
-    (number, values)
+impl StoredFace {
+    pub(crate) fn face(&self) -> Face<'_> {
+        let StoredFace { number, source, part, ring_ends, points, colours, .. } = self;
+        Face { number: *number, points, ring_ends, colours, part: *part, source: *source }
+    }
+
+    /// Reads a face that [`write_face`] wrote.
+    pub(crate) fn read(&mut self, mut item: &[u8]) {
+        let StoredFace { number, source, part, ring_ends, points, colours, values } = self;
+        let mut take = |count: usize| item.split_off(..count).expect("the item that was written");
+        let long = |bytes: &[u8]| u64::from_le_bytes(bytes.try_into().expect("eight bytes"));
+        let word = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().expect("four bytes"));
+        (*number, *source, *part) = (long(take(8)), long(take(8)), word(take(4)));
+        let [ring_count, point_count, colour_count, count] = [0; 4].map(|_| word(take(4)) as usize);
+        ring_ends.clear();
+        ring_ends.extend((0..ring_count).map(|_| word(take(4)) as usize));
+        points.clear();
+        points.extend((0..point_count).map(|_| [0; 3].map(|_| word(take(4)) as i32)));
+        colours.clear();
+        colours.extend((0..colour_count).map(|_| <[u8; 3]>::try_from(take(3)).expect("three bytes")));
+        let mut text = || {
+            let length = word(take(4)) as usize;
+            String::from_utf8_lossy(take(length)).into_owned()
+        };
+        values.clear();
+        values.extend((0..count).map(|_| (text(), text())));
+    }
 }
 
 #[cfg(test)]

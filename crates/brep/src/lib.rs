@@ -48,7 +48,7 @@ pub use grid::Grid;
 pub use levels::{Simplifier, add_levels};
 pub use motion::{ModelView, Motion, TransformOptions, TransformReport, ViewRays, transform};
 pub use object_contacts::{ContactKind, ContactVisitor, ObjectContact, object_contacts};
-pub use repair::{InsideRule, REPAIR_PASSES, Repair, repair, repair_bytes};
+pub use repair::{InsideRule, REPAIR_PASSES, Repair, RepairInput};
 pub use store::{
     DetailLevel, ExactModel, FaceBuffer, LeafRule, ModelNode, ModelNodeState, NodeCounts, NodeKind,
     is_model_file,

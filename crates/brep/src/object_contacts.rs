@@ -269,6 +269,7 @@ impl Bodies<'_> {
             turns_roots: false,
             most_contacts: 0,
             keeps_cuts: false,
+            decides_each: false,
             changed: &[],
             winding: &|_, _| None,
             owners: None,

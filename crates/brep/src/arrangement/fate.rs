@@ -1,16 +1,19 @@
 //! Decision which faces bound the inside, by the winding numbers on both sides.
 
 use super::owner::{FaceAtSample, FaceOwner};
-use super::sample::SamplePoint;
+use super::sample::{SamplePoint, StoredSample};
 use super::surface::Surface;
+use crate::Face;
 use crate::boxes::Bounds;
 use crate::exact::bounds::MARGIN;
 use crate::exact::vector::others;
+use crate::face_triangle::FaceTriangle;
+use crate::geometry::Triangulator;
 use spinney_base::{Result, sort};
 
 /// Fate of a face, or of a region of one, by the winding numbers on both sides.
-#[derive(Clone, Copy)]
-pub(super) enum RegionFate {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum RegionFate {
     /// It bounds the inside; reversed or not, and with another part than that of the face if `part`
     /// is given.
     Stays { is_turned: bool, part: Option<u32> },
@@ -20,6 +23,25 @@ pub(super) enum RegionFate {
     Inside,
     /// It is removed: both sides are outside.
     Outside,
+}
+
+/// Returns the sample point of a face on the grid; `None` if the face has no area.
+pub(crate) fn sample_of_face(face: &Face<'_>) -> Option<StoredSample> {
+    let plane = face.plane()?;
+    let triangles = FaceTriangle::of_face(face.points, face.ring_ends, &mut Triangulator::new());
+    let corners = triangles.first().map_or([face.points[0]; 3], |triangle| triangle.corners);
+    Some(SamplePoint::of_triangle(&plane, &corners).stored())
+}
+
+impl RegionFate {
+    /// Returns the fate of a face with which no other face coincides.
+    pub(crate) fn of_single(is_up: bool, is_inside_above: bool, is_inside_below: bool) -> RegionFate {
+        match (is_inside_above, is_inside_below) {
+            (true, true) => RegionFate::Inside,
+            (false, false) => RegionFate::Outside,
+            (_, below) => RegionFate::Stays { is_turned: is_up != below, part: None },
+        }
+    }
 }
 
 impl Surface<'_> {

@@ -29,7 +29,7 @@ use super::point::ExactPlane;
 use super::rounding::Rounder;
 use super::seams::Seams;
 use super::snapping::{EachFace, snap};
-use super::surface::{OFTEN, Operands, OtherFaces, RemainingFace, Resolved, crossings, resolve, too_large};
+use super::surface::{OFTEN, Operands, OtherFaces, RemainingFace, Resolved, contacts_of, resolve, too_large};
 use crate::exact::normal::ring_normal;
 use crate::exact::union_find::UnionFind;
 use crate::planar::PlanarFaces;
@@ -169,9 +169,9 @@ impl Rounded {
         let none = FaceList::new(self.faces.grid().clone(), Vec::new());
         let faces = ExactFaces::of_grid(mem::replace(&mut self.faces, none));
         let ends = [faces.list.len() as u32];
-        let found = crossings(&faces, &operands(&ends, &[0], &self.changed), path, memory, progress);
+        let found = contacts_of(&faces, &operands(&ends, &[0], &self.changed), path, memory, progress);
         self.faces = faces.list;
-        found
+        found.map(|found| found.len() as u64)
     }
 
     /// Closes the surface at open `seams`. If there are `crossings`, also mends the surface, which
@@ -395,6 +395,7 @@ fn operands<'a>(ends: &'a [u32], far: &'a [i32], changed: &'a [bool]) -> Operand
         turns_roots: false,
         most_contacts: 0,
         keeps_cuts: false,
+        decides_each: false,
         changed,
         winding: &|_, _| None,
         owners: None,

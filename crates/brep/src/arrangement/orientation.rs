@@ -1,10 +1,11 @@
 //! Orientation of a surface's components: finds those that are inside out, and reverses them.
 
-use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
 use super::contact::Contact;
 use super::surface::{OFTEN, Surface};
-use crate::boxes::{Bounds, union};
+use crate::Face;
+use crate::boxes::{Bounds, bounds_of, union};
 use crate::closure::{Closure, Seed};
 use crate::exact::union_find::UnionFind;
 use spinney_base::{Progress, Result, parallel};
@@ -22,17 +23,141 @@ pub(crate) struct Turned {
 }
 
 /// Components of a surface, connected by edges. Each is closed if the surface is.
-struct SurfaceComponents {
-    /// Component of each face: the number of one of its faces.
-    of_face: Vec<u32>,
+pub(crate) struct SurfaceComponents {
+    /// Component of each face: the number of its first face.
+    pub(crate) of_face: UnionFind,
     /// Per component: six times its volume, its box, and its first face with an area.
-    list: BTreeMap<u32, SurfaceComponent>,
+    pub(crate) list: BTreeMap<u32, SurfaceComponent>,
 }
 
-struct SurfaceComponent {
-    volume: i128,
-    bounds: Bounds,
-    first: Option<u32>,
+pub(crate) struct SurfaceComponent {
+    pub(crate) volume: i128,
+    pub(crate) bounds: Bounds,
+    pub(crate) first: Option<u32>,
+}
+
+/// Receives the faces at an edge, or a face.
+type EdgeVisitor<'a> = dyn FnMut(&[u32]) -> Result<()> + 'a;
+type FaceVisitor<'a> = dyn FnMut(u32, &Face<'_>) -> Result<()> + 'a;
+
+impl SurfaceComponents {
+    /// Returns the components of `count` faces. `edges` yields the faces at each undirected edge,
+    /// `faces` all faces in the order of their numbers.
+    pub(crate) fn of(
+        count: u64,
+        edges: &dyn Fn(&mut EdgeVisitor<'_>) -> Result<()>,
+        faces: &dyn Fn(&mut FaceVisitor<'_>) -> Result<()>,
+    ) -> Result<SurfaceComponents> {
+        let mut sets = UnionFind::new(count as usize);
+        edges(&mut |faces| {
+            if let [one, other] = faces {
+                sets.join(*one, *other);
+            }
+            Ok(())
+        })?;
+        // Bodies that touch share edges, but are closed components of their own. Components that
+        // are not closed are joined at such edges.
+        let seed = Seed::new();
+        let mut closures: HashMap<u32, Closure> = HashMap::new();
+        faces(&mut |number, face| {
+            closures.entry(sets.root(number)).or_insert_with(|| Closure::new(seed)).add(face);
+            Ok(())
+        })?;
+        // Invariant: whether a component is open is that of the components before any was joined.
+        // A root that is joined stays the number of one of them, and all that are joined are open.
+        let open: HashSet<u32> = closures
+            .into_iter()
+            .filter(|(_, closure)| !closure.is_closed())
+            .map(|(component, _)| component)
+            .collect();
+        edges(&mut |faces| {
+            let mut first = None;
+            for &face in faces.iter().filter(|_| faces.len() > 2) {
+                if open.contains(&sets.root(face)) {
+                    sets.join(*first.get_or_insert(face), face);
+                }
+            }
+            Ok(())
+        })?;
+        let mut list: BTreeMap<u32, SurfaceComponent> = BTreeMap::new();
+        faces(&mut |number, face| {
+            let (volume, bounds) = (face.six_volumes(), bounds_of(face.points, 0));
+            let first = face.has_area().then_some(number);
+            list.entry(sets.root(number))
+                .and_modify(|component| {
+                    component.volume += volume;
+                    component.bounds = union(component.bounds, &bounds);
+                    component.first = component.first.or(first);
+                })
+                .or_insert(SurfaceComponent { volume, bounds, first });
+            Ok(())
+        })?;
+        Ok(SurfaceComponents { of_face: sets, list })
+    }
+
+    /// Returns the volume in cubic grid units, after some components are reversed.
+    pub(crate) fn volume(&self, is_turned: impl Fn(u32) -> bool) -> f64 {
+        let of = |(number, component): (&u32, &SurfaceComponent)| {
+            if is_turned(*number) { -component.volume } else { component.volume }
+        };
+        // (Six times the volume is an integer, so sums are exact.)
+        self.list.iter().map(of).sum::<i128>() as f64 / 6.0
+    }
+
+    /// Whether no component is inside out.
+    pub(crate) fn are_upright(&self) -> bool {
+        self.list.values().all(|component| component.volume >= 0)
+    }
+}
+
+impl SurfaceComponent {
+    /// Whether the box of a component with a larger volume contains this one's box. (A component is
+    /// inside of larger ones only. So of two with equal boxes, at most one is around the other.)
+    pub(crate) fn may_be_in(&self, other: &SurfaceComponent) -> bool {
+        let ([own_low, own_high], [low, high]) = (&self.bounds, &other.bounds);
+        (0..3).all(|axis| low[axis] <= own_low[axis] && own_high[axis] <= high[axis])
+            && self.volume.unsigned_abs() < other.volume.unsigned_abs()
+    }
+
+    /// Whether another component, without contacts to this one, may be around it. (Two components
+    /// without contacts share at most vertices and edges.)
+    pub(crate) fn may_be_inside(&self, other: &SurfaceComponent) -> bool {
+        let ([own_low, own_high], [low, high]) = (&self.bounds, &other.bounds);
+        self.may_be_in(other) || (0..3).all(|axis| low[axis] < own_low[axis] && own_high[axis] < high[axis])
+    }
+}
+
+/// Returns the components to reverse, and how many of them are outermost, from the components that
+/// are around each one.
+pub(crate) fn root_components(
+    list: &BTreeMap<u32, SurfaceComponent>,
+    around_of: &BTreeMap<u32, Vec<u32>>,
+) -> (HashSet<u32>, u64) {
+    // Invariant: a component is reversed if and only if its root is, so the nesting does not
+    // change. A component around another one contains its box and is larger. So the nesting has no
+    // cycles, and each component has a root; of several, which intersect, the smallest.
+    let is_root = |number: u32| around_of[&number].is_empty();
+    let least = |others: &mut dyn Iterator<Item = u32>| {
+        others.min_by_key(|other| (extent(&list[other].bounds), *other))
+    };
+    let root = |number: u32| {
+        /// Limit for nested components, of which not all are found to be around the innermost.
+        const MAX_HOPS: usize = 64;
+        let mut at = number;
+        for _ in 0..MAX_HOPS {
+            let around = || around_of[&at].iter().copied();
+            let roots = least(&mut around().filter(|other| is_root(*other)));
+            match roots.or_else(|| least(&mut around())) {
+                Some(next) => at = next,
+                None => break,
+            }
+        }
+        at
+    };
+    let is_turned = |number: u32| list[&root(number)].volume < 0;
+    let turned: HashSet<u32> = list.keys().copied().filter(|number| is_turned(*number)).collect();
+    let roots = turned.iter().filter(|number| is_root(**number)).count() as u64;
+    (turned, roots)
 }
 
 impl Surface<'_> {
@@ -40,15 +165,12 @@ impl Surface<'_> {
     /// So cavities stay cavities. That includes cavities that touch the component around them: a
     /// pit whose lid lies in a face of the body, or a cavity that shares a vertex with the body.
     pub(super) fn turn_roots(&mut self, contacts: &[Contact], progress: &dyn Progress) -> Result<Turned> {
-        let SurfaceComponents { of_face, list } = self.edge_components(progress)?;
-        let total = |sign: &dyn Fn(u32) -> i128| -> i128 {
-            list.iter().map(|(number, component)| sign(*number) * component.volume).sum()
-        };
-        // (Six times the volume is an integer, so sums are exact.)
-        let steps = |volume: i128| volume as f64 / 6.0;
-        if list.values().all(|component| component.volume >= 0) {
-            return Ok(Turned { volume: steps(total(&|_| 1)), ..Turned::default() });
+        let mut components = self.edge_components(progress)?;
+        if components.are_upright() {
+            return Ok(Turned { volume: components.volume(|_| false), ..Turned::default() });
         }
+        let of_face = components.of_face.roots();
+        let list = &components.list;
         let pairs = contacts.iter().map(|contact| contact.faces.map(|face| of_face[face as usize]));
         let touching: HashSet<[u32; 2]> = pairs.flat_map(|[a, b]| [[a, b], [b, a]]).collect();
         let numbered: Vec<(u32, &SurfaceComponent)> =
@@ -71,25 +193,14 @@ impl Surface<'_> {
             if progress.interrupted() {
                 return Vec::new();
             }
-            let [own_low, own_high] = &component.bounds;
-            // (A component is inside of larger ones only. So of two with equal boxes, at most one
-            // is around the other.)
-            let may_hold = |other: &u32| {
-                let [low, high] = &list[other].bounds;
-                (0..3).all(|axis| low[axis] <= own_low[axis] && own_high[axis] <= high[axis])
-                    && component.volume.unsigned_abs() < list[other].volume.unsigned_abs()
-            };
             let may_be = touched.get(number).into_iter().flatten().copied();
-            let may_be: Vec<u32> = may_be.filter(may_hold).collect();
+            let may_be: Vec<u32> = may_be.filter(|other| component.may_be_in(&list[other])).collect();
             let faces = faces_of.get(number).map_or(&[][..], Vec::as_slice);
             let touched = self.around_touching(faces, &of_face, &may_be);
             let holds = |other: u32| {
-                let [low, high] = &list[&other].bounds;
-                // (Two components without contacts share at most vertices and edges.)
                 other != *number
                     && !touching.contains(&[*number, other])
-                    && (may_hold(&other)
-                        || (0..3).all(|axis| low[axis] < own_low[axis] && own_high[axis] < high[axis]))
+                    && component.may_be_inside(&list[&other])
             };
             let mut around = self.around(component, &of_face, &holds);
             around.extend(touched);
@@ -100,80 +211,34 @@ impl Surface<'_> {
         for ((number, _), around) in numbered.iter().zip(around) {
             around_of.insert(*number, around);
         }
-        // Invariant: a component is reversed if and only if its root is, so the nesting does not
-        // change. A component around another one contains its box and is larger. So the nesting has
-        // no cycles, and each component has a root; of several, which intersect, the smallest.
-        let is_root = |number: u32| around_of[&number].is_empty();
-        let least = |others: &mut dyn Iterator<Item = u32>| {
-            others.min_by_key(|other| (extent(&list[other].bounds), *other))
-        };
-        let root = |number: u32| {
-            /// Limit for nested components, of which not all are found to be around the innermost.
-            const MAX_HOPS: usize = 64;
-            let mut at = number;
-            for _ in 0..MAX_HOPS {
-                let around = || around_of[&at].iter().copied();
-                let roots = least(&mut around().filter(|other| is_root(*other)));
-                match roots.or_else(|| least(&mut around())) {
-                    Some(next) => at = next,
-                    None => break,
-                }
-            }
-            at
-        };
-        let is_turned = |number: u32| list[&root(number)].volume < 0;
-        let turned: HashSet<u32> = list.keys().copied().filter(|number| is_turned(*number)).collect();
+        let (turned, roots) = root_components(list, &around_of);
         self.turned = of_face.iter().map(|component| turned.contains(component)).collect();
         Ok(Turned {
-            roots: turned.iter().filter(|number| is_root(**number)).count() as u64,
+            roots,
             faces: self.turned.iter().filter(|turned| **turned).count() as u64,
-            volume: steps(total(&|number| if turned.contains(&number) { -1 } else { 1 })),
+            volume: components.volume(|number| turned.contains(&number)),
         })
     }
 
     fn edge_components(&self, progress: &dyn Progress) -> Result<SurfaceComponents> {
-        let mut sets = UnionFind::new(self.planes.len());
-        let edges = self.sorted_edges(progress)?;
-        let manifold = edges.chunk_by(|a, b| a.0 == b.0).filter(|faces| faces.len() == 2);
-        manifold.for_each(|faces| _ = sets.join(faces[0].1, faces[1].1));
-        progress.check()?;
-        // Bodies that touch share edges, but are closed components of their own. Components that
-        // are not closed are joined at such edges.
-        let seed = Seed::new();
-        let mut closures: BTreeMap<u32, Closure> = BTreeMap::new();
-        for (face, component) in (0..).zip(sets.roots()) {
-            check_often(face, progress)?;
-            closures.entry(component).or_insert_with(|| Closure::new(seed)).add(&self.face(face));
-        }
-        let open: HashSet<u32> = closures
-            .into_iter()
-            .filter(|(_, closure)| !closure.is_closed())
-            .map(|(component, _)| component)
-            .collect();
-        let first_roots = sets.roots();
-        let is_open = |face: u32| open.contains(&first_roots[face as usize]);
-        for faces in edges.chunk_by(|a, b| a.0 == b.0).filter(|faces| faces.len() > 2) {
-            let mut open = faces.iter().map(|(_, face)| *face).filter(|face| is_open(*face));
-            if let Some(first) = open.next() {
-                open.for_each(|other| _ = sets.join(first, other));
+        let sorted = self.sorted_edges(progress)?;
+        let edges = |each: &mut EdgeVisitor<'_>| {
+            let mut faces = Vec::new();
+            for (number, edge) in sorted.chunk_by(|a, b| a.0 == b.0).enumerate() {
+                check_often(number as u32, progress)?;
+                faces.clear();
+                faces.extend(edge.iter().map(|(_, face)| *face));
+                each(&faces)?;
             }
-        }
-        progress.check()?;
-        let of_face = sets.roots();
-        let mut list: BTreeMap<u32, SurfaceComponent> = BTreeMap::new();
-        for (face, component) in (0..).zip(&of_face) {
-            check_often(face, progress)?;
-            let (volume, bounds) = (self.face(face).six_volumes(), self.bounds(face));
-            let first = self.planes[face as usize].is_some().then_some(face);
-            list.entry(*component)
-                .and_modify(|component| {
-                    component.volume += volume;
-                    component.bounds = union(component.bounds, &bounds);
-                    component.first = component.first.or(first);
-                })
-                .or_insert(SurfaceComponent { volume, bounds, first });
-        }
-        Ok(SurfaceComponents { of_face, list })
+            Ok(())
+        };
+        let faces = |each: &mut FaceVisitor<'_>| {
+            (0..self.planes.len() as u32).try_for_each(|face| {
+                check_often(face, progress)?;
+                each(face, &self.face(face))
+            })
+        };
+        SurfaceComponents::of(self.planes.len() as u64, &edges, &faces)
     }
 
     /// Returns those candidates that are around a component, from one sample point.
@@ -195,7 +260,7 @@ impl Surface<'_> {
 
 /// Maximum count of sampled faces of a component. If a component is inside of one that it touches,
 /// all samples that are not on the other one are inside of it.
-const SAMPLES: usize = 256;
+pub(crate) const SAMPLES: usize = 256;
 
 impl Surface<'_> {
     /// Returns those candidates that are around a component that touches them, from samples of its

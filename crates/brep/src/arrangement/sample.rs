@@ -1,6 +1,8 @@
 //! Sample points inside regions of a plane, and the faces that an axis-parallel line through a
 //! sample meets: exact.
 
+use std::hash::{Hash, Hasher};
+
 use bnum::cast::As;
 use bnum::types::I1024;
 
@@ -31,6 +33,38 @@ pub(crate) struct SamplePoint<'a> {
     small: Option<([i128; 2], i128)>,
     /// The point, approximately.
     pub(crate) near: [f64; 3],
+}
+
+/// A sample point that is kept: with its own plane.
+#[derive(Clone)]
+pub(crate) struct StoredSample {
+    plane: ExactPlane,
+    axis: usize,
+    at: [I1024; 2],
+    weight: I1024,
+    small: Option<([i128; 2], i128)>,
+    near: [f64; 3],
+}
+
+impl StoredSample {
+    pub(crate) fn point(&self) -> SamplePoint<'_> {
+        let StoredSample { plane, axis, at, weight, small, near } = self;
+        SamplePoint { plane, axis: *axis, at: *at, weight: *weight, small: *small, near: *near }
+    }
+}
+
+impl SamplePoint<'_> {
+    pub(crate) fn stored(&self) -> StoredSample {
+        let SamplePoint { plane, axis, at, weight, small, near } = *self;
+        StoredSample { plane: *plane, axis, at, weight, small, near }
+    }
+
+    /// Adds to a hash all that the winding numbers around the sample depend on: the point, the
+    /// axis, and the plane in which the point is moved.
+    pub(crate) fn hash(&self, hasher: &mut impl Hasher) {
+        (self.axis, self.plane.normal, self.plane.offset).hash(hasher);
+        (self.at, self.weight).hash(hasher);
+    }
 }
 
 fn widen<const N: usize>(number: bnum::Int<N>) -> I1024 {

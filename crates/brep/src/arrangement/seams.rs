@@ -30,7 +30,7 @@ struct Seam {
 }
 
 /// Edges of a surface without a counterpart so far, and watched edges.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Seams(HashMap<Edge, Seam>);
 
 impl Seams {

@@ -83,6 +83,10 @@ pub(crate) struct Operands<'a> {
     /// Whether the lines at which a face is cut stay edges: adjacent regions that stay are not
     /// merged.
     pub(crate) keeps_cuts: bool,
+    /// Whether the fate of each face is decided by itself. Otherwise faces without contacts share
+    /// their fate across edges that two faces of the list have. In a list that is a part of one
+    /// surface, these may be edges of more than two faces, whose fates differ.
+    pub(crate) decides_each: bool,
     /// If not empty: which faces may intersect others. Pairs without such a face are not tested.
     pub(crate) changed: &'a [bool],
     /// Returns the winding number of a body just above a sample, where faces that contain the
@@ -228,17 +232,20 @@ pub(super) fn resolve(
     Ok(Resolved { pairs, divided, removed, outside, outside_share, turned })
 }
 
-/// Counts the contacts: pairs of faces with more in common than neighbours have. Does not advance
+/// Returns the contacts: pairs of faces with more in common than neighbours have. Does not advance
 /// the progress.
-pub(super) fn crossings(
+///
+/// # Errors
+/// If `memory` bytes are insufficient, or on cancellation.
+pub(crate) fn contacts_of(
     faces: &ExactFaces,
     operands: &Operands<'_>,
     path: &Path,
     memory: u64,
     progress: &dyn Progress,
-) -> Result<u64> {
+) -> Result<Vec<Contact>> {
     let surface = Surface::of(faces, operands, path, faces.list.len() * FACE + faces.bytes(), progress)?;
-    Ok(surface.contacts(memory, &SilentProgress(progress))?.len() as u64)
+    surface.contacts(memory, &SilentProgress(progress))
 }
 
 pub(super) fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
@@ -424,7 +431,7 @@ impl<'a> Surface<'a> {
     ) -> Result<(Vec<u32>, Samples)> {
         let count = self.planes.len() as u32;
         let mut sets = UnionFind::new(count as usize);
-        let edges = self.sorted_edges(progress)?;
+        let edges = if self.operands.decides_each { Vec::new() } else { self.sorted_edges(progress)? };
         // Invariant: all faces of a component have the same winding numbers in front, and the same
         // at the back. Joined faces share an edge that no third face has, and have no contacts, so
         // no other face separates them. If two faces of a component were on different sides of
@@ -613,7 +620,7 @@ impl<'a> Surface<'a> {
 }
 
 /// Returns the area of a face, in square grid units. Holes have the opposite orientation.
-fn area(face: &Face<'_>) -> f64 {
+pub(crate) fn area(face: &Face<'_>) -> f64 {
     let mut sum = [0.0; 3];
     for ring in face.rings() {
         let normal = newell(ring);

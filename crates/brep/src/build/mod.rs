@@ -206,7 +206,7 @@ impl ModelBuilder {
 
     /// Sets the values of faces that are pushed from now on, by their sources ([`Face::source`]).
     #[must_use]
-    pub fn values_by_source(self, values_by_source: BTreeMap<u64, ColumnValues>) -> ModelBuilder {
+    pub(crate) fn values_by_source(self, values_by_source: BTreeMap<u64, ColumnValues>) -> ModelBuilder {
         ModelBuilder { values_by_source, ..self }
     }
 

@@ -375,6 +375,7 @@ fn write_result(
         turns_roots: false,
         most_contacts: 0,
         keeps_cuts,
+        decides_each: false,
         changed: &[],
         winding: &|number, sample| Some(winding(models[number], number, common_grid, sample)),
         owners: bodies.owners.as_ref().map(|_| &owner_rule as &OwnerRule<'_>),

@@ -145,6 +145,7 @@ pub fn surface_intersection(
         turns_roots: false,
         most_contacts: 0,
         keeps_cuts: false,
+        decides_each: false,
         changed: &[],
         winding: &|_, _| None,
         owners: None,

@@ -58,6 +58,7 @@ fn pairs(faces: &crate::arrangement::ExactFaces, ends: &[u32], first: u64) -> (B
         turns_roots: false,
         most_contacts: 0,
         keeps_cuts: false,
+        decides_each: false,
         changed: &[],
         winding: &|_, _| None,
         owners: None,

@@ -20,8 +20,8 @@ use spinney_base::io::{Output, directory_of};
 use spinney_base::{Error, Progress, Result, SilentProgress, SubProgress};
 use spinney_brep::format_position;
 use spinney_brep::{
-    BuildReport, ColumnValues, DefectKind, Face, FaceList, FaceSorter, Faces as _, Grid, InsideRule,
-    ModelBuilder, REPAIR_PASSES, Repair, repair, repair_bytes,
+    BuildReport, DefectKind, Face, FaceList, FaceSorter, Faces as _, Grid, InsideRule, ModelBuilder,
+    REPAIR_PASSES, Repair, RepairInput,
 };
 use spinney_container::{Metadata, Tag};
 
@@ -282,55 +282,41 @@ fn history(options: &ExactOptions, skipped: &[SkippedObject], repaired: Option<&
     lines
 }
 
-/// Receiver of snapped faces: writes them to the file directly, or holds them in a list for repair.
+/// Receiver of snapped faces: writes them to the file directly, or collects them for repair.
 struct Target {
     builder: ModelBuilder,
-    held: Option<FaceList>,
-    /// Values of the held faces by source, and the bytes of these values.
-    values: BTreeMap<u64, ColumnValues>,
-    value_bytes: u64,
+    collected: Option<RepairInput>,
     /// Path of the first model, for errors.
     path: PathBuf,
-    memory: u64,
+    /// Directory of temporary files.
+    directory: PathBuf,
 }
 
 impl Target {
     fn new(output: Output, path: &Path, grid: &Grid, options: &ExactOptions) -> Result<Target> {
-        // (During repair, there are two lists of held faces at a time, in addition to the builder's
-        // memory.)
+        let directory = directory_of(output.path()).to_path_buf();
+        // (A repair holds faces in addition to the builder's memory.)
         let memory = if options.repair { options.memory / 2 } else { options.memory };
         let builder = ModelBuilder::new(output, grid.clone(), memory)?
             .codec(options.codec)
             .leaf_size(options.leaf_size);
-        let held = options.repair.then(|| FaceList::new(grid.clone(), Vec::new()));
-        let (path, values) = (path.to_path_buf(), BTreeMap::new());
-        Ok(Target { builder, held, values, value_bytes: 0, path, memory })
+        let collected = options.repair.then(|| RepairInput::new(grid.clone(), memory));
+        Ok(Target { builder, collected, path: path.to_path_buf(), directory })
     }
 
     fn push(&mut self, face: &Face<'_>, values: &[(&str, &str)]) -> Result<()> {
-        let Some(list) = &mut self.held else {
-            self.builder.push(face)?;
-            return values.iter().try_for_each(|(column, json)| self.builder.face_value(column, json));
-        };
-        list.push(face);
-        if !values.is_empty() && !self.values.contains_key(&face.source) {
-            // (Includes the overhead of the containers.)
-            let bytes = |(column, json): &(&str, &str)| (column.len() + json.len() + 64) as u64;
-            self.value_bytes += values.iter().map(bytes).sum::<u64>();
-            let own = values.iter().map(|(column, json)| (column.to_string(), json.to_string()));
-            self.values.insert(face.source, own.collect());
+        if let Some(collected) = &mut self.collected {
+            return collected.push(face, values, &self.directory);
         }
-        // (Reported relative to the total memory, half of which is the builder's.)
-        let bytes = repair_bytes(list) + self.value_bytes;
-        check_memory(&self.path, 2 * bytes, 2 * self.memory, "the list of faces to repair")
+        self.builder.push(face)?;
+        values.iter().try_for_each(|(column, json)| self.builder.face_value(column, json))
     }
 
     /// Returns the builder with all faces in it, and the counts of the repair.
     fn repaired(self, inside: InsideRule, progress: &dyn Progress) -> Result<(ModelBuilder, Option<Repair>)> {
-        let Target { builder, held, values, path, memory, .. } = self;
-        let Some(held) = held else { return Ok((builder, None)) };
-        let builder = builder.values_by_source(values);
-        let (builder, done) = repair(held, inside, builder, &path, memory, progress)?;
+        let Target { builder, collected, path, .. } = self;
+        let Some(collected) = collected else { return Ok((builder, None)) };
+        let (builder, done) = collected.repair(inside, builder, &path, progress)?;
         Ok((builder, Some(done)))
     }
 }

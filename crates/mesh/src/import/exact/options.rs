@@ -21,7 +21,7 @@ pub struct ExactOptions {
     /// Whether open surfaces are closed by triangles over their boundaries.
     pub close: bool,
     /// Whether a surface that intersects itself, overlaps itself, or is partly inside out is
-    /// resolved: see [`repair`](spinney_brep::repair). The faces are then held in memory.
+    /// resolved: see [`RepairInput::repair`](spinney_brep::RepairInput::repair).
     pub repair: bool,
     /// Rule by which a repair determines the inside.
     pub inside: InsideRule,

@@ -1,9 +1,21 @@
 //! Repair of surfaces that intersect or overlap themselves, or are partly inside out. Faces are
 //! split along their intersections. Faces remain if they bound the inside, which a rule on winding
 //! numbers defines.
+//!
+//! A surface that fits into memory is arranged as a whole ([`repair`]). Of a larger one, only the
+//! faces that meet others and those near them are arranged, [in regions](regions).
+
+mod components;
+mod edges;
+mod input;
+mod rays;
+mod regions;
+mod slabs;
+mod spool;
 
 use std::path::Path;
 
+pub use self::input::RepairInput;
 use crate::arrangement::{ExactFaces, FACE, Operands, Resolved, Seams, Surroundings, divide, round};
 use crate::closure::SurfaceClosure;
 use crate::{FaceList, Faces, ModelBuilder};
@@ -102,7 +114,7 @@ const MAX_CONTACTS_OF_A_FACE: u64 = 256;
 
 /// Returns the minimum memory of [`repair`] in bytes: that of splitting a surface, and of the
 /// faces.
-pub fn repair_bytes(faces: &FaceList) -> u64 {
+pub(crate) fn repair_bytes(faces: &FaceList) -> u64 {
     faces.len() * FACE + faces.bytes()
 }
 
@@ -119,7 +131,7 @@ pub const REPAIR_PASSES: u64 = 5;
 /// # Errors
 /// [`Error::NotASolid`] if nothing is inside, or more than half of the surface or the volume would
 /// be lost. Also if the memory is not enough, if the file cannot be written, or on cancellation.
-pub fn repair(
+fn repair(
     faces: FaceList,
     rule: InsideRule,
     builder: ModelBuilder,
@@ -162,10 +174,7 @@ pub(crate) fn repair_around(
         Ok(())
     })?;
     rounded.exact.iter().try_for_each(|face| surface.add_exact(face, progress))?;
-    if let Some(flaw) = surface.flaw() {
-        let what = format!("the result would not be a solid: {flaw}");
-        return Err(refused(path, what, "build cells of it (without --brep), and report it"));
-    }
+    refuse_flaw(surface, path)?;
     let displacement = rounded.displacement * width;
     let cube = width.powi(3);
     let repaired = Repair {
@@ -209,6 +218,7 @@ pub(crate) fn divided(
         turns_roots: !is_unbounded,
         most_contacts: MAX_CONTACTS_OF_A_FACE * count + MAX_CONTACTS,
         keeps_cuts: false,
+        decides_each: false,
         changed: &[],
         winding: &|_, _| None,
         owners: None,
@@ -219,12 +229,8 @@ pub(crate) fn divided(
     let part = || SubProgress::new(progress, count, times * count);
     let (exact, done) = divide(faces, &all, path, memory, &part())?;
     if exact.list.is_empty() {
-        let what = format!("nothing is inside by the rule {}", rule.name());
-        let advice = "choose another rule with --inside, or close the surface with --close";
-        return Err(refused(path, what, advice));
+        return Err(nothing_inside(rule, path));
     }
-    // Compare with the volume of cells: a rule that takes much less is probably not the intended
-    // one.
     let volume = volume(&exact);
     let cells_volume = match rule {
         InsideRule::Nonzero => volume,
@@ -233,20 +239,38 @@ pub(crate) fn divided(
             self::volume(&divide(faces, &as_cells, path, memory, &part())?.0)
         }
     };
-    let lost = done.outside_share.max(1.0 - volume / cells_volume);
-    if lost > MAX_LOST {
-        let percent = (lost * 100.0).floor();
-        let what = format!(
-            "{percent} percent of it would be lost: by the rule {}, {} of {count} faces bound nothing, and the volume is {} \
-             instead of the {} of cells, in cubes of the model's unit",
-            rule.name(),
-            done.outside,
-            volume * width.powi(3),
-            cells_volume * width.powi(3)
-        );
-        return Err(refused(path, what, "choose another rule with --inside"));
-    }
+    let volumes = [volume, cells_volume].map(|volume| volume * width.powi(3));
+    refuse_losses(rule, (done.outside, count), done.outside_share, volumes, path)?;
     Ok(Divided { exact, done, volume, cells_volume })
+}
+
+/// Fails if a repair would lose too much. `outside` are the faces that bound nothing, and all
+/// faces. The volume is compared with that of cells: a rule that takes much less is probably not
+/// the intended one.
+fn refuse_losses(
+    rule: InsideRule,
+    (outside, count): (u64, u64),
+    outside_share: f64,
+    [volume, cells_volume]: [f64; 2],
+    path: &Path,
+) -> Result<()> {
+    let lost = outside_share.max(1.0 - volume / cells_volume);
+    if lost <= MAX_LOST {
+        return Ok(());
+    }
+    let percent = (lost * 100.0).floor();
+    let what = format!(
+        "{percent} percent of it would be lost: by the rule {}, {outside} of {count} faces bound nothing, and the volume is \
+         {volume} instead of the {cells_volume} of cells, in cubes of the model's unit",
+        rule.name(),
+    );
+    Err(refused(path, what, "choose another rule with --inside"))
+}
+
+/// Returns the error for a surface without inside.
+fn nothing_inside(rule: InsideRule, path: &Path) -> Error {
+    let what = format!("nothing is inside by the rule {}", rule.name());
+    refused(path, what, "choose another rule with --inside, or close the surface with --close")
 }
 
 /// Warns of unexpected changes.
@@ -265,6 +289,13 @@ fn warn_of_changes(outside_share: f64, of_cells: f64, path: &Path, progress: &dy
     }
 }
 
+/// Fails if the result is not a solid.
+fn refuse_flaw(surface: SurfaceClosure, path: &Path) -> Result<()> {
+    let Some(flaw) = surface.flaw() else { return Ok(()) };
+    let what = format!("the result would not be a solid: {flaw}");
+    Err(refused(path, what, "build cells of it (without --brep), and report it"))
+}
+
 fn refused(path: &Path, what: String, advice: &str) -> Error {
     let (locations, count) = (Vec::new(), 0);
     Error::NotASolid { path: path.to_path_buf(), what, locations, count, advice: advice.into() }
@@ -272,11 +303,16 @@ fn refused(path: &Path, what: String, advice: &str) -> Error {
 
 /// Returns the approximate volume within a surface, in cubed grid units.
 pub(crate) fn volume(faces: &ExactFaces) -> f64 {
+    six_volumes(faces, 0) / 6.0
+}
+
+/// Returns six times the volume, with `more` from other faces.
+fn six_volumes(faces: &ExactFaces, more: i128) -> f64 {
     let on_grid = (0..faces.list.len() as u32).filter(|number| !faces.exact.contains_key(number));
     let whole: i128 = on_grid.map(|number| faces.list.get(number as usize).six_volumes()).sum();
     // (In the order of their numbers, since the rounding of sums depends on it.)
     let mut numbers: Vec<u32> = faces.exact.keys().copied().collect();
     numbers.sort_unstable();
     let off_grid: f64 = numbers.iter().map(|number| faces.exact[number].six_volumes()).sum();
-    (whole as f64 + off_grid) / 6.0
+    (whole + more) as f64 + off_grid
 }
