@@ -12,6 +12,8 @@ mod rays;
 mod regions;
 mod slabs;
 mod spool;
+#[cfg(test)]
+mod tests;
 
 use std::path::Path;
 
