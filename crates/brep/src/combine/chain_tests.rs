@@ -133,7 +133,7 @@ fn cancelled_operations_keep_the_last_result() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("whole.goblin");
     let mut all = model(&cube());
-    let mut run = |all: &ExactModel, other: &ExactModel, path: &Path, patience: u64| {
+    let run = |all: &ExactModel, other: &ExactModel, path: &Path, patience: u64| {
         let progress = Impatient { patience, checks: AtomicU64::new(0) };
         let output = Output::create(path).unwrap();
         let done = combine(set(DIFFERENCE), &[all, other], output, Codec::Plain, 64 << 20, &progress);
