@@ -85,7 +85,7 @@ mod tests {
             let count = 3 + number as usize % 2;
             let corners = (0..count).map(|index| {
                 let (wall, line) = (walls[index], walls[(index + 1) % count]);
-                Corner { point: ExactPoint::of_planes([&own, &wall, &line]), line }
+                Corner { point: ExactPoint::of_planes([&own, &wall, &line]).settled(), line }
             });
             ExactFace {
                 plane: own,
