@@ -5,10 +5,13 @@
 //! unchanged faces are only read in leaves that changed faces cut. Cells are not merged where faces
 //! are removed, unless they become empty: the octree may be deeper than that of a full build, but
 //! is equivalent.
+//!
+//! The base's grid may be a cell of the new model's grid: see [`BaseCell`].
 
 use std::collections::HashSet;
 
 use super::arena::{Arena, Mark};
+use super::base_cell::{BaseCell, BaseRoot};
 use super::cells::{Cell, uniform};
 use super::division::{Division, each_bit};
 use super::items::Items;
@@ -25,6 +28,9 @@ use spinney_base::{Error, Result};
 /// A base model, and its faces that are kept.
 pub(crate) struct BaseModel<'a> {
     pub(crate) model: &'a ExactModel,
+    /// The cell of the result that is the root of its octree. It is the result's root if it has
+    /// exact faces: those near the walls of its root would be near other cells, too.
+    pub(crate) root: BaseRoot,
     /// New numbers of the kept faces of its octree.
     pub(crate) faces: Renumbering,
     /// New numbers of its kept faces with off-grid vertices.
@@ -98,7 +104,13 @@ impl Upper<'_> {
             return Ok(CUT);
         }
         let near = base.near(node);
+        let cell = base.cell_of(node, 0);
         match node.state() {
+            ModelNodeState::Inner if cell.level == self.depth => {
+                let node = BaseCell::Node(node.clone());
+                let (cell, near, words) = self.undivided(base, (&cell, &node), &[])?;
+                self.leaves(&cell, SubtreeFaces::InMemory(words), &near, out)
+            }
             ModelNodeState::Inner => {
                 self.visited += 1;
                 if self.visited.is_multiple_of(1 << 10) {
@@ -109,7 +121,6 @@ impl Upper<'_> {
                     let word = self.copy(base, &base.model.child(node, child)?, out)?;
                     out.set(record, child, word);
                 }
-                let cell = Cell { level: node.level(), position: node.position(), winding: 0 };
                 self.complete(&cell, mark, record, out)
             }
             ModelNodeState::Leaf { kind, rule, inside } => {
@@ -121,7 +132,7 @@ impl Upper<'_> {
             }
             state => {
                 let winding = i32::from(state == ModelNodeState::Full);
-                let cell = Cell { level: node.level(), position: node.position(), winding };
+                let cell = Cell { winding, ..cell };
                 let word = uniform(&cell, self.bits, out);
                 Ok(out.near(word, &near))
             }
@@ -130,10 +141,10 @@ impl Upper<'_> {
 
     /// Builds a cell of the base in which faces are added or removed. The cell's winding number is
     /// relative to that in the base. Returns the word of its node.
-    pub(super) fn change_faces(
+    pub(super) fn change_faces<'b>(
         &mut self,
-        base: &BaseModel<'_>,
-        (cell, node): (&Cell, &ModelNode<'_>),
+        base: &BaseModel<'b>,
+        (cell, base_cell): (&Cell, &BaseCell<'b>),
         [added, removed]: [SubtreeFaces; 2],
         near: [&[u32]; 2],
         out: &mut Arena,
@@ -143,12 +154,12 @@ impl Upper<'_> {
             let items = [Items::of(added)?, Items::of(removed)?];
             let numbers = [&items[0], &items[1]].map(|items| (0..items.len() as u32).collect::<Vec<_>>());
             let changes = Changes { added: &numbers[0], removed: &numbers[1], near };
-            let word = self.change(base, (cell, node), [&items[0], &items[1]], &changes, out)?;
+            let word = self.change(base, (cell, base_cell), [&items[0], &items[1]], &changes, out)?;
             self.advance(length);
             return Ok(word);
         }
-        if node.state() != ModelNodeState::Inner {
-            let (cell, near, words) = self.undivided(base, (cell, node), near[0])?;
+        if !base.is_divided(cell, base_cell, self.depth) {
+            let (cell, near, words) = self.undivided(base, (cell, base_cell), near[0])?;
             let mut run = SubtreeFacesBuilder::new((self.memory / 4 / 4) as usize, self.target.clone());
             let mut count = 0;
             let mut push = |face: FaceWords<'_>| {
@@ -171,7 +182,7 @@ impl Upper<'_> {
             let cell = Cell { winding, ..cells[child] };
             let near =
                 [self.near.of(near[0], &cell, self.bits), self.near_removed.of(near[1], &cell, self.bits)];
-            let node = base.model.child(node, child)?;
+            let node = base.child_cell(base_cell, child, &cell)?;
             let near = [&near[0][..], &near[1]];
             let word = self.change_faces(base, (&cell, &node), [runs.0, runs.1], near, out)?;
             out.set(record, child, word);
@@ -180,10 +191,10 @@ impl Upper<'_> {
     }
 
     /// Builds the same as [`Upper::change_faces`], with all changed faces in memory.
-    fn change(
+    fn change<'b>(
         &mut self,
-        base: &BaseModel<'_>,
-        (cell, node): (&Cell, &ModelNode<'_>),
+        base: &BaseModel<'b>,
+        (cell, base_cell): (&Cell, &BaseCell<'b>),
         items: [&Items; 2],
         changes: &Changes<'_>,
         out: &mut Arena,
@@ -192,15 +203,18 @@ impl Upper<'_> {
         // constant. If no off-grid faces are added or removed near it, their lists are unchanged.
         // So the whole subtree is unchanged except for face numbers; a difference that is not zero
         // must not be copied, or the inside would be wrong.
-        if changes.is_empty() && cell.winding == 0 {
+        if let BaseCell::Node(node) = base_cell
+            && changes.is_empty()
+            && cell.winding == 0
+        {
             return self.copy(base, node, out);
         }
         self.visited += 1;
         if self.visited.is_multiple_of(1 << 10) {
             self.progress.check()?;
         }
-        if node.state() != ModelNodeState::Inner {
-            let (cell, near, mut words) = self.undivided(base, (cell, node), changes.near[0])?;
+        if !base.is_divided(cell, base_cell, self.depth) {
+            let (cell, near, mut words) = self.undivided(base, (cell, base_cell), changes.near[0])?;
             for item in changes.added {
                 let outline = items[0].outline(*item);
                 FaceWords::write(items[0].face(*item), outline.points, outline.ring_ends, &mut words);
@@ -231,31 +245,37 @@ impl Upper<'_> {
             ];
             let changes =
                 Changes { added: &parts[0][child], removed: &parts[1][child], near: [&near[0], &near[1]] };
-            let node = base.model.child(node, child)?;
+            let node = base.child_cell(base_cell, child, cell)?;
             let word = self.change(base, (cell, &node), items, &changes, out)?;
             out.set(record, child, word);
         }
         self.complete(cell, mark, record, out)
     }
 
-    /// Returns a cell that is not divided in the base, with its winding number, the exact faces
+    /// Returns a cell that is not divided like the base, with its winding number, the exact faces
     /// near it including the added ones, and the words of its kept faces.
     fn undivided(
         &mut self,
         base: &BaseModel<'_>,
-        (cell, node): (&Cell, &ModelNode<'_>),
+        (cell, base_cell): (&Cell, &BaseCell<'_>),
         added_near: &[u32],
     ) -> Result<(Cell, Vec<u32>, Vec<u32>)> {
         let added_near = self.near.of(added_near, cell, self.bits);
-        let near = [base.load_near(node, self.near)?, added_near].concat();
-        let before = match node.state() {
-            ModelNodeState::Leaf { inside, .. } => inside,
-            state => state == ModelNodeState::Full,
-        };
-        let (mut words, mut buffer) = (Vec::new(), FaceBuffer::default());
-        for face in node.faces() {
+        let before = base.is_inside(base_cell)?;
+        let (mut near, mut words, mut faces) = (Vec::new(), Vec::new(), Vec::new());
+        if let BaseCell::Node(node) = base_cell {
+            // (Only bases without exact faces have nodes that are joined here.)
+            near = base.load_near(node, self.near)?;
+            base.collect_faces(node, &mut faces)?;
+            faces.sort_unstable();
+            faces.dedup();
+        }
+        near.extend(added_near);
+        let mut buffer = FaceBuffer::default();
+        for face in faces {
             if let Some(number) = base.faces.number(face) {
                 base.model.face(face, &mut buffer)?;
+                buffer.points.iter_mut().for_each(|point| *point = base.point(*point));
                 FaceWords::write(number, &buffer.points, &buffer.ring_ends, &mut words);
             }
         }

@@ -3,9 +3,8 @@
 use super::arena::Arena;
 use super::base::BaseModel;
 use super::upper::Upper;
-use crate::{ModelNode, ModelNodeState};
+use crate::{Faces, ModelNode, ModelNodeState};
 use spinney_base::Result;
-use spinney_base::space::{Code, Dimension};
 
 impl Upper<'_> {
     /// Copies the segment that begins at a node without changes, and all segments below it: only
@@ -19,8 +18,12 @@ impl Upper<'_> {
     ) -> Result<bool> {
         let face = |face: u32| base.faces.number(face.into());
         let exact = |face: u32| base.exact.number(face.into());
-        let code = Code::from_cell(Dimension::Oct, node.level(), node.position());
-        let (Some(code), Some(bytes)) = (code, node.renumbered_segment(&face, &exact)) else {
+        // (Nodes below the maximum depth are joined.)
+        if base.root.level + base.model.grid().depth() > self.depth {
+            return Ok(false);
+        }
+        let code = base.cell_of(node, 0).code();
+        let Some(bytes) = node.renumbered_segment(&face, &exact) else {
             return Ok(false);
         };
         self.copy_below(base, node, out)?;
@@ -60,10 +63,8 @@ impl Upper<'_> {
     fn rebuild_segment(&mut self, base: &BaseModel<'_>, node: &ModelNode<'_>, out: &mut Arena) -> Result<()> {
         let mark = out.mark();
         let word = self.copy(base, node, out)?;
-        if word != crate::store::segment::CUT
-            && let Some(code) = Code::from_cell(Dimension::Oct, node.level(), node.position())
-        {
-            out.cut(code, mark, word);
+        if word != crate::store::segment::CUT {
+            out.cut(base.cell_of(node, 0).code(), mark, word);
         }
         self.store(out)
     }

@@ -3,6 +3,7 @@
 
 mod arena;
 mod base;
+mod base_cell;
 mod cells;
 mod check;
 mod copied;
@@ -47,6 +48,7 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::{Codec, Metadata};
 
 pub(crate) use self::base::BaseModel;
+pub(crate) use self::base_cell::BaseRoot;
 pub(crate) use self::check::{Checked, OctreeCheck};
 pub use self::defects::format_position;
 pub use self::defects::{Defect, DefectKind};
@@ -373,8 +375,8 @@ impl ModelBuilder {
         self.finish_with(None, metadata, progress, complete)
     }
 
-    /// Does the same as [`ModelBuilder::finish`], if some faces are those of a base with the same
-    /// grid.
+    /// Does the same as [`ModelBuilder::finish`], if some faces are those of a base whose
+    /// grid is a cell of the model's grid.
     pub(super) fn finish_with(
         self,
         base: Option<&BaseModel<'_>>,
@@ -433,7 +435,7 @@ impl ModelBuilder {
             }
             Some(base) => {
                 let winding = root.winding - base.model.far_winding();
-                let node = base.model.root()?;
+                let node = base.root_cell()?;
                 let near = [upper.near.from(base.exact.len()), near_removed.all()];
                 let (root, runs) = (Cell { winding, ..root }, [run, removed]);
                 upper.change_faces(base, (&root, &node), runs, [&near[0], &near[1]], &mut arena)?

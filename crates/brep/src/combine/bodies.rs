@@ -26,7 +26,7 @@ use super::table::Fate;
 use super::table::OperationTable;
 use super::values::FaceValues;
 use crate::arrangement::{ExactFace, ExactFaces, Seams, Turner};
-use crate::build::BaseModel;
+use crate::build::{BaseModel, BaseRoot};
 use crate::closure::SurfaceClosure;
 use crate::exact::normal::ring_normal;
 use crate::face_set::{FaceSet, Renumbering};
@@ -55,8 +55,9 @@ pub(super) struct Bodies<'a> {
     /// Source numbers are 0 until [`Bodies::near`] sets them: a model's number depends on the
     /// sources of the models before it.
     pub(super) first: Vec<(u32, u64)>,
-    /// The model whose octree is copied where no face changes: one with the common grid, if any.
-    pub(super) base: Option<usize>,
+    /// The model whose octree is copied where no face changes, if any: one whose grid is a cell of
+    /// the common grid. And this cell.
+    pub(super) base: Option<(usize, BaseRoot)>,
     /// The rule to which parts faces of the result belong; `None` if they keep their parts.
     pub(super) owners: Option<Owners<'a>>,
 }
@@ -147,15 +148,18 @@ impl<'a> Bodies<'a> {
         // octree's winding numbers are safe: `ModelNode::winding` has none in such cells, since
         // each exact face is near all cells between it and its proxies. (That fails only if mending
         // lost the proxies of a component: see `on_grid`.)
-        let is_base = |number: &usize| {
-            let model = models[*number];
+        // (A base with exact faces must be on the common grid: see `BaseModel`.)
+        let base_root = |number: usize| {
+            let model = models[number];
             let is_reached = !model.has_exact_faces() || model.reach() == reach(models);
             let is_thin = model.metadata().tag(Tag::ModelIntersections).is_some();
             // (Faces that are copied keep their parts.)
-            let keeps_parts = owners.as_ref().is_none_or(|owners| owners.keeps_parts(*number, Fate::Keep));
-            *model.grid() == common_grid.grid && is_reached && !is_thin && keeps_parts
+            let keeps_parts = owners.as_ref().is_none_or(|owners| owners.keeps_parts(number, Fate::Keep));
+            let root = common_grid.base_root(number)?;
+            let fits = root == BaseRoot::default() || !model.has_exact_faces();
+            (is_reached && !is_thin && fits && keeps_parts).then_some((number, root))
         };
-        let base = (0..models.len()).filter(is_base).max_by_key(|number| models[*number].len());
+        let base = (0..models.len()).filter_map(base_root).max_by_key(|(number, _)| models[*number].len());
         let mut bodies =
             Bodies { models, common_grid, table, overlaps, replaced, is_coloured, first, base, owners };
         for number in (0..models.len()).filter(|number| models[*number].has_exact_faces()) {
@@ -163,6 +167,11 @@ impl<'a> Bodies<'a> {
             bodies.replace_proxies(number, progress)?;
         }
         Ok(bodies)
+    }
+
+    /// Returns whether a model is the base.
+    fn is_base(&self, number: usize) -> bool {
+        self.base.is_some_and(|(base, _)| base == number)
     }
 
     /// Returns the maximum distance of any model's proxies from their exact faces, in grid units.
@@ -247,7 +256,7 @@ impl<'a> Bodies<'a> {
                 self.replaced[number].sources.insert((part, source));
             }
             let (mut sources, mut open) = (first_source, Seams::default());
-            let is_base = self.base == Some(number);
+            let is_base = self.is_base(number);
             let first_part = self.first[number].0;
             let mut changed_parts = HashSet::new();
             let mut stays = [model.len(), model.exact_faces().0]
@@ -281,7 +290,7 @@ impl<'a> Bodies<'a> {
                 }
                 // (Dropped faces have their own part and source here, which both calls ignore.
                 // `sources` may stay below theirs, which no face of the result has. Their vertices
-                // are right, since the base's grid is the common grid.)
+                // are on the common grid, as the base's always are.)
                 if is_base {
                     let is_dropped = matches!(face_use, FaceUse::Settled(Fate::Drop));
                     changed_parts.insert(if is_dropped { face.part } else { face.part - first_part });
@@ -341,9 +350,10 @@ impl<'a> Bodies<'a> {
                 }
                 Ok(())
             })?;
-            if is_base {
+            if let Some((_, root)) = self.base.filter(|_| is_base) {
                 let [faces, exact] = stays.map(Renumbering::of);
-                found.base = Some(BaseModel { model, faces, exact, part_numbers: Vec::new(), changed_parts });
+                let part_numbers = Vec::new();
+                found.base = Some(BaseModel { model, root, faces, exact, part_numbers, changed_parts });
             }
             self.check_memory(number, found.faces.list.bytes().saturating_add(exact_bytes), memory)?;
             first_source = sources;
@@ -362,7 +372,7 @@ impl<'a> Bodies<'a> {
     ) -> Result<()> {
         let mut turner = Turner::default();
         for number in 0..self.models.len() {
-            let is_kept = keeps_base && self.base == Some(number);
+            let is_kept = keeps_base && self.is_base(number);
             if is_kept && !self.overlaps[number].faces.are_some_turned() {
                 continue;
             }
@@ -390,7 +400,7 @@ impl<'a> Bodies<'a> {
         each: &mut dyn FnMut(ExactFace) -> Result<()>,
     ) -> Result<()> {
         for number in 0..self.models.len() {
-            let (model, is_kept) = (self.models[number], keeps_base && self.base == Some(number));
+            let (model, is_kept) = (self.models[number], keeps_base && self.is_base(number));
             let (overlap, replaced) = (&self.overlaps[number].exact, &self.replaced[number]);
             model.each_exact_head(&mut |index, head| {
                 if index.is_multiple_of(1 << 10) {
@@ -478,7 +488,7 @@ impl<'a> Bodies<'a> {
 
     /// Yields the faces of a model's octree, but those for which `is_left_out`, on the common grid,
     /// with the result's part and source numbers, `is_proxy` and the use of each. Dropped faces are
-    /// yielded unchanged: on the model's own grid, with its own numbers and colours.
+    /// yielded with the model's own numbers and colours, and on its own grid unless it is the base.
     fn each(
         &self,
         number: usize,
@@ -499,11 +509,16 @@ impl<'a> Bodies<'a> {
                 block.read(place, &mut buffer);
                 let (face, is_proxy) = (buffer.face(), buffer.is_proxy);
                 let face_use = self.use_of(number, &face, is_proxy);
-                if matches!(face_use, FaceUse::Settled(Fate::Drop)) {
+                let is_dropped = matches!(face_use, FaceUse::Settled(Fate::Drop));
+                if is_dropped && !self.is_base(number) {
                     each(&face, is_proxy, face_use)?;
                     continue;
                 }
                 self.put(number, face.number, face.points, &mut points)?;
+                if is_dropped {
+                    each(&Face { points: &points, ..face }, is_proxy, face_use)?;
+                    continue;
+                }
                 white.resize(if self.is_coloured { points.len() } else { 0 }, [255; 3]);
                 let colours = if face.colours.is_empty() { &white[..] } else { face.colours };
                 let (part, source) =

@@ -1,6 +1,7 @@
 //! Models on one grid.
 
 use crate::arrangement::{Corner, ExactFace, ExactPoint};
+use crate::build::BaseRoot;
 use crate::query::half_of;
 use crate::{ExactModel, Faces, Grid, MAX_BITS, ModelNode, ModelNodeState};
 use spinney_base::{Error, Result};
@@ -16,9 +17,10 @@ pub(super) struct CommonGrid {
 }
 
 impl CommonGrid {
-    /// Finds a grid on which all models' coordinates are exact: the first model's grid, if
-    /// possible. `None` if the units have no common divisor that leaves few enough units along the
-    /// longest side.
+    /// Finds a grid on which all models' coordinates are exact. It is chosen so that the octree of
+    /// the largest model with the common unit (the first of several) can be copied: its grid if
+    /// that covers all models, otherwise a larger grid of which its grid is a cell. `None` if the
+    /// units have no common divisor that leaves few enough units along the longest side.
     pub(super) fn of(models: &[&ExactModel]) -> Result<Option<CommonGrid>> {
         check_systems(models)?;
         let grids: Vec<&Grid> = models.iter().map(|model| model.grid()).collect();
@@ -39,12 +41,17 @@ impl CommonGrid {
         let box_of = |model: usize| -> Result<Option<[[i64; 3]; 2]>> {
             Ok(bounds(models[model])?.map(|corners| corners.map(|corner| to_common(model, corner))))
         };
-        // The first model's own grid, if it covers all models.
-        let ((times, mut origin), mut bits) = (shifts[0], models[0].grid().bits);
+        let largest = (0..models.len())
+            .rev()
+            .filter(|model| shifts[*model].0 == 1)
+            .max_by_key(|model| models[*model].len());
+        // (Each unit may be a multiple of the common one.)
+        let anchor = largest.unwrap_or(0);
+        let (mut origin, mut bits) = (shifts[anchor].1, models[anchor].grid().bits);
         let fits = |[low, high]: [[i64; 3]; 2]| {
             (0..3).all(|axis| low[axis] >= origin[axis] && high[axis] - origin[axis] < 1 << bits)
         };
-        let mut is_own = times == 1;
+        let mut is_own = largest.is_some();
         for (model, file) in models.iter().enumerate() {
             let last = ((1u64 << file.grid().bits) - 1) as i32;
             // (A grid that covers the other model's whole grid needs no bounds of faces.)
@@ -59,12 +66,19 @@ impl CommonGrid {
                 least = [0, 1, 2].map(|axis| least[axis].min(low[axis]));
                 most = [0, 1, 2].map(|axis| most[axis].max(high[axis]));
             }
-            // (All models may be without faces.)
-            if least[0] <= most[0] {
-                origin = least;
+            // (Octrees of models with exact faces are copied on their own grids only.)
+            let cells = largest.filter(|model| !models[*model].has_exact_faces());
+            match cells.and_then(|_| grid_around((origin, bits), [least, most])) {
+                Some(around) => (origin, bits) = around,
+                None => {
+                    // (All models may be without faces.)
+                    if least[0] <= most[0] {
+                        origin = least;
+                    }
+                    let extents = (0..3).map(|axis| most[axis].saturating_sub(least[axis]).max(0));
+                    bits = (64 - extents.max().unwrap_or(0).leading_zeros() as u8).max(1);
+                }
             }
-            let extent = (0..3).map(|axis| most[axis].saturating_sub(least[axis]).max(0)).max().unwrap_or(0);
-            bits = (64 - extent.leading_zeros() as u8).max(1);
         }
         if bits > MAX_BITS || origin.iter().any(|at| at.unsigned_abs() > 1 << 53) {
             return Ok(None);
@@ -83,6 +97,18 @@ impl CommonGrid {
             grids: numbers.iter().map(|number| self.grids[*number].clone()).collect(),
             shifts: numbers.iter().map(|number| self.shifts[*number]).collect(),
         }
+    }
+
+    /// Returns the cell of the common grid's octree that is a model's grid, if any.
+    pub(super) fn base_root(&self, model: usize) -> Option<BaseRoot> {
+        let ((times, shift), bits) = (self.shifts[model], self.grids[model].bits);
+        let level = self.grid.bits.checked_sub(bits).filter(|_| times == 1)?;
+        // (A shift below zero is no position.)
+        let is_cell = |at: i64| at & ((1 << bits) - 1) == 0 && (0..1 << level).contains(&(at >> bits));
+        shift
+            .into_iter()
+            .all(is_cell)
+            .then(|| BaseRoot { level, position: shift.map(|at| (at >> bits) as u32) })
     }
 
     /// Returns the common grid's units per unit of a model's own grid.
@@ -145,6 +171,28 @@ impl CommonGrid {
             ..face
         }
     }
+}
+
+/// Returns the origin and bits of the smallest grid that covers a box and of whose octree a given
+/// grid is a cell. `None` if it would have too many units, or if the box is empty.
+fn grid_around((origin, bits): ([i64; 3], u8), [least, most]: [[i64; 3]; 2]) -> Option<([i64; 3], u8)> {
+    if (0..3).any(|axis| least[axis] > most[axis]) {
+        return None;
+    }
+    (bits..=MAX_BITS).find_map(|larger| {
+        let mut corner = origin;
+        for axis in 0..3 {
+            // Cells below the given one, as few as possible.
+            let below = i128::from(origin[axis]) - i128::from(least[axis]);
+            let cells = (below.max(0) + (1 << bits) - 1) >> bits;
+            let start = i128::from(origin[axis]) - (cells << bits);
+            if cells >= 1 << (larger - bits) || i128::from(most[axis]) - start >= 1 << larger {
+                return None;
+            }
+            corner[axis] = i64::try_from(start).ok()?;
+        }
+        Some((corner, larger))
+    })
 }
 
 /// Returns the bounds of a model on its grid. They come from the faces, since the octree may miss

@@ -23,12 +23,13 @@ impl Bodies<'_> {
         values: &FaceValues<'_>,
         progress: &dyn Progress,
     ) -> Result<u64> {
-        let Some(number) = self.base else { return Ok(0) };
+        let Some((number, root)) = self.base else { return Ok(0) };
         let (model, (first_part, first_source)) = (base.model, self.first[number]);
         base.part_numbers = (0..model.parts().len() as u32).map(|part| parts.of(part + first_part)).collect();
         let base = &*base;
         let last_part = base.part_numbers.iter().copied().max().unwrap_or(0);
-        let have_same_numbers = base.keeps_part_numbers() && first_source == 0 && !values.has_columns(number);
+        let have_same_numbers =
+            !root.is_moved() && base.keeps_part_numbers() && first_source == 0 && !values.has_columns(number);
         let ends = seams.ends();
         let (mut buffer, mut white) = (FaceBuffer::default(), Vec::new());
         model.each_block(&mut |first, block| {
@@ -49,6 +50,9 @@ impl Bodies<'_> {
                     continue;
                 }
                 block.read(place, &mut buffer);
+                for point in &mut buffer.points {
+                    *point = self.common_grid.point(number, *point);
+                }
                 seams.add_watched(&buffer.face());
                 if is_copied {
                     continue;
@@ -75,10 +79,10 @@ impl Bodies<'_> {
         builder: &mut ModelBuilder,
         progress: &dyn Progress,
     ) -> Result<()> {
-        let Some(number) = self.base else { return Ok(()) };
+        let Some((number, root)) = self.base else { return Ok(()) };
         let model = base.model;
         let last_part = base.part_numbers.iter().copied().max().unwrap_or(0);
-        let have_same_numbers = base.keeps_part_numbers() && self.first[number].1 == 0;
+        let have_same_numbers = !root.is_moved() && base.keeps_part_numbers() && self.first[number].1 == 0;
         model.each_exact_block(&mut |first, block| {
             progress.check()?;
             let stays = |place: &usize| base.exact.number(first + *place as u64).is_some();

@@ -59,6 +59,15 @@
 //! (*) If an exact face or a proxy is near, all proxies of its part and source are dropped, and new
 //! ones are made for all exact faces of that part and source. The same holds for all proxies of a
 //! model whose grid is coarser than the common one.
+//!
+//! Cost, in instructions, of an operation that builds the whole octree: armadillo minus bunny_hr,
+//! 146,146 faces of two files with different units, 5.1 billion instructions. The octree builder
+//! takes about 30 percent, two thirds of it in leaves, where faces are tested for contacts. Reading
+//! and writing settled faces takes 15 to 17 percent, the division of near faces 13, winding numbers
+//! of regions and of components 9 each, sums and closure of exact faces 6, the traversal of both
+//! octrees 3. If the largest operand has the common unit, cells without changes are copied instead
+//! of built. The rest is spread over many stages. Most of them read every settled face, since its
+//! number, part and source may change.
 
 mod alignment;
 mod bodies;
@@ -69,6 +78,8 @@ mod common_grid;
 mod components;
 mod divided;
 mod fates;
+#[cfg(test)]
+mod grid_tests;
 mod kept;
 mod node_table;
 mod overlap;
@@ -184,8 +195,10 @@ pub struct CombineReport {
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
-/// The octrees of the operands are trusted. Where no face changes, the octree of the largest
-/// operand on the result's grid is copied. [`ExactModel::verify`] checks an octree.
+/// The octrees of the operands are trusted. The result's grid is that of the largest operand, or a
+/// larger one of whose octree it is a cell. Where no face changes, this operand's octree is copied.
+/// It is built again if the operand's unit is coarser than the common one, or if it has exact faces
+/// and its grid does not contain the other operands. [`ExactModel::verify`] checks an octree.
 ///
 /// # Errors
 /// If the operation does not exist for this number of bodies, if grids, coordinate systems or units

@@ -34,7 +34,11 @@ pub(super) fn model(triangles: &[[[i32; 3]; 3]]) -> ExactModel {
 
 /// [`model`] with a given maximum of faces per leaf.
 fn model_of_leaves(triangles: &[[[i32; 3]; 3]], leaf_size: usize) -> ExactModel {
-    let grid = Grid { bits: 26, origin: [0; 3], step: 1.0, divisor: 1.0 };
+    model_on(Grid { bits: 26, origin: [0; 3], step: 1.0, divisor: 1.0 }, triangles, leaf_size)
+}
+
+/// [`model_of_leaves`] on a given grid.
+pub(super) fn model_on(grid: Grid, triangles: &[[[i32; 3]; 3]], leaf_size: usize) -> ExactModel {
     let mut list = FaceList::new(grid.clone(), vec!["body".into()]);
     for (source, points) in (0..).zip(triangles) {
         list.push(&Face { number: 0, points, ring_ends: &[3], colours: &[], part: 0, source });
@@ -62,7 +66,7 @@ pub(super) fn tetrahedron([a, b, c, d]: Tetrahedron) -> Option<Vec<[[i32; 3]; 3]
 }
 
 /// The result of an operation, written to a file and checked.
-fn combined(operation: u8, models: &[&ExactModel]) -> ExactModel {
+pub(super) fn combined(operation: u8, models: &[&ExactModel]) -> ExactModel {
     let model = result(operation, models);
     assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
     model
@@ -74,11 +78,16 @@ pub(super) fn set(index: u8) -> SetOperation {
 }
 
 fn result(operation: u8, models: &[&ExactModel]) -> ExactModel {
+    ExactModel::from_bytes(result_in(operation, models, 64 << 20)).unwrap()
+}
+
+/// The file of an operation's result, computed with a given memory.
+pub(super) fn result_in(operation: u8, models: &[&ExactModel], memory: u64) -> Vec<u8> {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("x.goblin");
-    combine(set(operation), models, Output::create(&path).unwrap(), Codec::Plain, 64 << 20, &())
+    combine(set(operation), models, Output::create(&path).unwrap(), Codec::Plain, memory, &())
         .unwrap_or_else(|error| panic!("{operation}: {error}"));
-    ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap()
+    std::fs::read(path).unwrap()
 }
 
 fn reduced(number: I256) -> i128 {
@@ -180,7 +189,7 @@ fn volumes_add_up() {
 }
 
 /// Fails unless two bodies are equal.
-fn assert_same(a: &ExactModel, b: &ExactModel, what: &str) {
+pub(super) fn assert_same(a: &ExactModel, b: &ExactModel, what: &str) {
     let difference = combined(6, &[a, b]);
     assert_eq!((difference.len(), difference.is_unbounded()), (0, false), "{what}");
     assert_eq!(difference.exact_faces().0, 0, "{what}");
@@ -436,7 +445,7 @@ fn winding_in(model: &ExactModel, node: &ModelNode<'_>, [low, high]: &[[i64; 3];
 
 /// The surface of a block with a side of 800 grid units: triangles with vertices that are moved a
 /// little, in all layers or one.
-fn block(seed: u64, from: [i32; 3], layer: Option<i32>) -> Vec<[[i32; 3]; 3]> {
+pub(super) fn block(seed: u64, from: [i32; 3], layer: Option<i32>) -> Vec<[[i32; 3]; 3]> {
     const PARTS: i32 = 10;
     let mut number = random(seed);
     let mut moved: HashMap<[i32; 3], [i32; 3]> = HashMap::new();
