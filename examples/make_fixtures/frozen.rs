@@ -368,20 +368,24 @@ pub(crate) const ABOUT: [(&str, Option<&str>); 3] = [
 ];
 pub(crate) const ABOUT_FILE: &str = r#"{"metadata":{"title":"A tower"}}"#;
 
-/// Builds the frozen model with off-grid vertices: the union of a box and a spire through it,
-/// without a slanted mast.
+/// Builds the frozen model with off-grid vertices: the union of a box and a tetrahedron through it,
+/// which become one object, and of two blocks beside them, without another tetrahedron.
 pub(crate) fn make_crossing(path: &Path, codec: Codec) -> Result<()> {
-    let spire = [[4, 20, 9], [58, 12, 14], [23, 57, 11], [29, 24, 61]];
-    let mast = [[60, 33, 37], [31, 2, 40], [28, 60, 45], [40, 25, 3]];
-    let square = vec![[10, 10], [45, 10], [45, 41], [10, 41]];
-    let [tower, spire, mast] = [along_y(&[square], 12, 52), tetrahedron(spire), tetrahedron(mast)];
+    let through = [[4, 20, 9], [58, 12, 14], [23, 57, 11], [29, 24, 61]];
+    let cut = [[60, 33, 37], [31, 2, 40], [28, 60, 45], [40, 25, 3]];
+    let square = |low: i32, high: [i32; 2]| vec![[low, low], [high[0], low], high, [low, high[1]]];
     let [(first, about), (second, more), (third, _)] = ABOUT;
-    let tower = model(path, &tower, (first, about), Some(ABOUT_FILE))?;
-    let spire = model(path, &spire, (second, more), None)?;
-    let mast = model(path, &mast, (third, None), None)?;
-    combine(SetOperation::Union, &[&tower, &spire], Output::create(path)?, Codec::Plain, 16 << 20, &())?;
-    let both = in_memory(path)?;
-    combine(SetOperation::Difference, &[&both, &mast], Output::create(path)?, codec, 16 << 20, &()).map(drop)
+    let bodies = [
+        model(path, &along_y(&[square(10, [45, 41])], 12, 52), (first, about), Some(ABOUT_FILE))?,
+        model(path, &tetrahedron(through), ("roof", None), None)?,
+        model(path, &along_y(&[square(1, [4, 4])], 1, 4), (second, more), None)?,
+        model(path, &along_y(&[square(58, [61, 61])], 58, 61), (third, None), None)?,
+    ];
+    let cut = model(path, &tetrahedron(cut), ("cut", None), None)?;
+    let bodies: Vec<&ExactModel> = bodies.iter().collect();
+    combine(SetOperation::Union, &bodies, Output::create(path)?, Codec::Plain, 16 << 20, &())?;
+    let all = in_memory(path)?;
+    combine(SetOperation::Difference, &[&all, &cut], Output::create(path)?, codec, 16 << 20, &()).map(drop)
 }
 
 /// Reads the model of a file that is to be rewritten.

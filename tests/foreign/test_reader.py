@@ -244,7 +244,7 @@ def test_packed_models_are_the_plain_ones(name: str) -> None:
 
 def test_what_models_say() -> None:
     model = Model(fixture("crossing.goblin"))
-    assert model.formula == [2, [7, "(memory)", "(memory)"], "(memory)"]
+    assert model.formula == [2, [7, "(memory)", "(memory)", "(memory)", "(memory)"], "(memory)"]
     assert [name for name, _ in model.parts] == ["tower", "spire", "mast"]
     assert model.parts[1][1] == {"type": "BuildingPart", "parents": ["tower"], "attributes": {"height": 21.0}}
     chapel = Model(fixture("chapel.goblin"))

@@ -131,7 +131,7 @@ fn objects_that_are_no_bodies_are_left_out() {
         "{error}"
     );
     // Only options that are not set are advised.
-    assert!(error.to_string().contains("--close, or resolve intersections with --repair"), "{error}");
+    assert!(error.to_string().contains("`--close --repair`"), "{error}");
     options.close = true;
     options.parts = Some(BTreeSet::from([2]));
     let error = import(&path, &options).err().unwrap().to_string();

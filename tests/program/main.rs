@@ -65,6 +65,7 @@ mod cli_shards_points;
 mod cli_shards_trees;
 mod cli_solid_cells;
 mod cli_solids;
+mod cli_solids_again;
 #[cfg(feature = "cli")]
 mod cli_sources;
 #[cfg(feature = "cli")]

@@ -61,7 +61,7 @@ impl Changes<'_> {
 
 impl BaseModel<'_> {
     /// Returns the error of an octree that does not match its faces.
-    fn wrong(&self, node: &ModelNode<'_>) -> Error {
+    pub(super) fn wrong(&self, node: &ModelNode<'_>) -> Error {
         let place = format!("node {:?} of level {}", node.position(), node.level());
         Error::corrupt(
             self.model.path(),

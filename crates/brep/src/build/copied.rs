@@ -18,6 +18,9 @@ impl Upper<'_> {
     ) -> Result<bool> {
         let face = |face: u32| base.faces.number(face.into());
         let exact = |face: u32| base.exact.number(face.into());
+        if node.level() > base.model.grid().depth() {
+            return Err(base.wrong(node));
+        }
         // (Nodes below the maximum depth are joined.)
         if base.root.level + base.model.grid().depth() > self.depth {
             return Ok(false);

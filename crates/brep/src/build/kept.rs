@@ -115,20 +115,24 @@ impl BaseModel<'_> {
         let mut carried = FaceSet::new(model.parts().len() as u64);
         model.each_part_sums(&mut |part, stored| {
             let new = self.part_number(part);
-            if self.changed_parts.contains(&part) || sums.is_touched(new) {
+            // (Stored sums count from the beginning of the base's grid.)
+            if self.root.is_moved() || self.changed_parts.contains(&part) || sums.is_touched(new) {
                 return Ok(());
             }
             carried.set(part.into(), true);
             sums.carry(new, stored)
         })?;
         let is_summed = |part: u32| !carried.has(part.into());
-        model.each_face_of_parts(&is_summed, progress, &mut |face, is_proxy| match self
-            .faces
-            .number(face.number)
-        {
-            Some(_) => sums.add(&Face { part: self.part_number(face.part), ..*face }, is_proxy),
-            None => Ok(()),
+        let mut points = Vec::new();
+        model.each_face_of_parts(&is_summed, progress, &mut |face, is_proxy| {
+            if self.faces.number(face.number).is_none() {
+                return Ok(());
+            }
+            points.clear();
+            points.extend(face.points.iter().map(|point| self.point(*point)));
+            sums.add(&Face { points: &points, part: self.part_number(face.part), ..*face }, is_proxy)
         })?;
+        // (A base with exact faces is on the new model's grid.)
         model.each_exact_of_parts(&is_summed, progress, &mut |number, face| match self.exact.number(number) {
             Some(_) => sums.add_exact(&ExactFace { part: self.part_number(face.part), ..face }),
             None => Ok(()),

@@ -99,10 +99,12 @@ impl CommonGrid {
         }
     }
 
-    /// Returns the cell of the common grid's octree that is a model's grid, if any.
+    /// Returns the cell of the common grid's octree that is a model's grid, if any. (Grids without
+    /// faces or of few units may be smaller than all cells.)
     pub(super) fn base_root(&self, model: usize) -> Option<BaseRoot> {
         let ((times, shift), bits) = (self.shifts[model], self.grids[model].bits);
-        let level = self.grid.bits.checked_sub(bits).filter(|_| times == 1)?;
+        let level =
+            self.grid.bits.checked_sub(bits).filter(|level| times == 1 && *level <= self.grid.depth())?;
         // (A shift below zero is no position.)
         let is_cell = |at: i64| at & ((1 << bits) - 1) == 0 && (0..1 << level).contains(&(at >> bits));
         shift

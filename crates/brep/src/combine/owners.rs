@@ -40,6 +40,9 @@ const MAX_TRIED: usize = 10;
 /// Maximum number of nodes whose objects are remembered.
 const MAX_KNOWN: usize = 1 << 16;
 
+/// Operand, level and position of a node.
+type NodeKey = (usize, u8, [u32; 3]);
+
 /// The objects of the operands and of the result. Parts are numbered over all operands, in order.
 pub(super) struct Owners<'a> {
     models: &'a [&'a ExactModel],
@@ -55,7 +58,7 @@ pub(super) struct Owners<'a> {
     /// Objects that are one in the result.
     united: Mutex<UnionFind>,
     /// Objects at uniform nodes, by operand, level and position.
-    known: Mutex<HashMap<(usize, u8, [u32; 3]), Option<u32>>>,
+    known: Mutex<HashMap<NodeKey, Option<u32>>>,
 }
 
 /// The objects of an operand.

@@ -120,6 +120,9 @@ pub(super) fn turned(
     Ok((set, Turned { roots, faces: count, volume }))
 }
 
+/// Visitor of samples, and of their owners.
+type SampleVisitor<'v> = dyn FnMut(&[StoredSample], &[u32]) -> Result<()> + 'v;
+
 /// Passes samples of the faces that have an owner to a function, with their owners, in batches of
 /// about `memory` bytes.
 ///
@@ -130,7 +133,7 @@ pub(super) fn each_batch(
     memory: u64,
     progress: &dyn Progress,
     owner: &mut dyn FnMut(u32) -> Option<u32>,
-    each: &mut dyn FnMut(&[StoredSample], &[u32]) -> Result<()>,
+    each: &mut SampleVisitor<'_>,
 ) -> Result<()> {
     let most = (memory / (2 * size_of::<StoredSample>() as u64)).max(1 << 8) as usize;
     let mut next = 0;

@@ -19,13 +19,13 @@ pub(super) fn world_bounds<S: Source>(
 ) -> Result<Option<[[f64; 3]; 2]>> {
     let root = source.root()?;
     let mut bounds = [[0.0; 3]; 2];
-    for (side, sign) in [-1.0, 1.0].into_iter().enumerate() {
-        for axis in 0..3 {
-            let direction = frame.matrix[axis].map(|number| number * sign);
+    for (corner, sign) in bounds.iter_mut().zip([-1.0, 1.0]) {
+        for (bound, row) in corner.iter_mut().zip(&frame.matrix) {
+            let direction = row.map(|number| number * sign);
             let mut search = Search { source, filling, direction, farthest: None, progress };
             search.node(&root, [0; 3], level)?;
             let Some(farthest) = search.farthest else { return Ok(None) };
-            bounds[side][axis] = farthest * sign;
+            *bound = farthest * sign;
         }
     }
     Ok(Some(bounds))

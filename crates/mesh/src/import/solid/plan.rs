@@ -248,9 +248,7 @@ pub(in crate::import) fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result
         return Err(Error::invalid(format!("{}: faces", name.display()), found, "a model with faces"));
     }
     if !is_box {
-        let advice =
-            "an exact model without faces is an empty result, such as A-A: check what it was made of";
-        return Err(Error::unsupported(name, "a model without faces, which encloses no cells,", advice));
+        return Err(Error::corrupt(name, "faces", "none with vertices", "a model with faces"));
     }
     if all[0] == all[1] {
         return Err(Error::corrupt(name, "vertices", "all in one point", "a model with an extent"));
