@@ -458,7 +458,7 @@ fn what_cannot_be_done_is_refused() {
     let trees = |count: usize| (0..count).map(|_| view.clone()).collect::<Vec<_>>();
     let set = |number| CombineOperation::set(set_operation(number));
     assert_eq!(spinney::SetOperation::from_index(16), None);
-    assert!(Combined::new(trees(3), set(1), [40, 30, 1]).is_err());
+    assert!(Combined::new(trees(3), set(5), [40, 30, 1]).is_err());
     assert!(Combined::new(trees(1), CombineOperation::Changed, [40, 30, 1]).is_err());
     assert!(Combined::new(trees(0), CombineOperation::Over, [40, 30, 1]).is_err());
     let other = vec![view.clone(), view.clone().deepened(9).unwrap()];

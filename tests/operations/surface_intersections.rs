@@ -69,9 +69,16 @@ fn size(a: Point) -> f64 {
 /// intersection: the first one's face edges that remain after cancelling opposite ones.
 fn seam(a: &Body, b: &Body) -> f64 {
     let both = combined(1, &[a, b]);
+    // (Sources of the second solid come after those of the first. All faces belong to its object.)
+    let mut sources = 0;
+    let count = &mut |face: &spinney::brep::Face<'_>| {
+        sources = sources.max(face.source + 1);
+        Ok(())
+    };
+    a.model.each(count).unwrap();
     let mut edges: HashMap<[[i32; 3]; 2], i32> = HashMap::new();
     let mut add = |face: &spinney::brep::Face<'_>| {
-        for ring in face.rings().filter(|_| face.part == 0) {
+        for ring in face.rings().filter(|_| face.source < sources) {
             for i in 0..ring.len() {
                 let (from, to) = (ring[i], ring[(i + 1) % ring.len()]);
                 let (key, sign) = if from < to { ([from, to], 1) } else { ([to, from], -1) };

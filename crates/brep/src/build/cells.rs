@@ -114,6 +114,10 @@ pub(super) struct CellBuilder<'a> {
     pub(super) depth: u8,
     /// Maximum number of faces of a cell that is not divided.
     pub(super) leaf_size: usize,
+    /// Whether faces that are folded onto each other are defects. They are none if the model has
+    /// faces without area: these may join their common edge to other faces, such as where walls
+    /// between bodies touch.
+    pub(super) finds_folds: bool,
     pub(super) stages: &'a Mutex<Stages>,
     pub(super) progress: &'a dyn Progress,
 }
@@ -356,7 +360,9 @@ impl CellBuilder<'_> {
                 let within = [near.boxes[index], near.boxes[other_index]];
                 let found = self.conflict([one, other], within, list, owns);
                 // (Off-grid faces that are thinner than a grid unit have folded proxies.)
-                if let Some(kind) = found.filter(|kind| *kind != DefectKind::Fold || !near.has_proxies) {
+                if let Some(kind) =
+                    found.filter(|kind| *kind != DefectKind::Fold || (self.finds_folds && !near.has_proxies))
+                {
                     out.defects.push(self.defect(kind, [one, other]));
                 }
             }

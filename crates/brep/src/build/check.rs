@@ -41,6 +41,8 @@ pub(crate) struct OctreeCheck {
     run: SubtreeFacesBuilder,
     words: Vec<u32>,
     near: NearFaces,
+    /// Whether folded faces are defects: see [`CellBuilder`].
+    finds_folds: bool,
 }
 
 impl OctreeCheck {
@@ -49,7 +51,7 @@ impl OctreeCheck {
     pub(crate) fn new(memory: u64, reach: u8) -> OctreeCheck {
         let target = SpoolTarget::Directory(std::env::temp_dir());
         let run = SubtreeFacesBuilder::new((memory / 4 / 4) as usize, target);
-        OctreeCheck { memory, run, words: Vec::new(), near: NearFaces::new(reach) }
+        OctreeCheck { memory, run, words: Vec::new(), near: NearFaces::new(reach), finds_folds: true }
     }
 
     /// Adds a face that is planar and has an area.
@@ -58,6 +60,11 @@ impl OctreeCheck {
         // (Files have less than 2^32 faces.)
         FaceWords::write(face.number as u32, face.points, face.ring_ends, &mut self.words);
         self.run.push(FaceWords(&self.words))
+    }
+
+    /// Notes that there is a face without area.
+    pub(crate) fn note_sliver(&mut self) {
+        self.finds_folds = false;
     }
 
     /// Adds a face with off-grid vertices. Faces are numbered in this order.
@@ -82,6 +89,7 @@ impl OctreeCheck {
         let mut upper = Upper {
             model,
             near: &self.near,
+            finds_folds: self.finds_folds,
             memory: self.memory,
             target,
             stages: &stages,
@@ -135,6 +143,7 @@ impl Differences {
 struct Upper<'a> {
     model: &'a ExactModel,
     near: &'a NearFaces,
+    finds_folds: bool,
     memory: u64,
     target: SpoolTarget,
     stages: &'a Mutex<Stages>,
@@ -157,13 +166,21 @@ impl Upper<'_> {
         found: &mut Differences,
     ) -> Result<()> {
         let Grid { bits, .. } = *self.model.grid();
-        let Upper { model, near: all_near, memory, stages, progress, .. } = *self;
+        let Upper { model, near: all_near, finds_folds, memory, stages, progress, .. } = *self;
         let needed = bytes_in_memory(&run);
         if needed <= memory / 2 {
             let length = run.len() as u64;
             let items = Items::of(run)?;
-            let cell_builder =
-                CellBuilder { items: &items, near: all_near, bits, depth: 0, leaf_size: 0, stages, progress };
+            let cell_builder = CellBuilder {
+                items: &items,
+                near: all_near,
+                bits,
+                depth: 0,
+                leaf_size: 0,
+                finds_folds,
+                stages,
+                progress,
+            };
             let check = CellCheck { cell_builder, model };
             check.cell(cell, node, (0..items.len() as u32).collect(), near, found)?;
             // (Faces in several cells count once.)

@@ -42,6 +42,7 @@ pub(crate) fn defects_of(faces: &FaceList, progress: &dyn Progress) -> Result<Ve
         bits: grid.bits,
         depth: grid.depth(),
         leaf_size: LEAF_SIZE,
+        finds_folds: false,
         stages: &stages,
         progress,
     };

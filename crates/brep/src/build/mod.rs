@@ -413,6 +413,7 @@ impl ModelBuilder {
             bits: grid.bits,
             depth: grid.depth(),
             leaf_size,
+            finds_folds: base.is_none() && wide == faces,
             near: &mut all_near,
             near_removed: &near_removed,
             memory,

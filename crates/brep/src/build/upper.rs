@@ -20,6 +20,8 @@ pub(super) struct Upper<'a> {
     pub(super) bits: u8,
     pub(super) depth: u8,
     pub(super) leaf_size: usize,
+    /// As in [`CellBuilder`].
+    pub(super) finds_folds: bool,
     pub(super) near: &'a mut NearFaces,
     /// Removed off-grid faces of the base.
     pub(super) near_removed: &'a NearFaces,
@@ -44,8 +46,8 @@ impl Upper<'_> {
 
     /// Returns the context for faces in memory.
     pub(super) fn cell_builder<'w>(&'w self, items: &'w Items) -> CellBuilder<'w> {
-        let Upper { bits, depth, leaf_size, stages, progress, .. } = *self;
-        CellBuilder { items, near: self.near, bits, depth, leaf_size, stages, progress }
+        let Upper { bits, depth, leaf_size, finds_folds, stages, progress, .. } = *self;
+        CellBuilder { items, near: self.near, bits, depth, leaf_size, finds_folds, stages, progress }
     }
 
     /// Reports the words of faces that are done.

@@ -125,7 +125,7 @@ impl ExactModel {
                 sums.add(&face, buffer.is_proxy)?;
                 match check.has_area(&face) {
                     Ok(true) => octree.push(&face)?,
-                    Ok(false) => {}
+                    Ok(false) => octree.note_sliver(),
                     Err(FaceFlaw { found, expected }) if findings.len() < MAX_LISTED => {
                         findings.push(Finding {
                             place: format!("face {}", face.number),
