@@ -369,7 +369,7 @@ pub(crate) const ABOUT: [(&str, Option<&str>); 3] = [
 pub(crate) const ABOUT_FILE: &str = r#"{"metadata":{"title":"A tower"}}"#;
 
 /// Builds the frozen model with off-grid vertices: the union of a box and a tetrahedron through it,
-/// which become one object, and of two blocks beside them, without another tetrahedron.
+/// which become one object, and of two blocks next to them, without another tetrahedron.
 pub(crate) fn make_crossing(path: &Path, codec: Codec) -> Result<()> {
     let through = [[4, 20, 9], [58, 12, 14], [23, 57, 11], [29, 24, 61]];
     let cut = [[60, 33, 37], [31, 2, 40], [28, 60, 45], [40, 25, 3]];

@@ -359,7 +359,7 @@ fn crossing() {
 }
 
 /// Its volume, computed in rational numbers from the volumes of its convex components and their
-/// intersections, and that of two cubes beside them.
+/// intersections, and that of two cubes next to them.
 const CROSSING: f64 = 4656.597168299902 + 2.0 * 1.5 * 1.5 * 1.5;
 
 /// Six times the dome's volume in cubic centimetres: the sum of the determinants of its triangles.

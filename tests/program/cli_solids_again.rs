@@ -20,9 +20,9 @@ const OPERATIONS: [(&str, f64); 5] = [
 ];
 
 /// Steps before an operation, and the scale of volumes.
-type Step = (&'static [&'static str], f64);
+type ScaledSteps = (&'static [&'static str], f64);
 
-const STEPS: [Step; 6] = [
+const STEPS: [ScaledSteps; 6] = [
     (&[], 1.0),
     (&["translate=0.25,0.375,0.125"], 1.0),
     (&["rotate=90,z"], 1.0),
@@ -49,9 +49,9 @@ impl TestDirectory {
         whole
     }
 
-    /// Checks volumes of all operations after all steps, for two files, within a share of the sum of
-    /// both volumes.
-    fn check(&self, [body, tool]: [&str; 2], steps: &[Step], tolerance: f64) {
+    /// Checks volumes of all operations after all steps, for two files, within a share of the sum
+    /// of both volumes.
+    fn check(&self, [body, tool]: [&str; 2], steps: &[ScaledSteps], tolerance: f64) {
         for &(steps, scale) in steps {
             let moved = [body, tool].map(|name| {
                 let target = format!("moved_{name}");
