@@ -166,7 +166,7 @@ fn empty_solids_are_reported() {
     says(&["render", &empty, &image, "--size", "40x30"], "has no faces, so nothing is drawn");
     says(&["show", &empty, "--size", "40x30"], "has no faces, so nothing is drawn");
     let text = stderr(spinney(&["build", &empty, "-o", &path("cells.goblin")]).failure());
-    assert!(text.contains("a model without faces") && !text.contains("corrupt"), "{text}");
+    assert!(text.contains("the model is empty") && !text.contains("corrupt"), "{text}");
     let cells = path("cells.goblin");
     spinney(&["-q", "build", &model, "--cells", "8", "-o", &cells]).success();
     let nothing = path("nothing.goblin");

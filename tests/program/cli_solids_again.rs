@@ -45,7 +45,8 @@ impl TestDirectory {
         let solid = &found["solid"]["volume"];
         let whole = found["volume"].as_f64().unwrap();
         // (Two numbers of one name mean one thing.)
-        assert!(solid.is_null() || solid.as_f64() == Some(whole), "{name}: {text}");
+        let is_same = |solid: f64| (solid - whole).abs() < 1e-9 * whole;
+        assert!(solid.as_f64().is_none_or(is_same), "{name}: {text}");
         whole
     }
 
@@ -97,13 +98,16 @@ const EXACT: [&str; 3] = ["--brep", "--snap", "0.0078125"];
 
 #[test]
 fn exact_models_have_volumes_by_formula() {
-    built(&EXACT).check(["body.goblin", "tool.goblin"], &STEPS, 1e-12);
+    // (Turned vertices move to the grid.)
+    built(&["--brep"]).check(["body.goblin", "tool.goblin"], &STEPS, 1e-6);
 }
 
 /// Cells of both sources begin at different positions, so one is resampled for each operation.
 #[test]
 fn cells_have_volumes_by_formula() {
-    built(&["--cell", "0.5"]).check(["body.goblin", "tool.goblin"], &STEPS, 0.02);
+    // (`scale=` changes the number of cells, and not the world.)
+    let steps = STEPS.map(|(steps, _)| (steps, 1.0));
+    built(&["--cell", "0.5"]).check(["body.goblin", "tool.goblin"], &steps, 0.02);
 }
 
 /// A result is exported, built again without repair, and is an operand.

@@ -11,7 +11,7 @@ use crate::shape::Shape;
 use spinney_base::io::{Output, directory_of};
 use spinney_base::{Error, Progress, Result, SetOperation, SilentProgress};
 use spinney_brep::query::MassProperties;
-use spinney_brep::{CombineReport, ExactModel, Grid, InsideRule, Origin, combine, combine_as};
+use spinney_brep::{CombineReport, ExactModel, Grid, InsideRule, Origin, combine_as};
 use spinney_container::{Codec, OpenOptions, Tag};
 use spinney_crs::Crs;
 use spinney_mesh::import::{DEFAULT_MEMORY, ExactOptions, MeshArrays, import_exact};
@@ -374,9 +374,11 @@ impl BodyBuilder<'_> {
         let models = parts.iter().map(open).collect::<Result<Vec<_>>>()?;
         let models: Vec<&ExactModel> = models.iter().collect();
         let output = Output::create(&path)?;
-        combine(
+        // (Objects of one text that overlap become one without a warning.)
+        combine_as(
             operation,
             &models,
+            &Origin::default(),
             output,
             Codec::Plain,
             self.options.memory,
