@@ -339,6 +339,11 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     }
     let cells = chain.chain(global)?;
     ensure!(snap.is_none(), "{}: is not an exact model, which --snap needs", file.display());
+    ensure!(
+        unit.is_none() || !steps.iter().any(|step| matches!(step, ViewOperation::Scale(_))),
+        "{}: --unit converts octrees of cells, and scale= changes the number of cells; leave one of them out",
+        file.display()
+    );
     let cells = FileView { unit, ..cells };
     let how = packing.with(memory);
     let report_size = |[width, height, depth]: [u64; 3], levels: u8| {

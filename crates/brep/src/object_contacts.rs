@@ -265,16 +265,8 @@ impl Bodies<'_> {
         let all = Operands {
             ends: &ends,
             far: &[0, 0],
-            are_bodies: false,
-            turns_roots: false,
-            most_contacts: 0,
-            keeps_cuts: false,
-            decides_each: false,
-            changed: &[],
-            winding: &|_, _| None,
-            owners: None,
-            rest: None,
             is_inside: &|windings| windings[0] != 0 && windings[1] != 0,
+            ..Operands::NONE
         };
         let progress = &SilentProgress(progress);
         let of = |operands: &Operands<'_>| divide(&faces, operands, self.path, self.memory, progress);

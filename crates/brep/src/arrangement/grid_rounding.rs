@@ -25,11 +25,12 @@ use std::mem;
 use std::path::Path;
 
 use super::exact_face::{ExactFace, ExactFaces};
+use super::operands::{Operands, OtherFaces};
 use super::point::ExactPlane;
 use super::rounding::Rounder;
 use super::seams::Seams;
 use super::snapping::{EachFace, snap};
-use super::surface::{OFTEN, Operands, OtherFaces, RemainingFace, Resolved, contacts_of, resolve, too_large};
+use super::surface::{OFTEN, RemainingFace, Resolved, contacts_of, resolve, too_large};
 use crate::exact::normal::ring_normal;
 use crate::exact::union_find::UnionFind;
 use crate::planar::PlanarFaces;
@@ -388,20 +389,7 @@ impl Components {
 /// Returns the operands for one surface on the grid: points with a positive winding number are
 /// inside.
 fn operands<'a>(ends: &'a [u32], far: &'a [i32], changed: &'a [bool]) -> Operands<'a> {
-    Operands {
-        ends,
-        far,
-        are_bodies: false,
-        turns_roots: false,
-        most_contacts: 0,
-        keeps_cuts: false,
-        decides_each: false,
-        changed,
-        winding: &|_, _| None,
-        owners: None,
-        rest: None,
-        is_inside: &|windings| windings[0] > 0,
-    }
+    Operands { ends, far, changed, is_inside: &|windings| windings[0] > 0, ..Operands::NONE }
 }
 
 /// Reverses faces; keeps its buffers from face to face.

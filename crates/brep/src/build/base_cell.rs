@@ -25,7 +25,7 @@ impl BaseRoot {
     }
 }
 
-/// What a cell of the result is in the base.
+/// Counterpart of a result's cell in the base.
 pub(super) enum BaseCell<'a> {
     /// The base's root is one of the cell's descendants.
     Above,

@@ -81,6 +81,7 @@ mod fates;
 #[cfg(test)]
 mod grid_tests;
 mod kept;
+mod near_faces;
 mod node_table;
 mod overlap;
 mod owners;
@@ -94,11 +95,11 @@ use std::mem;
 use std::path::Path;
 
 use self::alignment::Aligned;
-pub(super) use self::bodies::NearFaces;
 use self::bodies::{Bodies, Near};
 pub use self::boundary::{BoundaryClass, boundary_classes};
 use self::common_grid::CommonGrid;
 pub use self::divided::divide_faces;
+pub(super) use self::near_faces::NearFaces;
 pub use self::node_table::{NodePair, OperandKind, TableEntry};
 use self::node_table::{PairCounts, node_pairs};
 use self::owners::{Owners, PartNumbers};
@@ -393,15 +394,11 @@ fn write_result(
         ends: &ends,
         far: &far,
         are_bodies: true,
-        turns_roots: false,
-        most_contacts: 0,
         keeps_cuts,
-        decides_each: false,
-        changed: &[],
         winding: &|number, sample| Some(winding(models[number], number, common_grid, sample)),
         owners: bodies.owners.as_ref().map(|_| &owner_rule as &OwnerRule<'_>),
-        rest: None,
         is_inside: &|windings| table.is_inside(windings),
+        ..Operands::NONE
     };
     let near = faces.list.len();
     let all = models.iter().map(|model| model.len()).sum::<u64>();

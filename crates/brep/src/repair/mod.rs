@@ -216,16 +216,10 @@ pub(crate) fn divided(
     let all = Operands {
         ends: &[count as u32],
         far: &[i32::from(is_unbounded)],
-        are_bodies: false,
         turns_roots: !is_unbounded,
         most_contacts: MAX_CONTACTS_OF_A_FACE * count + MAX_CONTACTS,
-        keeps_cuts: false,
-        decides_each: false,
-        changed: &[],
-        winding: &|_, _| None,
-        owners: None,
-        rest: None,
         is_inside: &|windings| rule.is_inside(windings[0]),
+        ..Operands::NONE
     };
     let times = if rule == InsideRule::Nonzero { 1 } else { 2 };
     let part = || SubProgress::new(progress, count, times * count);

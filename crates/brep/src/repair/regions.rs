@@ -395,16 +395,11 @@ impl Task<'_> {
             let operands = Operands {
                 ends: &[region.list.len() as u32],
                 far: &[0],
-                are_bodies: false,
-                turns_roots: false,
                 most_contacts: MAX_CONTACTS_OF_A_FACE * faces.len + MAX_CONTACTS,
-                keeps_cuts: false,
                 decides_each: true,
-                changed: &[],
-                winding: &|_, _| None,
-                owners: None,
                 rest: Some(&rest),
                 is_inside: &|windings| rule.is_inside(windings[0]),
+                ..Operands::NONE
             };
             divide(region, &operands, path, *memory / 2, &silent)
         })

@@ -46,20 +46,7 @@ impl Slab {
         let Slab { list, numbers, earlier } = self;
         let count = list.len() as u32;
         let changed: Vec<bool> = (0..numbers.len()).map(|index| index >= earlier).collect();
-        let operands = Operands {
-            ends: &[count],
-            far: &[0],
-            are_bodies: false,
-            turns_roots: false,
-            most_contacts: 0,
-            keeps_cuts: false,
-            decides_each: false,
-            changed: &changed,
-            winding: &|_, _| None,
-            owners: None,
-            rest: None,
-            is_inside: &|_| false,
-        };
+        let operands = Operands { ends: &[count], far: &[0], changed: &changed, ..Operands::NONE };
         let faces = ExactFaces::of_grid(list);
         for contact in contacts_of(&faces, &operands, path, memory, progress)? {
             each(contact.faces.map(|face| numbers[face as usize]))?;

@@ -142,15 +142,7 @@ pub fn surface_intersection(
         ends: &ends,
         far: &[a.far_winding(), b.far_winding()],
         are_bodies: true,
-        turns_roots: false,
-        most_contacts: 0,
-        keeps_cuts: false,
-        decides_each: false,
-        changed: &[],
-        winding: &|_, _| None,
-        owners: None,
-        rest: None,
-        is_inside: &|_| false,
+        ..Operands::NONE
     };
     let surface = Surface::new(&faces, &operands, a.path(), memory, progress)?;
     // (Segments and points need as much.)

@@ -51,20 +51,7 @@ fn model(triangles: &[Triangle]) -> ExactModel {
 
 /// Sources of all pairs of faces with common points, and the face count of the list.
 fn pairs(faces: &crate::arrangement::ExactFaces, ends: &[u32], first: u64) -> (BTreeSet<[u64; 2]>, u64) {
-    let operands = Operands {
-        ends,
-        far: &[0, 0],
-        are_bodies: true,
-        turns_roots: false,
-        most_contacts: 0,
-        keeps_cuts: false,
-        decides_each: false,
-        changed: &[],
-        winding: &|_, _| None,
-        owners: None,
-        rest: None,
-        is_inside: &|_| false,
-    };
+    let operands = Operands { ends, far: &[0, 0], are_bodies: true, ..Operands::NONE };
     let surface = Surface::new(faces, &operands, std::path::Path::new("x"), u64::MAX, &()).unwrap();
     let contacts = surface.contacts_of_first(u64::MAX, &()).unwrap();
     let sources = |contact: &Contact| {
