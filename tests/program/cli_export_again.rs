@@ -230,6 +230,8 @@ fn units_of_each_format() {
         // Octrees are converted to other units.
         let converted = directory.name("converted.goblin");
         run(&["transform", "-q", &cells, "--unit", "m", "-o", &converted]);
+        let both = ["transform", &cells, "scale=0.001", "--unit", "m", "-o", &directory.name("x.goblin")];
+        assert!(complaint(&both, 1).contains("leave one of them out"));
         let (found, expected) = (volume(&converted), 8.0 * metres * metres * metres);
         assert!((found - expected).abs() < 1e-9 * expected, "{unit}: {found}");
         let info: Json = serde_json::from_str(&stdout(&["info", "--json", &converted])).unwrap();
