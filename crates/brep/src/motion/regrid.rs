@@ -7,7 +7,7 @@ use std::collections::btree_map::Entry;
 use super::map::Motion;
 use super::snapped::{NewUnit, Snapping};
 use super::{Rounding, Target, TransformOptions, TransformTask};
-use crate::repair::{InsideRule, repair_around, repair_bytes};
+use crate::repair::{InsideRule, repair, repair_bytes};
 use crate::{ColumnValues, ExactModel, FaceList, Faces, Grid, ModelBuilder};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result, SubProgress};
@@ -74,7 +74,7 @@ impl TransformTask<'_> {
             .codec(options.codec)
             .unbounded(is_unbounded)
             .values_by_source(values.finish(progress));
-        let (builder, done) = repair_around(
+        let (builder, done) = repair(
             (faces, is_unbounded),
             InsideRule::Positive,
             builder,

@@ -88,7 +88,7 @@ impl RepairInput {
     ) -> Result<(ModelBuilder, Repair)> {
         match self.storage {
             Storage::Memory { list, values, .. } => {
-                repair(list, rule, builder.values_by_source(values), path, self.memory, progress)
+                repair((list, false), rule, builder.values_by_source(values), path, self.memory, progress)
             }
             Storage::File(file) => {
                 repair_in_regions(&file.finish()?, rule, builder, path, self.memory, progress)

@@ -123,9 +123,10 @@ pub(crate) fn repair_bytes(faces: &FaceList) -> u64 {
 /// Number of times that a repair's progress counts each face.
 pub const REPAIR_PASSES: u64 = 5;
 
-/// Adds a closed surface to a model's builder, without faces that bound no solid. First, outermost
-/// components that are inside out are reversed, together with their contents. New vertices at
-/// intersections stay exact. `path` is the model's, for errors.
+/// Adds a closed surface to a model's builder, without faces that bound no solid; `is_unbounded` if
+/// the surface bounds a body that includes infinity. First, outermost components that are inside
+/// out are reversed, together with their contents. New vertices at intersections stay exact. `path`
+/// is the model's, for errors.
 ///
 /// All faces are held in memory, at most `memory` bytes. Progress counts each face
 /// [`REPAIR_PASSES`] times.
@@ -133,19 +134,7 @@ pub const REPAIR_PASSES: u64 = 5;
 /// # Errors
 /// [`Error::NotASolid`] if nothing is inside, or more than half of the surface or the volume would
 /// be lost. Also if the memory is not enough, if the file cannot be written, or on cancellation.
-fn repair(
-    faces: FaceList,
-    rule: InsideRule,
-    builder: ModelBuilder,
-    path: &Path,
-    memory: u64,
-    progress: &dyn Progress,
-) -> Result<(ModelBuilder, Repair)> {
-    repair_around((faces, false), rule, builder, path, memory, progress)
-}
-
-/// Does the same as [`repair`], for the surface of a body that may be unbounded.
-pub(crate) fn repair_around(
+pub(crate) fn repair(
     (faces, is_unbounded): (FaceList, bool),
     rule: InsideRule,
     builder: ModelBuilder,

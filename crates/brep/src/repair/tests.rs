@@ -76,7 +76,7 @@ fn outcome(triangles: &[Triangle], rule: InsideRule, in_regions: bool) -> Outcom
     } else {
         let mut list = FaceList::new(grid(), Vec::new());
         faces.for_each(|face| list.push(&face));
-        repair(list, rule, builder, Path::new("x"), memory, &())
+        repair((list, false), rule, builder, Path::new("x"), memory, &())
     };
     let (builder, report) = made.map_err(|error| error.to_string())?;
     let exact = builder.has_exact_faces();
