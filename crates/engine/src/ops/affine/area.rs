@@ -217,6 +217,6 @@ impl<'a> Area<'a> {
 }
 
 /// First cell of the child of a node of `2^size` cells along each axis.
-fn child_at(at: [i64; 3], size: u8, step: usize) -> [i64; 3] {
+pub(super) fn child_at(at: [i64; 3], size: u8, step: usize) -> [i64; 3] {
     std::array::from_fn(|axis| at[axis] + ((step as i64 >> axis & 1) << (size - 1)))
 }

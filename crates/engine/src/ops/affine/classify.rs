@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use super::area::Area;
+use super::area::{Area, child_at};
 use super::polyhedron::Polyhedron;
 use super::view::{Lookup, Sampling, TINY, View};
 use crate::ops::view_source::ViewSourceNode;
@@ -401,8 +401,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         let mut children = no_children();
         self.view.source.children(node, &mut children)?;
         for (step, child) in children[..1 << AXES].iter().enumerate() {
-            let at = std::array::from_fn(|axis| at[axis] + ((step as i64 >> axis & 1) << (size - 1)));
-            if !self.is_uniform(child, (at, size - 1), image, found)? {
+            if !self.is_uniform(child, (child_at(at, size, step), size - 1), image, found)? {
                 return Ok(false);
             }
         }

@@ -15,8 +15,9 @@ const ON_PLANE: f64 = 1e-9;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Polyhedron {
     vertices: SmallVec<[DVec3; 64]>,
-    /// End of each face in `vertices`.
-    ends: SmallVec<[u8; 16]>,
+    /// End of each face in `vertices`. (16 bits suffice: a polyhedron of n planes has fewer than 6n
+    /// entries, and each window of a view adds six planes.)
+    ends: SmallVec<[u16; 16]>,
 }
 
 impl Polyhedron {
@@ -34,7 +35,7 @@ impl Polyhedron {
                     }
                     cube.vertices.push(vertex);
                 }
-                cube.ends.push(cube.vertices.len() as u8);
+                cube.ends.push(cube.vertices.len() as u16);
             }
         }
         cube
@@ -142,7 +143,7 @@ impl Polyhedron {
         if self.vertices.len() - start < 3 {
             self.vertices.truncate(start);
         } else {
-            self.ends.push(self.vertices.len() as u8);
+            self.ends.push(self.vertices.len() as u16);
         }
     }
 
