@@ -55,21 +55,46 @@ impl BoxTree {
         BoxTree { numbers, levels }
     }
 
+    /// Returns the number of boxes.
+    pub(crate) fn len(&self) -> usize {
+        self.numbers.len()
+    }
+
     /// Visits the numbers of all boxes that pass a test. The test must be monotone: a box that
     /// contains a passing box passes, too.
     pub(crate) fn each(&self, meets: &impl Fn(&Bounds) -> bool, mut each: impl FnMut(u32)) {
         let top = self.levels.len() - 1;
-        // Nodes to visit: level and index.
-        let mut open: Vec<(usize, usize)> = (0..self.levels[top].len()).map(|place| (top, place)).collect();
-        while let Some((level, place)) = open.pop() {
-            if !meets(&self.levels[level][place]) {
-                continue;
-            }
-            match level {
-                0 => each(self.numbers[place]),
-                _ => open.extend(self.children(level, place).map(|child| (level - 1, child))),
-            }
+        for place in 0..self.levels[top].len() {
+            self.each_below(top, place, meets, &mut each);
         }
+    }
+
+    fn each_below(
+        &self,
+        level: usize,
+        place: usize,
+        meets: &impl Fn(&Bounds) -> bool,
+        each: &mut impl FnMut(u32),
+    ) {
+        if !meets(&self.levels[level][place]) {
+            return;
+        }
+        match level {
+            0 => each(self.numbers[place]),
+            _ => self.children(level, place).for_each(|child| self.each_below(level - 1, child, meets, each)),
+        }
+    }
+
+    /// Returns whether any box shares a point with `bounds`.
+    pub(crate) fn touches(&self, bounds: &Bounds) -> bool {
+        let top = self.levels.len() - 1;
+        (0..self.levels[top].len()).any(|place| self.touches_below(top, place, bounds))
+    }
+
+    fn touches_below(&self, level: usize, place: usize, bounds: &Bounds) -> bool {
+        touch(&self.levels[level][place], bounds)
+            && (level == 0
+                || self.children(level, place).any(|child| self.touches_below(level - 1, child, bounds)))
     }
 }
 
@@ -135,7 +160,9 @@ pub(crate) fn union([low, high]: Bounds, [other_low, other_high]: &Bounds) -> Bo
 
 /// Returns whether two boxes share a point.
 pub(crate) fn touch([low, high]: &Bounds, [other_low, other_high]: &Bounds) -> bool {
-    (0..3).all(|axis| low[axis] <= other_high[axis] && other_low[axis] <= high[axis])
+    // (Without branches, which would be mispredicted.)
+    (0..3)
+        .fold(true, |so_far, axis| so_far & (low[axis] <= other_high[axis]) & (other_low[axis] <= high[axis]))
 }
 
 #[cfg(test)]

@@ -1,14 +1,13 @@
 //! Near faces whose boxes touch no box of another body's faces. Each connected component of them
 //! lies on one side of all other bodies, and the winding numbers of one sample settle it.
 
-use std::cell::Cell;
 use std::collections::HashMap;
 
 use super::bodies::Bodies;
 use super::table::Fate;
 use super::winding::winding;
 use crate::arrangement::{ExactFace, ExactPlane, SamplePoint};
-use crate::boxes::{Bounds, BoxTree, bounds_of, touch};
+use crate::boxes::{Bounds, BoxTree, bounds_of};
 use crate::exact::normal::ring_normal;
 use crate::exact::union_find::UnionFind;
 use crate::face_triangle::FaceTriangle;
@@ -95,10 +94,11 @@ impl Bodies<'_> {
     /// If `memory` bytes are insufficient, if files are corrupt or cannot be read, or on
     /// cancellation.
     pub(super) fn settle_components(&mut self, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let (tree, ends) = self.near_boxes(memory, progress)?;
-        let available = memory.saturating_sub(ends.last().map_or(0, |count| u64::from(*count) * BOX));
+        let trees = self.near_boxes(memory, progress)?;
+        let boxes: u64 = trees.iter().map(|tree| tree.len() as u64).sum();
+        let available = memory.saturating_sub(boxes * BOX);
         for body in 0..self.models.len() {
-            let components = self.components(body, &tree, &ends, available, progress)?;
+            let components = self.components(body, &trees, available, progress)?;
             let Components { mut sets, firsts, faces, .. } = components;
             let roots: Vec<u32> =
                 (0..).zip(sets.roots()).filter(|(own, root)| own == root).map(|(own, _)| own).collect();
@@ -125,14 +125,13 @@ impl Bodies<'_> {
     /// # Errors
     /// Those of [`Bodies::settle_components`].
     pub(super) fn drop_untouched(&mut self, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let (tree, ends) = self.near_boxes(memory, progress)?;
+        let trees = self.near_boxes(memory, progress)?;
         for body in 0..self.models.len() {
             let numbers = self.near_of(body);
             let chunks: Vec<&[FaceNumber]> = numbers.chunks(TASK).collect();
             for chunks in chunks.chunks(64) {
                 progress.check()?;
-                for separate_faces in
-                    parallel::map(chunks, |chunk| self.separate_faces(body, chunk, &tree, &ends))
+                for separate_faces in parallel::map(chunks, |chunk| self.separate_faces(body, chunk, &trees))
                 {
                     separate_faces?.into_iter().for_each(|face| self.settle(body, face, Fate::Drop));
                 }
@@ -157,12 +156,14 @@ impl Bodies<'_> {
         }
     }
 
-    /// Returns a tree over the boxes of all near faces, and the end index of each body's faces.
-    fn near_boxes(&self, memory: u64, progress: &dyn Progress) -> Result<(BoxTree, Vec<u32>)> {
-        let (mut boxes, mut ends) = (Vec::new(), Vec::new());
+    /// Returns a tree over the boxes of the near faces of each body.
+    fn near_boxes(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<BoxTree>> {
+        let (mut trees, mut total) = (Vec::new(), 0);
         for body in 0..self.models.len() {
             let numbers = self.near_of(body);
-            self.check_memory(body, (boxes.len() + numbers.len()) as u64 * BOX, memory)?;
+            total += numbers.len() as u64;
+            self.check_memory(body, total * BOX, memory)?;
+            let mut boxes = Vec::with_capacity(numbers.len());
             for (index, chunk) in numbers.chunks(TASK).enumerate() {
                 if index % 4 == 0 {
                     progress.check()?;
@@ -172,9 +173,9 @@ impl Bodies<'_> {
                     Ok(())
                 })?;
             }
-            ends.push(boxes.len() as u32);
+            trees.push(BoxTree::of(boxes));
         }
-        Ok((BoxTree::of(boxes), ends))
+        Ok(trees)
     }
 
     /// Returns those of `faces` whose boxes touch no box of another body's faces.
@@ -182,19 +183,14 @@ impl Bodies<'_> {
         &self,
         body: usize,
         faces: &[FaceNumber],
-        tree: &BoxTree,
-        ends: &[u32],
+        trees: &[BoxTree],
     ) -> Result<Vec<FaceNumber>> {
         let mut separate_faces = Vec::new();
         self.each_of(body, faces, &mut |number, face| {
             // (One grid unit more, since new vertices move.)
             let own = face.bounds(1);
-            let is_touched = Cell::new(false);
-            tree.each(&|bounds| !is_touched.get() && touch(bounds, &own), |other| {
-                let is_other = ends.partition_point(|end| *end <= other) != body;
-                is_touched.set(is_touched.get() || is_other);
-            });
-            if !is_touched.get() {
+            let mut others = trees.iter().enumerate().filter(|(other, _)| *other != body);
+            if !others.any(|(_, tree)| tree.touches(&own)) {
                 separate_faces.push(number);
             }
             Ok(())
@@ -206,8 +202,7 @@ impl Bodies<'_> {
     fn components(
         &self,
         body: usize,
-        tree: &BoxTree,
-        ends: &[u32],
+        trees: &[BoxTree],
         memory: u64,
         progress: &dyn Progress,
     ) -> Result<Components> {
@@ -216,7 +211,7 @@ impl Bodies<'_> {
         let chunks: Vec<&[FaceNumber]> = numbers.chunks(TASK).collect();
         for chunks in chunks.chunks(64) {
             progress.check()?;
-            let separate_faces = parallel::map(chunks, |chunk| self.separate_faces(body, chunk, tree, ends));
+            let separate_faces = parallel::map(chunks, |chunk| self.separate_faces(body, chunk, trees));
             for separate_faces in separate_faces {
                 self.each_of(body, &separate_faces?, &mut |number, face| {
                     face.with_points(|points, _| found.add(number, points));

@@ -29,7 +29,7 @@ use crate::arrangement::{
     ExactFaces, Operands, RegionFate, Resolved, Rounded, SamplePoint, Seams, Surroundings, Turned, Turner,
     area, divide, round,
 };
-use crate::boxes::{BOX, Bounds, BoxTree, bounds_of, touch};
+use crate::boxes::{BOX, Bounds, BoxTree, bounds_of};
 use crate::closure::SurfaceClosure;
 use crate::exact::union_find::UnionFind;
 use crate::face_set::FaceSet;
@@ -108,9 +108,7 @@ impl Region {
         let mut found = FaceSet::new(faces.len);
         faces.each(progress, &mut |face, _| {
             let own = bounds_of(face.points, 0);
-            let mut is_near = false;
-            tree.each(&|bounds| touch(bounds, &own), |_| is_near = true);
-            found.set(face.number, is_near && face.has_area());
+            found.set(face.number, tree.touches(&own) && face.has_area());
             Ok(())
         })?;
         Ok(found)
