@@ -58,9 +58,9 @@ fn level_fields(file: &[u8], every: usize) -> Vec<Field> {
     (start..start + length).step_by(48).for_each(|at| all.extend(fields("a level", at, &[8; 6])));
     for (start, length) in chunks(file, b"LEVC", &mut all) {
         let sizes = [&[4, 4, 1, 1, 2, 4, 4, 4][..], &[4; 6], &[8, 8]].concat();
-        // (One in three of 16 fields per cluster: any three consecutive clusters have all of them.)
+        // (One in seven of 16 fields per cluster: any seven consecutive clusters have all of them.)
         let clusters = (start..start + length).step_by(64);
-        all.extend(clusters.flat_map(|at| fields("a cluster", at, &sizes)).step_by(3));
+        all.extend(clusters.flat_map(|at| fields("a cluster", at, &sizes)).step_by(7));
     }
     for (start, length) in chunks(file, b"LEVF", &mut all) {
         all.extend(fields("a block", start, &[4; 5]));

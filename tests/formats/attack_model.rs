@@ -157,7 +157,7 @@ fn fields_of_models_with_holes_and_parts() {
 fn fields_of_packed_models() {
     if is_alone("attack_model::fields_of_packed_models") {
         // Single bytes of packed blocks carry little meaning.
-        attack(include_bytes!("../../fixtures/v1/crossing_packed.goblin"), 23);
+        attack(include_bytes!("../../fixtures/v1/crossing_packed.goblin"), 61);
     }
 }
 

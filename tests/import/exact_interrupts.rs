@@ -49,7 +49,7 @@ type Work<'a> = dyn Fn(&Path, &dyn Progress) -> Result<()> + 'a;
 /// Runs an operation with at least `least` checks and cancels it at many of them: each time it ends
 /// as cancelled and leaves no file. Returns the progress of the run without cancellation.
 fn check(what: &str, least: u64, work: &Work<'_>) -> (u64, Vec<u64>) {
-    const MOMENTS: u64 = 16;
+    const MOMENTS: u64 = 8;
     let run = |patience: u64| {
         let directory = tempfile::tempdir().unwrap();
         let progress = Impatient::new(patience);

@@ -313,7 +313,7 @@ fn cells_and_exact_models_agree() {
         "prism([[0,3],[1.763,-2.427],[-2.853,0.927],[2.853,0.927],[-1.763,-2.427]], 0, 1)",
         "xor(complement(ball(0,0,0, 1)), complement(ball(1,0,0, 1)))",
     ] {
-        let tree = directory.cells(text, Resolution::Depth(7), EdgeRule::Area);
+        let tree = directory.cells(text, Resolution::Depth(6), EdgeRule::Area);
         let (model, _) = directory.exact(text, 0.001);
         let (cells, exact) = (volume(&tree), volume_of(&model));
         assert!((cells / exact - 1.0).abs() < 0.004, "{text}: {cells} and {exact}");

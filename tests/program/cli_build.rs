@@ -30,7 +30,7 @@ fn small() -> tempfile::TempDir {
     directory
 }
 
-/// Writes an image of 2^15 x 2^12 pixels: one in 64 chunks is a ramp, the others are uniform.
+/// Writes an image of 2^14 x 2^12 pixels: one in 64 chunks is a ramp, the others are uniform.
 fn large(directory: &Path, tiled: bool) -> PathBuf {
     let chunk = |pixel: &dyn Fn(u32, u32) -> u8, width: u32, height: u32| {
         let pixels: Vec<u8> = (0..height).flat_map(|y| (0..width).map(move |x| pixel(x, y))).collect();
@@ -38,7 +38,7 @@ fn large(directory: &Path, tiled: bool) -> PathBuf {
         encoder.write_all(&pixels).unwrap();
         encoder.finish().unwrap()
     };
-    let [columns, rows]: [u32; 2] = [1 << 15, 1 << 12];
+    let [columns, rows]: [u32; 2] = [1 << 14, 1 << 12];
     let [width, height] = if tiled { [1024, 1024] } else { [columns, 32] };
     let ramp = chunk(&|x, y| ((x / 3 + y / 5) % 256) as u8, width, height);
     let flat: Vec<Vec<u8>> = (0..5).map(|value| chunk(&|_, _| value, width, height)).collect();
@@ -220,7 +220,7 @@ fn memory_stays_within_its_budget() {
     const WINDOWS: u64 = 16 << 20;
     let jobs: [(&[&str], u64); 4] = [
         (&["transform", "t.goblin", "rotate=17", "-o", "turned.goblin"], 0),
-        (&["transform", "t.goblin", "window=101,33,30000,4000", "-o", "part.goblin"], 0),
+        (&["transform", "t.goblin", "window=101,33,15000,4000", "-o", "part.goblin"], 0),
         (&["transform", "turned.goblin", "like=t.goblin,extent=a", "-o", "like.goblin"], WINDOWS),
         (&["combine", "xor", "t.goblin", "like.goblin", "-o", "xor.goblin"], 0),
     ];

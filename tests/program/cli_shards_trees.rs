@@ -106,7 +106,7 @@ fn shards_of_octrees_and_of_trees_that_are_edited() {
     let (body, edited, again) = (temp.name("body.goblin"), temp.name("map.autumn"), temp.name("job"));
     let text = temp.path("body.csg");
     fs::write(&text, "difference(block(0,0,0, 4,3,2), cylinder(2,2,0, 2,2,2, 1));").unwrap();
-    spinney(&["-q", "build", text.to_str().unwrap(), "-o", &body, "--cells", "300"]).success();
+    spinney(&["-q", "build", text.to_str().unwrap(), "-o", &body, "--cells", "150"]).success();
     temp.compare_with(TRANSFORM, &[&body, "rotate=30,1,1,0", "scale=1.5"], &[1, 7]);
     temp.compare_with(TRANSFORM, &[&body, "axes=+y,-x,+z"], &[64]);
     let raster = temp.raster("map.tif", [0, 0], [900, 1100]);

@@ -129,7 +129,7 @@ fn slab(n: i32) -> FaceList {
 
 #[test]
 fn tiles_have_every_level_within_their_boxes() {
-    check_tiles(&bumpy_torus(360, 260, grid([0; 3], 0.001, 16)));
+    check_tiles(&bumpy_torus(250, 180, grid([0; 3], 0.001, 16)));
 }
 
 #[test]
