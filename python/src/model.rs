@@ -329,8 +329,13 @@ impl Model {
         })?;
         let made = jobs::run(py, terms, |work| {
             let model = model.as_model("faces")?;
-            let surface = model.surface(detail, None, work)?;
-            let made = export_exact(&surface, format, work.create(&path)?, work)?;
+            let output = work.create(&path)?;
+            let refined = match detail {
+                SurfaceDetail::Exact => model.refined(&output.temporary_directory(), work.access(), work)?,
+                _ => None,
+            };
+            let surface = refined.as_deref().unwrap_or(model).surface(detail, None, work)?;
+            let made = export_exact(&surface, format, output, work)?;
             model.check_unchanged()?;
             Ok(made)
         })?;

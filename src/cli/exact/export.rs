@@ -67,6 +67,12 @@ pub(crate) fn export(
     let MeshContents { triangles, filter, detail, within } = contents;
     check_output([model.path()], path)?;
     let work = Work::start(global, "faces")?;
+    let output = global.access().create(path)?;
+    let refined = match detail {
+        SurfaceDetail::Exact => model.refined(&output.temporary_directory(), global.access(), &work)?,
+        _ => None,
+    };
+    let model = refined.as_deref().unwrap_or(model);
     let surface = model.surface(detail, within, &work)?;
     let some = match filter {
         Some(filter) => Some(ChosenParts::of(&surface, &chosen(model, filter)?)?),
@@ -75,7 +81,6 @@ pub(crate) fn export(
     let whole: &dyn Faces = some.as_ref().map_or(&surface, |some| some);
     let cut = if triangles { Some(Triangulated::of(whole)?) } else { None };
     let faces: &dyn Faces = cut.as_ref().map_or(whole, |cut| cut);
-    let output = global.access().create(path)?;
     let cannot_write = || format!("{}: cannot write", path.display());
     let summary = match format {
         MeshOutput::Mesh(format) => export_exact(faces, format, output, &work).with_context(cannot_write)?,
@@ -114,11 +119,10 @@ pub(crate) fn export(
         let thin = thin.map_or(String::new(), |count| {
             format!(", where the surface intersects itself in {count} positions")
         });
-        global.report("rounded", format_args!("{exact} faces with off-grid vertices, to the grid{thin}"));
-        if !thin.is_empty() {
-            let advice = "`spinney build` needs --repair to build a model from the written surface";
-            warn(&format!("{}: {advice}", path.display()));
-        }
+        let width = model.grid().width();
+        let text =
+            format!("{exact} faces with off-grid vertices, to multiples of {width}{}{thin}", unit(model));
+        global.report("rounded", format_args!("{text}"));
     }
     if model.is_unbounded() {
         global.report("unbounded", format_args!("infinity is inside: faces point inwards"));
@@ -135,7 +139,7 @@ pub(crate) fn export(
     if summary.reversed > 0 {
         let reversed = summary.reversed;
         let text = format!(
-            "{reversed} triangles are thinner than single precision, which reverses them; `spinney build` needs --repair \
+            "{reversed} triangles are thinner than single precision, which reverses them; `spinney build` may need --repair \
              to build a model from the file"
         );
         warn(&format!("{}: {text}", path.display()));

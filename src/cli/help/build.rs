@@ -137,7 +137,8 @@ const EXACT: Topic = Topic {
     about: "\
 Build an exact model: the faces of a solid, on a fine grid, in an octree.
 
-The faces must bound a body: closed, and without intersections. --close, --repair and --skip-bad are for others. \
+The faces must bound a body: closed, and without intersections deeper than two grid units. --close, --repair and \
+--skip-bad are for others. \
 Of CSG files, facets are within --deviation of curved surfaces. A .euler file (docs/euler.md) has Euler operators that \
 build a body from nothing.",
     options: &[

@@ -283,6 +283,15 @@ impl Output {
         matches!(self.sink, Sink::File { .. })
     }
 
+    /// Returns the directory for temporary files: the file's, since space is needed there anyway,
+    /// or the system's if the output is no local file.
+    pub fn temporary_directory(&self) -> PathBuf {
+        match self.is_file() {
+            true => directory_of(self.path()).to_path_buf(),
+            false => std::env::temp_dir(),
+        }
+    }
+
     /// Overwrites bytes of a file that were written before. Streams and uploads do not support
     /// that.
     pub fn overwrite(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
@@ -311,6 +320,20 @@ impl Output {
         if let Sink::File { create_new, .. } | Sink::Remote { create_new, .. } = &mut self.sink {
             *create_new = true;
         }
+    }
+
+    /// Returns a function that starts the file again, from its first byte, after this output was
+    /// dropped. `None` if bytes go to a stream or an upload, which cannot be undone.
+    pub fn restart(&self) -> Option<impl FnOnce() -> Result<Output> + use<>> {
+        let Sink::File { create_new, .. } = self.sink else { return None };
+        let (path, access, most) = (self.path.clone(), self.access.clone(), self.most);
+        Some(move || {
+            let mut output = Output::open(&path, &access)?.with_limit(most);
+            if create_new {
+                output.keep_existing();
+            }
+            Ok(output)
+        })
     }
 
     /// Sets a record that is written when the file is complete, before it is renamed.

@@ -12,6 +12,7 @@ use super::items::{Items, bounds_of};
 use super::near::NearFaces;
 use super::pairs::{Contact, Shared, contact, folded_edges, passes, twin};
 use super::spread::Spread;
+use super::thin::Conflict;
 use crate::boxes::{Bounds, BoxTree, touch};
 use crate::exact::crossing::FinePoint;
 use crate::exact::rank::rank_of_at_most;
@@ -313,6 +314,7 @@ impl CellBuilder<'_> {
                     kind: DefectKind::Winding(if more > 0 { more + 1 } else { more }),
                     at: min.map(|at| at as f64 / 2.0),
                     faces: list.iter().take(2).map(|item| self.items.face(*item)).collect(),
+                    is_thin: None,
                 });
             }
         }
@@ -339,7 +341,8 @@ impl CellBuilder<'_> {
                 // earlier one's pairs report; its own defect is the overlap with that face. Exactly
                 // one cell contains its sample, so it is counted once.
                 if self.sample_in(cell, one).is_some() {
-                    out.defects.push(self.defect(DefectKind::Overlap, [list[first], one]));
+                    let conflict = Conflict { kind: DefectKind::Overlap, is_thin: false };
+                    out.defects.push(self.defect(conflict, [list[first], one]));
                 }
                 continue;
             }
@@ -360,10 +363,10 @@ impl CellBuilder<'_> {
                 let within = [near.boxes[index], near.boxes[other_index]];
                 let found = self.conflict([one, other], within, list, owns);
                 // (Off-grid faces that are thinner than a grid unit have folded proxies.)
-                if let Some(kind) =
-                    found.filter(|kind| *kind != DefectKind::Fold || (self.finds_folds && !near.has_proxies))
+                if let Some(conflict) = found
+                    .filter(|found| found.kind != DefectKind::Fold || (self.finds_folds && !near.has_proxies))
                 {
-                    out.defects.push(self.defect(kind, [one, other]));
+                    out.defects.push(self.defect(conflict, [one, other]));
                 }
             }
         }
@@ -371,7 +374,7 @@ impl CellBuilder<'_> {
     }
 
     /// Returns a defect of two faces, at the centre of their bounds' intersection.
-    fn defect(&self, kind: DefectKind, pair: [u32; 2]) -> GridDefect {
+    fn defect(&self, Conflict { kind, is_thin }: Conflict, pair: [u32; 2]) -> GridDefect {
         let [[low, high], [other_low, other_high]] = pair.map(|item| *self.items.bounds(item));
         let at = [0, 1, 2].map(|axis| {
             let (low, high) = (low[axis].max(other_low[axis]), high[axis].min(other_high[axis]));
@@ -379,7 +382,7 @@ impl CellBuilder<'_> {
         });
         let mut faces = pair.map(|item| self.items.face(item)).to_vec();
         sort::numbers32(&mut faces);
-        GridDefect { kind, at, faces }
+        GridDefect { kind, at, faces, is_thin: Some(is_thin) }
     }
 
     /// Returns the sample of a face if it is in a cell.
@@ -400,7 +403,7 @@ impl CellBuilder<'_> {
         within: [Bounds; 2],
         list: &[u32],
         owns: impl Fn([i32; 3]) -> bool,
-    ) -> Option<DefectKind> {
+    ) -> Option<Conflict> {
         let [firsts, seconds] = [one, other].map(|item| self.items.triangles(item));
         if firsts.len() == 1 && seconds.len() == 1 {
             return self.conflict_of_triangles(firsts, seconds, list, owns);
@@ -425,7 +428,7 @@ impl CellBuilder<'_> {
         seconds: &[FaceTriangle],
         list: &[u32],
         owns: impl Fn([i32; 3]) -> bool,
-    ) -> Option<DefectKind> {
+    ) -> Option<Conflict> {
         let mut fold = None;
         for a in firsts {
             for b in seconds {
@@ -435,16 +438,17 @@ impl CellBuilder<'_> {
                 // tested in each cell that both triangles cut. (Triangles with two common vertices
                 // in different cells can only overlap, which winding numbers detect.) If a pair was
                 // missed, an invalid body would be written to a file.
+                let conflict = |kind| Conflict::of(kind, [a, b]);
                 let shared = Shared::of(&a.corners, &b.corners);
                 if shared.are_several() && fold.is_none() {
-                    fold = self.is_folded([a, b], list, &owns).then_some(DefectKind::Fold);
+                    fold = self.is_folded([a, b], list, &owns).then(|| conflict(DefectKind::Fold));
                 }
                 if !shared.all(&b.corners, &owns) {
                     continue;
                 }
                 match contact(a, b, shared) {
                     Contact::Fine => {}
-                    Contact::Wrong(kind) => return Some(kind),
+                    Contact::Wrong(kind) => return Some(conflict(kind)),
                     Contact::Edges { through, across } => {
                         let owner = if has_edge(a, across) { a } else { b };
                         // The face on the other side of the edge is in the cell in which they meet.
@@ -455,7 +459,7 @@ impl CellBuilder<'_> {
                             .map(|triangle| &triangle.corners);
                         let twin = twin(&owner.corners, across, twins);
                         if twin.is_some_and(|twin| passes(through, &owner.corners, twin)) {
-                            return Some(DefectKind::Crossing);
+                            return Some(conflict(DefectKind::Crossing));
                         }
                     }
                 }
@@ -541,6 +545,7 @@ impl CellBuilder<'_> {
                     kind: DefectKind::Winding(wrong),
                     at: sample.at.map(|at| at as f64 / (1 << sample.bits) as f64),
                     faces: vec![self.items.face(item)],
+                    is_thin: None,
                 });
             }
         }
@@ -591,7 +596,8 @@ pub(super) fn uniform(cell: &Cell, bits: u8, out: &mut Arena) -> u32 {
     if !(0..=1).contains(&cell.winding) {
         let (min, width) = cell.bounds(bits);
         let at = min.map(|min| (min + width / 2) as f64 / 2.0);
-        out.defects.push(GridDefect { kind: DefectKind::Winding(cell.winding), at, faces: Vec::new() });
+        let kind = DefectKind::Winding(cell.winding);
+        out.defects.push(GridDefect { kind, at, faces: Vec::new(), is_thin: None });
     }
     if cell.winding > 0 {
         out.counts.full += 1;

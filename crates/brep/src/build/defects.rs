@@ -43,6 +43,10 @@ pub enum DefectKind {
 }
 
 impl BuildReport {
+    /// Maximum depth of intersections that rounding may have caused, in grid units: two vertices
+    /// that rounding moved by up to a unit each.
+    pub const THIN: f64 = 2.0;
+
     /// Returns the error of a surface with these defects, for the model file `path`.
     pub fn error(&self, path: &Path, what: &str, advice: &str) -> Error {
         Error::NotASolid {
@@ -92,6 +96,9 @@ pub(super) struct Defects {
     /// Positions in grid units, and face numbers.
     pub(super) list: Vec<GridDefect>,
     pub(super) count: u64,
+    /// Whether there are thin intersections, and others.
+    thin: bool,
+    deep: bool,
 }
 
 /// A defect on the grid.
@@ -101,6 +108,8 @@ pub(super) struct GridDefect {
     /// A point, in grid units.
     pub(super) at: [f64; 3],
     pub(super) faces: Vec<u32>,
+    /// Whether it is an intersection that rounding may have caused; `None` if it is none.
+    pub(super) is_thin: Option<bool>,
 }
 
 impl GridDefect {
@@ -115,6 +124,8 @@ impl GridDefect {
 
 impl Defects {
     pub(super) fn push(&mut self, found: GridDefect) {
+        self.thin |= found.is_thin == Some(true);
+        self.deep |= found.is_thin == Some(false);
         // (A pair of faces is tested in every cell that both cut.)
         if self
             .list
@@ -129,6 +140,13 @@ impl Defects {
         }
     }
 
+    /// Returns whether all intersections are thin, and there are any. (Wrong winding numbers follow
+    /// from intersections, or the surface is inside out.)
+    pub(super) fn are_thin(&self) -> bool {
+        // (Beyond the maximum, not all were found.)
+        self.thin && !self.deep && !self.are_enough()
+    }
+
     /// Returns whether further defects make no difference.
     pub(super) fn are_enough(&self) -> bool {
         self.count >= ENOUGH
@@ -138,5 +156,7 @@ impl Defects {
         let beyond = other.count - other.list.len() as u64;
         other.list.into_iter().for_each(|found| self.push(found));
         self.count += beyond;
+        self.thin |= other.thin;
+        self.deep |= other.deep;
     }
 }

@@ -17,6 +17,7 @@ mod near;
 mod pairs;
 mod spread;
 mod subtree_faces;
+mod thin;
 mod upper;
 
 use std::collections::BTreeMap;
@@ -71,6 +72,9 @@ pub struct BuildReport {
     pub defects: Vec<Defect>,
     /// Number of all defects.
     pub defect_count: u64,
+    /// Whether the defects are folds and thin intersections (see [`BuildReport::THIN`]), and what
+    /// follows from them.
+    pub is_thin: bool,
 }
 
 /// A file of an exact model that is being built.
@@ -452,6 +456,7 @@ impl ModelBuilder {
             stages: *stages.lock().expect("no thread panics while it holds this lock"),
             defects: Vec::new(),
             defect_count: arena.defects.count,
+            is_thin: arena.defects.are_thin(),
         };
         let defects = std::mem::take(&mut arena.defects);
         report.defects = defects.list.into_iter().map(|found| found.in_world(&grid)).collect();

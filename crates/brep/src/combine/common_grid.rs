@@ -21,10 +21,16 @@ impl CommonGrid {
     /// the largest model with the common unit (the first of several) can be copied: its grid if
     /// that covers all models, otherwise a larger grid of which its grid is a cell. `None` if the
     /// units have no common divisor that leaves few enough units along the longest side.
-    pub(super) fn of(models: &[&ExactModel]) -> Result<Option<CommonGrid>> {
+    ///
+    /// The unit is a fraction of the common one: one of `parts` equal parts.
+    pub(super) fn of(models: &[&ExactModel], parts: i64) -> Result<Option<CommonGrid>> {
         check_systems(models)?;
         let grids: Vec<&Grid> = models.iter().map(|model| model.grid()).collect();
-        let Some(finest) = finest_unit(&grids) else { return Ok(None) };
+        let Some(mut finest) = finest_unit(&grids) else { return Ok(None) };
+        match finest.divisor == 1.0 {
+            true => finest.step /= parts as f64,
+            false => finest.divisor *= parts as f64,
+        }
         let mut shifts = Vec::new();
         for grid in &grids {
             let Some(times) = grid.steps_of(&finest) else { return Ok(None) };

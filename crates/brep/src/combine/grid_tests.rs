@@ -133,7 +133,7 @@ fn common_grids_contain_the_grid_of_the_largest_model() {
     assert_eq!(large.grid().bits, 10);
     let root_for = |low: [i32; 3], size: [i32; 3]| {
         let small = on_own_grid(&corner_of(low, size), LEAF_SIZE);
-        let common_grid = CommonGrid::of(&[&small, &large]).unwrap().unwrap();
+        let common_grid = CommonGrid::of(&[&small, &large], 1).unwrap().unwrap();
         assert_eq!(common_grid.base_root(0), None);
         common_grid.base_root(1)
     };

@@ -85,6 +85,7 @@ mod near_faces;
 mod node_table;
 mod overlap;
 mod owners;
+mod refined;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -269,6 +270,8 @@ struct Request<'a> {
     operation: SetOperation,
     /// Origin of the result, if it is not the operation.
     origin: Option<&'a Origin>,
+    /// Number of parts into which the unit of the models' grids is divided.
+    parts: i64,
     /// Whether faces stay divided along the surfaces of all models.
     keeps_cuts: bool,
     /// Counts of the pairs of nodes of two models, if they are wanted.
@@ -277,7 +280,7 @@ struct Request<'a> {
 
 impl Request<'_> {
     fn new(operation: SetOperation) -> Self {
-        Request { operation, origin: None, keeps_cuts: false, counts: None }
+        Request { operation, origin: None, parts: 1, keeps_cuts: false, counts: None }
     }
 }
 
@@ -294,12 +297,12 @@ fn combined(
     let before = models.iter().map(|model| model.len()).collect();
     let operands = models;
     let aligned;
-    let (common_grid, models, snapped) = match CommonGrid::of(models)? {
+    let (common_grid, models, snapped) = match CommonGrid::of(models, request.parts)? {
         Some(common_grid) => (common_grid, models.to_vec(), 0.0),
         None => {
             aligned = Aligned::of(models, directory_of(output.path()), output.access(), memory, progress)?;
             let on_one_grid = aligned.models(models);
-            let common_grid = CommonGrid::of(&on_one_grid)?.ok_or_else(|| {
+            let common_grid = CommonGrid::of(&on_one_grid, request.parts)?.ok_or_else(|| {
                 Error::invalid(
                     "models",
                     "bounds too large for any grid of 2^26 units",
@@ -365,7 +368,7 @@ fn write_result(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
-    let Request { operation, origin, keeps_cuts, counts } = request;
+    let Request { operation, origin, keeps_cuts, counts, .. } = request;
     let grid = common_grid.grid.clone();
     let path = models.first().map_or(Path::new(""), |model| model.path());
     let owners = match models.len() > 1 && !keeps_cuts {

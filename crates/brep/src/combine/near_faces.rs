@@ -27,7 +27,7 @@ impl NearFaces {
     /// If grids, coordinate systems or units are incompatible, if `memory` bytes are insufficient,
     /// if files are corrupt or cannot be read, or on cancellation.
     pub(crate) fn of(models: [&ExactModel; 2], memory: u64, progress: &dyn Progress) -> Result<NearFaces> {
-        let common_grid = CommonGrid::of(&models)?.ok_or_else(|| incompatible_grids(&models))?;
+        let common_grid = CommonGrid::of(&models, 1)?.ok_or_else(|| incompatible_grids(&models))?;
         // (Any operation would do: being near does not depend on it.)
         let mut bodies = Bodies::new(
             &models,

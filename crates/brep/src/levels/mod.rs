@@ -33,7 +33,7 @@ use crate::store::levels::{Cluster, MAX_LEVELS, NEVER, NO_BLOCK, TABLE_CLUSTERS,
 use crate::store::summary::Summary;
 use crate::store::writer::{List, ModelWriter, encoded};
 use crate::{DetailLevel, ExactModel, Face, Faces};
-use spinney_base::io::{Output, directory_of};
+use spinney_base::io::Output;
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Progress, Result, parallel, sort};
 use spinney_container::Codec;
@@ -77,11 +77,7 @@ pub fn add_levels(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<DetailLevel>> {
-    let path = output.path().to_path_buf();
-    let directory = match output.is_file() {
-        true => directory_of(&path).to_path_buf(),
-        false => std::env::temp_dir(),
-    };
+    let directory = output.temporary_directory();
     let mut writer = ModelWriter::new(output, model.grid(), memory / 16)?;
     writer.set_codec(codec);
     model.copy_chunks(&mut writer, progress)?;

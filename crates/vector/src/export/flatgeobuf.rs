@@ -18,7 +18,7 @@ use super::geometry::Shape;
 use super::{AttributeType, AttributeValue, FormatWriter, GeometryKind, VectorLayer};
 use spinney_base::io::platform::read_exact_at;
 use spinney_base::io::spill::failed;
-use spinney_base::io::{Output, Sorter, Spool, SpooledWords, WordSpooler, directory_of};
+use spinney_base::io::{Output, Sorter, Spool, SpooledWords, WordSpooler};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
@@ -91,7 +91,7 @@ impl FlatGeobuf {
                 "select fewer attributes, or choose GeoJSON",
             ));
         }
-        let directory = temporary_directory(&output);
+        let directory = output.temporary_directory();
         let file =
             tempfile::tempfile_in(&directory).map_err(Error::io(&directory, "create a temporary file in"))?;
         Ok(FlatGeobuf {
@@ -349,7 +349,7 @@ impl FormatWriter for FlatGeobuf {
         let FlatGeobuf { mut output, file, items, length, .. } = *self;
         let features = Features { file, path: path.clone() };
         if has_index {
-            let directory = temporary_directory(&output);
+            let directory = output.temporary_directory();
             let (index, order) = Index::of(items, &directory)?;
             index.write(&mut output)?;
             order.each(&mut |words| features.copy(&mut byte_ranges(words), &mut output))?;
@@ -368,10 +368,6 @@ fn byte_ranges(words: &[u32]) -> impl Iterator<Item = (u64, u64)> {
 
 fn words(number: u64) -> [u32; 2] {
     [number as u32, (number >> 32) as u32]
-}
-
-fn temporary_directory(output: &Output) -> PathBuf {
-    if output.is_file() { directory_of(output.path()).to_path_buf() } else { std::env::temp_dir() }
 }
 
 /// Buffered features in a temporary file.

@@ -11,7 +11,7 @@ use super::semantics::COLUMNS;
 use super::shells::{Shell, Shells};
 use super::surfaces::{List, Surfaces};
 use super::survey::{Survey, join_bounds};
-use super::{ExactSummary, Job, temporary_directory};
+use super::{ExactSummary, Job};
 use crate::export::sink::failed;
 use crate::export::units::length;
 use spinney_base::io::Output;
@@ -23,7 +23,7 @@ use spinney_crs::Crs;
 pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
     let factor = unit_factor(job, output.path())?;
     let survey = Survey::of(job)?;
-    let directory = temporary_directory(&output);
+    let directory = output.temporary_directory();
     let mut shells = Shells::of(job, &survey, &directory)?;
     let path = output.path().to_path_buf();
     let mut text = |text: &str| output.write_all(text.as_bytes()).map_err(failed(&path));

@@ -19,8 +19,6 @@ mod surfaces;
 mod survey;
 mod triangles;
 
-use std::path::PathBuf;
-
 use self::face_columns::FaceColumns;
 use super::MeshFormat;
 use super::losses::Losses;
@@ -229,14 +227,4 @@ impl Job<'_> {
 fn wide(points: &[[i32; 3]], out: &mut Vec<[i64; 3]>) {
     out.clear();
     out.extend(points.iter().map(|point| point.map(i64::from)));
-}
-
-/// Directory for temporary files: the output's directory if it has one, since space is needed there
-/// anyway.
-fn temporary_directory(output: &Output) -> PathBuf {
-    if output.is_file() {
-        spinney_base::io::directory_of(output.path()).to_path_buf()
-    } else {
-        std::env::temp_dir()
-    }
 }

@@ -4,7 +4,7 @@ use super::face_columns::{FaceColumns, material_name, number};
 use super::material_library::{library_path, start as start_library};
 use super::numbering::CornerNumbers;
 use super::survey::Survey;
-use super::{ExactSummary, Job, temporary_directory};
+use super::{ExactSummary, Job};
 use crate::export::sink::{Sink, Vertex};
 use crate::export::{FaceAttribute, MeshFormat, obj, off, ply};
 use spinney_base::Result;
@@ -25,7 +25,7 @@ pub(super) fn write(
         survey.has_colours && library.is_none() && (survey.has_shades || format == MeshFormat::Obj);
     let of_faces = survey.has_colours && !with_colours;
     let attribute = if of_faces { FaceAttribute::Colour } else { FaceAttribute::None };
-    let directory = temporary_directory(&output);
+    let directory = output.temporary_directory();
     let mut sink: Box<dyn Sink> = match format {
         MeshFormat::Obj => Box::new(obj::Obj::with_library(output, library_name.as_deref())?),
         MeshFormat::Off => Box::new(off::Off::new(output, attribute, with_colours)?),

@@ -46,6 +46,10 @@ pub use self::options::{ExactOptions, ExactReport};
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
+/// A surface with thin intersections, no deeper than two grid units, or with folds, which enclose
+/// nothing, is repaired as with [`ExactOptions::repair`]: the grid or a file format has rounded its
+/// coordinates.
+///
 /// # Errors
 /// [`Error::NotASolid`] if the surface is open, intersects itself or is inside out. Also fails if
 /// the models cannot be read, if the file cannot be written, or on cancellation. No file is created
@@ -56,19 +60,52 @@ pub fn import_exact(
     output: Output,
     progress: &dyn Progress,
 ) -> Result<ExactReport> {
+    let restart = output.restart();
+    let (error, restart) = match (try_once(&mut models, options, false, output, progress)?, restart) {
+        (Outcome::Built(report), _) => return Ok(*report),
+        (Outcome::Refused { error, is_thin: true }, Some(restart)) => (error, restart),
+        (Outcome::Refused { error, .. }, _) => return Err(error),
+    };
+    let repair = ExactOptions { repair: true, inside: InsideRule::Positive, ..options.clone() };
+    match try_once(&mut models, &repair, true, restart()?, progress) {
+        Ok(Outcome::Built(report)) => Ok(*report),
+        Ok(Outcome::Refused { .. }) | Err(Error::NotASolid { .. } | Error::TooLarge { .. }) => Err(error),
+        Err(error) => Err(error),
+    }
+}
+
+/// Outcome of building a model.
+enum Outcome {
+    Built(Box<ExactReport>),
+    Refused {
+        error: Error,
+        /// Whether rounding may have caused the intersections.
+        is_thin: bool,
+    },
+}
+
+/// Builds a model. If `keeps_volume`, it is refused if the repair changes the volume of the faces
+/// by more than thin intersections enclose: then bodies overlap, or are inside out.
+fn try_once(
+    models: &mut Vec<Box<dyn Model>>,
+    options: &ExactOptions,
+    keeps_volume: bool,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<Outcome> {
     let Some(first) = models.first() else {
         return Err(Error::invalid("models", "none", "one or more"));
     };
     let path = first.info().path.clone();
     let crs = match &options.crs {
         Some(crs) => Some(crs.clone()),
-        None => common_crs(&models, None)?,
+        None => common_crs(models, None)?,
     };
-    let grid = grid_of(&mut models, options)?;
-    let mut objects = Objects::of(&models, options.parts.as_ref())?;
-    let work = Passes::of(&models, options, progress);
+    let grid = grid_of(models, options)?;
+    let mut objects = Objects::of(models, options.parts.as_ref())?;
+    let work = Passes::of(models, options, progress);
     let skipped = match options.skip_bad {
-        true => skip_bad(&mut models, &mut objects, &grid, options, &work.part(SKIPPING_PASSES))?,
+        true => skip_bad(models, &mut objects, &grid, options, &work.part(SKIPPING_PASSES))?,
         false => Vec::new(),
     };
     let place = directory_of(output.path()).to_path_buf();
@@ -77,7 +114,11 @@ pub fn import_exact(
     let mut sums = ObjectSums::default();
     let sorter = || FaceSorter::new(&grid, &place, options.memory / 4);
     let mut sorted = sorter();
-    read(&mut models, &objects, &mut snapper, &work.part(1), &mut |face, values| {
+    let mut area = 0.0;
+    read(models, &objects, &mut snapper, &work.part(1), &mut |face, values| {
+        if keeps_volume {
+            area += face.area_vector().map(|part| part * part).iter().sum::<f64>().sqrt();
+        }
         sums.add(objects.object(face.part), face);
         sorted.push(face, values)
     })?;
@@ -93,7 +134,7 @@ pub fn import_exact(
     if !sums.are_closed(options.close) {
         let mut boundary = Boundary::new(&place, options.memory / 4);
         let mut again = Snapper::new(grid.clone(), options.up);
-        read(&mut models, &objects, &mut again, &SilentProgress(progress), &mut |face, _| {
+        read(models, &objects, &mut again, &SilentProgress(progress), &mut |face, _| {
             boundary.add_face(face, object(face))
         })?;
         let Open { loops, groups: found } = boundary.loops(&path, options.memory / 4, progress)?;
@@ -121,16 +162,27 @@ pub fn import_exact(
         target.push(face, values)
     })?;
     let (mut builder, repaired) = target.repaired(options.inside, &work.part(REPAIR_PASSES))?;
+    let most = BuildReport::THIN * area * grid.width().powi(3);
+    if keeps_volume && repaired.is_some_and(|done| (done.volume - sums.volume(&grid)).abs() > most) {
+        return Err(Error::NotASolid {
+            path,
+            what: "the repair changes the volume: bodies overlap, or are inside out".into(),
+            locations: Vec::new(),
+            count: 0,
+            advice: "resolve it with --repair".into(),
+        });
+    }
     // (Always by the winding rule of cells, regardless of --inside: the repair itself warns of
     // changes by another rule.)
     let volume = repaired.map_or(sums.volume(&grid), |done| done.cells_volume);
-    let is_changed = closed.0 > 0 || repaired.is_some_and(|done| !done.is_nothing());
+    let is_repaired = !keeps_volume && repaired.is_some_and(|done| !done.is_nothing());
+    let is_changed = closed.0 > 0 || is_repaired;
     let cells = match is_changed.then(|| sums.bounds(&grid)).flatten() {
         Some(bounds) => {
             let (some, objects) = (objects.some(), objects.joined(&groups));
             let chosen = ChosenParts { some, objects, bounds };
             let frame = (options.up, crs.clone());
-            let found = cell_volume(&mut models, chosen, frame, options.memory, &place, progress)?;
+            let found = cell_volume(models, chosen, frame, options.memory, &place, progress)?;
             compare(volume, found, &path, progress)?;
             found
         }
@@ -186,9 +238,10 @@ pub fn import_exact(
         };
         let error = built.error(&path, what, advice);
         let wrong = Wrong { built: &built, objects: &objects, closing: &closing, options };
-        return Err(wrong.named(error, &mut models, snapper, sorter(), progress)?);
+        let error = wrong.named(error, models, snapper, sorter(), progress)?;
+        return Ok(Outcome::Refused { error, is_thin: built.is_thin && !options.repair });
     }
-    for model in &models {
+    for model in models.iter() {
         model.remarks().iter().for_each(|remark| progress.warn(&model.info().path, remark));
     }
     let lost_values = models.iter().map(|model| model.lost_values()).sum();
@@ -197,7 +250,7 @@ pub fn import_exact(
             "values of faces (such as semantics or materials) are invalid or too long, and were dropped";
         progress.warn(&path, &format!("{lost_values} {text}"));
     }
-    Ok(ExactReport {
+    Ok(Outcome::Built(Box::new(ExactReport {
         read: snapper.read,
         faces,
         collapsed: counts.collapsed,
@@ -215,7 +268,7 @@ pub fn import_exact(
         grid,
         unit,
         built,
-    })
+    })))
 }
 
 /// Faces between two checks for cancellation.

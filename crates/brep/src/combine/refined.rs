@@ -1,0 +1,83 @@
+//! Copies of models on finer grids, for files that store vertices without their exact fractions.
+
+use std::ops::Deref;
+
+use super::common_grid::bounds;
+use super::{Origin, Request, combined};
+use crate::{ExactModel, Faces, Grid, MAX_BITS};
+use spinney_base::io::{FileAccess, Output};
+use spinney_base::{Error, Progress, Result, SetOperation, SilentProgress};
+use spinney_container::Tag;
+use std::path::Path;
+use tempfile::TempDir;
+
+/// A copy of a model on a finer grid, in a temporary file.
+struct RefinedModel {
+    model: ExactModel,
+    /// (Dropped last, so that the directory is removed after the model is closed.)
+    _directory: TempDir,
+}
+
+impl Deref for RefinedModel {
+    type Target = ExactModel;
+
+    fn deref(&self) -> &ExactModel {
+        &self.model
+    }
+}
+
+impl ExactModel {
+    /// Writes a copy of the model on the finest grid of at most 2^26 units along its longest side,
+    /// in a temporary directory inside of `directory`. There, off-grid vertices are rounded by
+    /// less, and so fewer faces intersect after rounding. `None` if this would not help: without
+    /// off-grid vertices; or if the own grid is as fine as the default of a build, and none of its
+    /// rounded faces intersect. Also `None` if the faces with off-grid vertices need more than a
+    /// gigabyte of memory.
+    ///
+    /// # Errors
+    /// Those of [`combine`](crate::combine()).
+    pub fn refined(
+        &self,
+        directory: &Path,
+        access: &FileAccess,
+        progress: &dyn Progress,
+    ) -> Result<Option<impl Deref<Target = ExactModel> + use<>>> {
+        const MEMORY: u64 = 1 << 30;
+        /// A grid that is chosen by default has more units along the longest side.
+        const COARSE: i64 = 1 << 22;
+        if !self.has_exact_faces() {
+            return Ok(None);
+        }
+        let [low, high] = bounds(self)?.unwrap_or_default();
+        let longest = (0..3).map(|axis| i64::from(high[axis]) - i64::from(low[axis])).max().unwrap_or(0);
+        let is_thin = self.metadata().tag(Tag::ModelIntersections).is_some();
+        let parts = parts_of(self.grid(), longest);
+        if parts < 2 || longest > COARSE && !is_thin {
+            return Ok(None);
+        }
+        let directory =
+            tempfile::tempdir_in(directory).map_err(Error::io(directory, "make a temporary directory"))?;
+        let path = directory.path().join("refined.goblin");
+        let origin = Origin { provenance: self.metadata().provenance.clone(), ..Origin::default() };
+        let request = Request { origin: Some(&origin), parts, ..Request::new(SetOperation::First) };
+        let output = (Output::create(&path)?, self.codec());
+        match combined(request, &[self], output, MEMORY, &SilentProgress(progress)) {
+            Err(Error::TooLarge { .. }) => return Ok(None),
+            made => made?,
+        };
+        let model = ExactModel::open(&path, &access.into())?.named(self.path());
+        Ok(Some(RefinedModel { model, _directory: directory }))
+    }
+}
+
+/// Returns the maximum number of parts into which units can be divided: a power of 10 for a decimal
+/// grid, so that coordinates remain short decimals, otherwise of 2.
+fn parts_of(grid: &Grid, longest: i64) -> i64 {
+    let base = if grid.divisor == 1.0 { 2 } else { 10 };
+    let mut parts = 1;
+    // (Rounding may move vertices outwards by a unit.)
+    while (longest + 2) * parts * base < 1 << MAX_BITS {
+        parts *= base;
+    }
+    parts
+}
