@@ -9,6 +9,7 @@ mod chosen_parts;
 mod closure;
 mod combine;
 mod curve;
+mod equal_faces;
 pub mod euler;
 pub mod exact;
 mod face;

@@ -11,3 +11,10 @@ pub(crate) struct Contact {
     /// do. With an exact face, only the boxes are known to touch: an overlay of both decides.
     pub(crate) may_overlap: bool,
 }
+
+impl Contact {
+    /// Returns the contact of a face and its copy.
+    pub(super) fn of_copy(faces: [u32; 2]) -> Contact {
+        Contact { faces, segments: Vec::new(), points: Vec::new(), may_overlap: true }
+    }
+}

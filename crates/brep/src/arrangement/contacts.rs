@@ -90,7 +90,9 @@ impl Surface<'_> {
     }
 
     /// Returns all pairs of faces with more in common than neighbours have. Of bodies, these are
-    /// faces of different bodies, and further faces that touch such faces. Progress counts faces.
+    /// faces of different bodies, and further faces that touch such faces. Copies are in no pairs;
+    /// if only some faces are changed, each is in one, with the first equal face. Progress counts
+    /// faces.
     pub(super) fn contacts(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
         let mut bytes = self.bytes;
         let mut all = Vec::new();
@@ -102,6 +104,8 @@ impl Surface<'_> {
             let changed: Vec<u32> = every.into_iter().filter(|face| is_changed(*face)).collect();
             let is_wanted = |one, other| one != other && (one < other || !is_changed(other));
             self.pairs(&changed, &is_wanted, progress, &mut add)?;
+            let copies = self.copies.pairs().filter(|[_, copy]| is_changed(*copy));
+            add(copies.map(Contact::of_copy).collect())?;
             return Ok(all);
         }
         if !self.operands.are_bodies {

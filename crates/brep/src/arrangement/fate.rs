@@ -62,10 +62,11 @@ impl Surface<'_> {
         SamplePoint::of_triangle(plane, &corners.unwrap_or([first; 3]))
     }
 
-    /// Change of the winding number at a face that is oriented upwards, from above to below: 1, or
-    /// -1 if its component is reversed.
+    /// Change of the winding number at a face that is oriented upwards, from above to below: the
+    /// number of equal faces, negative if its component is reversed.
     fn weight(&self, face: u32) -> i32 {
-        if self.turned.get(face as usize).is_some_and(|turned| *turned) { -1 } else { 1 }
+        let count = self.copies.count(face) as i32;
+        if self.turned.get(face as usize).is_some_and(|turned| *turned) { -count } else { count }
     }
 
     /// Returns the fate of a region of a face, from a sample point in it. Of coincident faces, one

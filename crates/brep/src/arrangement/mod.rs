@@ -10,6 +10,7 @@
 
 mod contact;
 mod contacts;
+mod copies;
 mod delaunay;
 mod exact_face;
 mod facets;

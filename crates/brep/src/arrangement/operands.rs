@@ -17,6 +17,12 @@ pub(crate) struct Operands<'a> {
     /// Whether components that are inside out are reversed first, with all components inside of
     /// them.
     pub(crate) turns_roots: bool,
+    /// Whether equal faces are arranged as one that counts several times: see [`Copies`]. For a
+    /// single surface that is no body. (Equal faces of different surfaces change different winding
+    /// numbers.)
+    ///
+    /// [`Copies`]: super::copies::Copies
+    pub(crate) unites_equal_faces: bool,
     /// Maximum count of contacts, beyond which the work is refused; 0 for no limit.
     pub(crate) most_contacts: u64,
     /// Whether the lines at which a face is cut stay edges: adjacent regions that stay are not
@@ -47,6 +53,7 @@ impl Operands<'static> {
         far: &[],
         are_bodies: false,
         turns_roots: false,
+        unites_equal_faces: false,
         most_contacts: 0,
         keeps_cuts: false,
         decides_each: false,

@@ -169,7 +169,10 @@ impl Surface<'_> {
         if components.are_upright() {
             return Ok(Turned { volume: components.volume(|_| false), ..Turned::default() });
         }
-        let of_face = components.of_face.roots();
+        let mut of_face = components.of_face.roots();
+        for [first, copy] in self.copies.pairs() {
+            of_face[copy as usize] = of_face[first as usize];
+        }
         let list = &components.list;
         let pairs = contacts.iter().map(|contact| contact.faces.map(|face| of_face[face as usize]));
         let touching: HashSet<[u32; 2]> = pairs.flat_map(|[a, b]| [[a, b], [b, a]]).collect();
@@ -235,7 +238,7 @@ impl Surface<'_> {
         let faces = |each: &mut FaceVisitor<'_>| {
             (0..self.planes.len() as u32).try_for_each(|face| {
                 check_often(face, progress)?;
-                each(face, &self.face(face))
+                (0..self.copies.count(face)).try_for_each(|_| each(face, &self.face(face)))
             })
         };
         SurfaceComponents::of(self.planes.len() as u64, &edges, &faces)

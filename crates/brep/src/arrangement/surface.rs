@@ -23,12 +23,13 @@
 
 use std::borrow::Cow;
 use std::cell::{Cell, RefCell};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::OnceLock;
 
 use super::contact::Contact;
+use super::copies::Copies;
 use super::exact_face::{ExactFace, ExactFaces};
 use super::fate::RegionFate;
 use super::operands::Operands;
@@ -128,6 +129,8 @@ pub(super) fn resolve(
     let mut regions_of: HashMap<u32, Divided> = HashMap::new();
     let mut next = 0;
     let faces = &faces.list;
+    // First faces of copies, of which a region has the outside on both sides.
+    let mut outside_firsts: HashSet<u32> = HashSet::new();
     let (mut removed, mut outside, mut outside_area) = (0, 0, 0.0);
     let mut remove = |face: &Face<'_>, is_outside: bool| {
         removed += 1;
@@ -142,7 +145,17 @@ pub(super) fn resolve(
             progress.advance(u64::from(OFTEN).min(faces.len() - u64::from(number)), total);
         }
         let face = faces.get(number as usize);
-        if divided.get(next) == Some(&number) {
+        let mut note_outside = |is_outside: bool| {
+            if is_outside && surface.copies.count(number) > 1 {
+                outside_firsts.insert(number);
+            }
+        };
+        if surface.copies.is_copy(number) {
+            // (Of coincident faces, the first stays.)
+            if face.has_area() {
+                remove(&face, outside_firsts.contains(&surface.copies.first(number)));
+            }
+        } else if divided.get(next) == Some(&number) {
             if next % BATCH == 0 {
                 let batch = &divided[next..divided.len().min(next + BATCH)];
                 let found = parallel::map(batch, |face| {
@@ -159,6 +172,7 @@ pub(super) fn resolve(
             }
             next += 1;
             let found = regions_of.remove(&number).unwrap_or_default();
+            note_outside(found.is_outside);
             match found.whole {
                 Some((is_turned, part)) => {
                     each(RemainingFace::Whole { face: Face { part, ..face }, is_turned })?
@@ -174,7 +188,9 @@ pub(super) fn resolve(
             }
         } else {
             let has_area = surface.planes[number as usize].is_some();
-            match fate_of.get(&components[number as usize]) {
+            let fate = fate_of.get(&components[number as usize]);
+            note_outside(matches!(fate, Some(RegionFate::Outside)));
+            match fate {
                 Some(RegionFate::Stays { is_turned, part }) if has_area || !operands.are_bodies => {
                     let part = part.unwrap_or(face.part);
                     each(RemainingFace::Whole { face: Face { part, ..face }, is_turned: *is_turned })?
@@ -189,7 +205,7 @@ pub(super) fn resolve(
         0 => 0.0,
         _ => outside_area / (0..faces.len() as usize).map(|number| area(&faces.get(number))).sum::<f64>(),
     };
-    let (pairs, divided) = (contacts.len() as u64, divided_faces);
+    let (pairs, divided) = (contacts.len() as u64 + surface.copies.len(), divided_faces);
     Ok(Resolved { pairs, divided, removed, outside, outside_share, turned })
 }
 
@@ -240,7 +256,9 @@ pub(crate) struct Surface<'a> {
     pub(super) path: &'a Path,
     /// Memory of faces, planes and boxes, in bytes.
     pub(super) bytes: u64,
-    /// Planes of the faces; `None` for a face without area.
+    /// Equal faces.
+    pub(super) copies: Copies,
+    /// Planes of the faces; `None` for a face without area, and for a copy.
     pub(super) planes: Vec<Option<ExactPlane>>,
     /// Whether each face's component is reversed; empty if none is.
     pub(super) turned: Vec<bool>,
@@ -285,6 +303,7 @@ impl<'a> Surface<'a> {
         let mut planes = Vec::with_capacity(count as usize);
         let mut triangles = HashMap::new();
         let mut triangulator = Triangulator::new();
+        let copies = if operands.unites_equal_faces { Copies::of(faces) } else { Copies::default() };
         for number in 0..count {
             if number.is_multiple_of(OFTEN) {
                 progress.check()?;
@@ -295,7 +314,7 @@ impl<'a> Surface<'a> {
             }
             let face = faces.list.get(number as usize);
             let normal = ring_normal(face.rings().next().unwrap_or_default());
-            if normal == [0; 3] {
+            if normal == [0; 3] || copies.is_copy(number) {
                 planes.push(None);
                 continue;
             }
@@ -306,7 +325,7 @@ impl<'a> Surface<'a> {
             }
         }
         let (turned, tree) = (Vec::new(), OnceLock::new());
-        Ok(Surface { faces, operands, path, bytes, planes, turned, tree, triangles })
+        Ok(Surface { faces, operands, path, bytes, copies, planes, turned, tree, triangles })
     }
 
     /// Returns a tree over the boxes of all faces with an area.
@@ -402,6 +421,7 @@ impl<'a> Surface<'a> {
                 progress.check()?;
             }
             if let [(_, one), (_, other)] = edge
+                && self.copies.count(*one) == self.copies.count(*other)
                 && !touching.contains_key(one)
                 && !touching.contains_key(other)
             {
@@ -423,7 +443,7 @@ impl<'a> Surface<'a> {
         Ok((components, firsts))
     }
 
-    /// Returns the undirected edges of all faces, sorted, each with its face.
+    /// Returns the undirected edges of all faces but copies, sorted, each with its face.
     pub(super) fn sorted_edges(&self, progress: &dyn Progress) -> Result<Vec<([VertexKey; 2], u32)>> {
         let mut edges: Vec<([VertexKey; 2], u32)> = Vec::new();
         let mut vertices = Vertices::default();
@@ -431,6 +451,9 @@ impl<'a> Surface<'a> {
         for face in 0..self.planes.len() as u32 {
             if face.is_multiple_of(OFTEN) {
                 progress.check()?;
+            }
+            if self.copies.is_copy(face) {
+                continue;
             }
             let mut add = |ring: &[VertexKey]| {
                 edges.extend((0..ring.len()).map(|i| {

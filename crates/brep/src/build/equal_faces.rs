@@ -1,17 +1,13 @@
-//! Detection of equal faces in a cell, by their vertices.
-
-use std::collections::HashMap;
+//! Detection of equal faces in a cell.
 
 use super::items::Items;
+use crate::equal_faces::first_equal_faces;
 
 /// The faces of a list that are equal to an earlier one: the same vertices in the same cyclic
 /// order.
-///
-/// If a part is repeated very often in one position, as in files of identical objects, all pairs of
-/// its faces touch. Equal faces are found without testing pairs.
 pub(super) struct EqualFaces {
     /// For each face, the first equal one; empty if no two are equal.
-    first: Vec<usize>,
+    first: Vec<u32>,
 }
 
 impl EqualFaces {
@@ -21,24 +17,17 @@ impl EqualFaces {
         if list.len() <= MAX_COMPARED {
             return EqualFaces { first: Vec::new() };
         }
-        let mut known: HashMap<(Vec<[i32; 3]>, &[usize]), usize> = HashMap::new();
-        let first = list.iter().enumerate().map(|(index, item)| {
-            let outline = items.outline(*item);
-            let mut points = outline.points.to_vec();
-            let outer = &mut points[..outline.ring_ends[0]];
-            let least = (0..outer.len()).min_by_key(|at| outer[*at]).unwrap_or(0);
-            outer.rotate_left(least);
-            *known.entry((points, outline.ring_ends)).or_insert(index)
+        let first = first_equal_faces(list.len(), &|index| {
+            let outline = items.outline(list[index]);
+            (outline.points, outline.ring_ends)
         });
-        let first: Vec<usize> = first.collect();
-        let are_all_new = known.len() == first.len();
-        EqualFaces { first: if are_all_new { Vec::new() } else { first } }
+        EqualFaces { first }
     }
 
     /// Returns the index of the earlier face that is equal to this one.
     #[inline]
     pub(super) fn before(&self, index: usize) -> Option<usize> {
-        self.first.get(index).copied().filter(|first| *first != index)
+        self.first.get(index).map(|first| *first as usize).filter(|first| *first != index)
     }
 }
 

@@ -73,7 +73,9 @@ pub struct Repair {
     /// Bodies that were inside out and were reversed together with their contents; and the faces of
     /// both.
     pub turned: (u64, u64),
-    /// Pairs of faces that intersect in more than the common boundary of neighbours.
+    /// Pairs of faces that intersect in more than the common boundary of neighbours. Of equal
+    /// faces, only the first is in pairs with others, and each other one is in a pair with the
+    /// first.
     pub pairs: u64,
     /// Faces that were split, or partly removed.
     pub divided: u64,
@@ -206,6 +208,7 @@ pub(crate) fn divided(
         ends: &[count as u32],
         far: &[i32::from(is_unbounded)],
         turns_roots: !is_unbounded,
+        unites_equal_faces: true,
         most_contacts: MAX_CONTACTS_OF_A_FACE * count + MAX_CONTACTS,
         is_inside: &|windings| rule.is_inside(windings[0]),
         ..Operands::NONE

@@ -395,6 +395,7 @@ impl Task<'_> {
                 far: &[0],
                 most_contacts: MAX_CONTACTS_OF_A_FACE * faces.len + MAX_CONTACTS,
                 decides_each: true,
+                unites_equal_faces: true,
                 rest: Some(&rest),
                 is_inside: &|windings| rule.is_inside(windings[0]),
                 ..Operands::NONE

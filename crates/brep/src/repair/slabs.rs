@@ -46,7 +46,13 @@ impl Slab {
         let Slab { list, numbers, earlier } = self;
         let count = list.len() as u32;
         let changed: Vec<bool> = (0..numbers.len()).map(|index| index >= earlier).collect();
-        let operands = Operands { ends: &[count], far: &[0], changed: &changed, ..Operands::NONE };
+        let operands = Operands {
+            ends: &[count],
+            far: &[0],
+            changed: &changed,
+            unites_equal_faces: true,
+            ..Operands::NONE
+        };
         let faces = ExactFaces::of_grid(list);
         for contact in contacts_of(&faces, &operands, path, memory, progress)? {
             each(contact.faces.map(|face| numbers[face as usize]))?;

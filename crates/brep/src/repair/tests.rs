@@ -178,3 +178,31 @@ fn nested_shells_are_reversed_together() {
     assert!(compare(&of(true, false, 1000), InsideRule::Positive, "touching"));
     assert!(!compare(&shell(1000, 40_000, false)[3..3], InsideRule::Nonzero, "empty"));
 }
+
+/// Equal bodies are tested as one body: the number of pairs is linear. But each of them counts.
+#[test]
+fn equal_bodies_are_not_tested_in_pairs() {
+    const COPIES: usize = 200;
+    let body = |low: i32| crate_of([low; 3], [4000; 3], 1, &|point| point);
+    let one = outcome(&body(1000), InsideRule::Nonzero, false).unwrap();
+    let many = body(1000).repeat(COPIES);
+    for in_regions in [false, true] {
+        let made = outcome(&many, InsideRule::Positive, in_regions).unwrap();
+        assert_eq!((&made.1, made.3), (&one.1, one.3));
+        let extra = 12 * (COPIES as u64 - 1);
+        assert_eq!((made.0.pairs, made.0.removed, made.0.outside), (extra, extra, 0));
+        assert_eq!(made.0.volume_before, 4000f64.powi(3) * COPIES as f64);
+    }
+    // Twice one body and once another: by the rule `odd`, only the other one is inside.
+    let larger = crate_of([3000; 3], [8000; 3], 1, &|point| point);
+    let overlapping = [body(1000), larger, body(1000)].concat();
+    assert!(compare(&overlapping, InsideRule::Odd, "two and one"));
+    let (report, ..) = outcome(&overlapping, InsideRule::Odd, false).unwrap();
+    assert_eq!(report.volume, 8000f64.powi(3));
+    let even = outcome(&body(1000).repeat(2), InsideRule::Odd, false).unwrap_err();
+    assert!(even.contains("nothing is inside"), "{even}");
+    // Equal bodies that are inside out are reversed together.
+    let mut inverted = body(1000).repeat(3);
+    turned(&mut inverted);
+    assert!(compare(&inverted, InsideRule::Positive, "inverted"));
+}
