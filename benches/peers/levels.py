@@ -131,7 +131,7 @@ def distances():
         meshes = []
         for level in range(len(levels)):
             meshes.append(WORK / f"{name}_{level}.ply")
-            once([SPINNEY, "-q", "export", model, meshes[-1], "--level", level, "--triangles"])
+            once([SPINNEY, "-q", "export", model, meshes[-1], "--level", level])
         for level, about in enumerate(levels[:-1]):
             far = float(python(DISTANCES, meshes[-1], meshes[level]))
             rows.append([name, level, about["faces"], f"{far:.3e}", f"{about['error']:.3e}", f"{about['error'] / far:.2f}"])

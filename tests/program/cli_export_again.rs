@@ -93,6 +93,10 @@ fn drilled_plates_come_back_from_each_format() {
         let disc = sides * radius * radius * turn.sin() / 2.0;
         let expected = (5000.0 - disc) * 20.0;
         let surface = 2.0 * (5000.0 - disc) + 6000.0 + sides * 40.0 * radius * (turn / 2.0).sin();
+        for name in ["no.stl", "no.ply"] {
+            let message = complaint(&["export", &drilled, &directory.name(name), "--triangles"], 1);
+            assert!(message.contains("always have triangles"), "{message}");
+        }
         for name in ["a.stl", "a.ply", "a.obj", "a.off", "a.city.json"] {
             let (mesh, again, common) =
                 (directory.name(name), directory.name("again.goblin"), directory.name("common.goblin"));

@@ -110,6 +110,10 @@ pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()
             "--in",
         ];
         global.check_options(&args.tree.file, exact::KIND, &fitting)?;
+        ensure!(
+            !triangles || !matches!(format, MeshFormat::Ply | MeshFormat::Stl),
+            "--triangles: has no effect on PLY and STL of exact models, which always have triangles"
+        );
         let detail = args.mesh.detail();
         let within = exact::window(&args.part)?;
         let contents = exact::MeshContents { triangles, filter: filter.as_ref(), detail, within };

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::{BlockLocation, METADATA};
-use crate::{FileHeader, Metadata, SectionWriter, Trailer, TreeFormat, check_tree_name};
+use crate::{FileHeader, Metadata, SectionWriter, Trailer, check_goblin_name};
 use spinney_base::io::{Output, Sorter};
 use spinney_base::{Error, Result};
 
@@ -23,11 +23,7 @@ impl BlockWriter {
     /// If the output has the name of another format, or cannot be written.
     pub fn new(out: Output, header: FileHeader, noun: &str) -> Result<BlockWriter> {
         let path = out.path().to_path_buf();
-        check_tree_name(&path)?;
-        if TreeFormat::of(&path) == TreeFormat::Autumnal {
-            let advice = format!("give it a name that ends with .goblin: trees of {noun} cannot be edited");
-            return Err(Error::unsupported(path, format!("an Autumnal file of {noun}"), advice));
-        }
+        check_goblin_name(&path, noun)?;
         let mut writer = BlockWriter { out, path, header, position: 0 };
         writer.write(&header.to_bytes(), "write the header")?;
         Ok(writer)
