@@ -330,10 +330,7 @@ impl Model {
         let made = jobs::run(py, terms, |work| {
             let model = model.as_model("faces")?;
             let output = work.create(&path)?;
-            let refined = match detail {
-                SurfaceDetail::Exact => model.refined(&output.temporary_directory(), work.access(), work)?,
-                _ => None,
-            };
+            let refined = model.refined(detail, &output, work)?;
             let surface = refined.as_deref().unwrap_or(model).surface(detail, None, work)?;
             let made = export_exact(&surface, format, output, work)?;
             model.check_unchanged()?;

@@ -46,6 +46,11 @@ impl Face<'_> {
         sum
     }
 
+    /// Returns the area, in square grid units.
+    pub fn area(&self) -> f64 {
+        self.area_vector().map(|part| part * part).iter().sum::<f64>().sqrt() / 2.0
+    }
+
     /// Returns whether the face has an area.
     pub fn has_area(&self) -> bool {
         self.plane().is_some()

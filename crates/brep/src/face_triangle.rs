@@ -18,6 +18,12 @@ impl FaceTriangle {
         FaceTriangle { corners, internal: [false; 3] }
     }
 
+    /// Returns whether the triangle has an edge in this direction.
+    pub(super) fn has_edge(&self, edge: [[i32; 3]; 2]) -> bool {
+        let [a, b, c] = self.corners;
+        [[a, b], [b, c], [c, a]].contains(&edge)
+    }
+
     /// Returns whether an edge of the original face is an edge of the triangle, in this direction.
     pub(super) fn bounds(&self, edge: [[i32; 3]; 2]) -> bool {
         (0..3).any(|i| !self.internal[i] && edge == [self.corners[i], self.corners[(i + 1) % 3]])

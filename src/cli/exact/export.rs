@@ -68,10 +68,7 @@ pub(crate) fn export(
     check_output([model.path()], path)?;
     let work = Work::start(global, "faces")?;
     let output = global.access().create(path)?;
-    let refined = match detail {
-        SurfaceDetail::Exact => model.refined(&output.temporary_directory(), global.access(), &work)?,
-        _ => None,
-    };
+    let refined = model.refined(detail, &output, &work)?;
     let model = refined.as_deref().unwrap_or(model);
     let surface = model.surface(detail, within, &work)?;
     let some = match filter {

@@ -310,12 +310,9 @@ impl CellBuilder<'_> {
                 // Inside of the faces, the winding number is one more than outside.
                 let more = cell.winding - i32::from(expected);
                 rule = LeafRule::Crossings;
-                out.defects.push(GridDefect {
-                    kind: DefectKind::Winding(if more > 0 { more + 1 } else { more }),
-                    at: min.map(|at| at as f64 / 2.0),
-                    faces: list.iter().take(2).map(|item| self.items.face(*item)).collect(),
-                    is_thin: None,
-                });
+                let number = if more > 0 { more + 1 } else { more };
+                let faces = list.iter().take(2).map(|item| self.items.face(*item)).collect();
+                out.defects.push(GridDefect::winding(number, min.map(|at| at as f64 / 2.0), faces));
             }
         }
         let faces = list.iter().map(|item| self.items.face(*item));
@@ -450,12 +447,12 @@ impl CellBuilder<'_> {
                     Contact::Fine => {}
                     Contact::Wrong(kind) => return Some(conflict(kind)),
                     Contact::Edges { through, across } => {
-                        let owner = if has_edge(a, across) { a } else { b };
+                        let owner = if a.has_edge(across) { a } else { b };
                         // The face on the other side of the edge is in the cell in which they meet.
                         let turned = [across[1], across[0]];
                         let triangles = list.iter().flat_map(|item| self.items.triangles(*item));
                         let twins = triangles
-                            .filter(|triangle| has_edge(triangle, turned))
+                            .filter(|triangle| triangle.has_edge(turned))
                             .map(|triangle| &triangle.corners);
                         let twin = twin(&owner.corners, across, twins);
                         if twin.is_some_and(|twin| passes(through, &owner.corners, twin)) {
@@ -541,12 +538,8 @@ impl CellBuilder<'_> {
             let other_side = winding + beyond;
             if let Some(wrong) = [winding, other_side].into_iter().find(|winding| !(0..=1).contains(winding))
             {
-                out.defects.push(GridDefect {
-                    kind: DefectKind::Winding(wrong),
-                    at: sample.at.map(|at| at as f64 / (1 << sample.bits) as f64),
-                    faces: vec![self.items.face(item)],
-                    is_thin: None,
-                });
+                let at = sample.at.map(|at| at as f64 / (1 << sample.bits) as f64);
+                out.defects.push(GridDefect::winding(wrong, at, vec![self.items.face(item)]));
             }
         }
         Ok(())
@@ -585,19 +578,12 @@ impl CellBuilder<'_> {
     }
 }
 
-/// Returns whether a triangle has an edge in this direction.
-fn has_edge(triangle: &FaceTriangle, edge: [[i32; 3]; 2]) -> bool {
-    let [a, b, c] = triangle.corners;
-    [[a, b], [b, c], [c, a]].contains(&edge)
-}
-
 /// Returns the word of a cell that no face cuts.
 pub(super) fn uniform(cell: &Cell, bits: u8, out: &mut Arena) -> u32 {
     if !(0..=1).contains(&cell.winding) {
         let (min, width) = cell.bounds(bits);
         let at = min.map(|min| (min + width / 2) as f64 / 2.0);
-        let kind = DefectKind::Winding(cell.winding);
-        out.defects.push(GridDefect { kind, at, faces: Vec::new(), is_thin: None });
+        out.defects.push(GridDefect::winding(cell.winding, at, Vec::new()));
     }
     if cell.winding > 0 {
         out.counts.full += 1;

@@ -113,6 +113,11 @@ pub(super) struct GridDefect {
 }
 
 impl GridDefect {
+    /// A wrong winding number at a point.
+    pub(super) fn winding(number: i32, at: [f64; 3], faces: Vec<u32>) -> GridDefect {
+        GridDefect { kind: DefectKind::Winding(number), at, faces, is_thin: None }
+    }
+
     pub(super) fn in_world(self, grid: &Grid) -> Defect {
         Defect {
             kind: self.kind,

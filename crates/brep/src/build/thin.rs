@@ -1,5 +1,11 @@
-//! Intersections of two faces, and their depth. Rounding moves vertices by up to a unit, and so
-//! causes only shallow intersections.
+//! Intersections of two faces, and their depth.
+//!
+//! Invariant: if rounding moved the vertices of two faces that did not intersect, by up to a unit
+//! each, a shift by [`BuildReport::THIN`] separates them again, or their triangles: their distance
+//! along a separating axis was not negative before, and each moved by at most a unit along it. The
+//! shift bounds the thickness of the space between the faces. So a repair that only resolves thin
+//! intersections keeps the body, up to rounding; if deep ones counted as thin, it would unite or
+//! remove bodies without being requested.
 
 use super::BuildReport;
 use super::defects::DefectKind;

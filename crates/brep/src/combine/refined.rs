@@ -4,11 +4,11 @@ use std::ops::Deref;
 
 use super::common_grid::bounds;
 use super::{Origin, Request, combined};
+use crate::query::SurfaceDetail;
 use crate::{ExactModel, Faces, Grid, MAX_BITS};
-use spinney_base::io::{FileAccess, Output};
+use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result, SetOperation, SilentProgress};
 use spinney_container::Tag;
-use std::path::Path;
 use tempfile::TempDir;
 
 /// A copy of a model on a finer grid, in a temporary file.
@@ -28,24 +28,24 @@ impl Deref for RefinedModel {
 
 impl ExactModel {
     /// Writes a copy of the model on the finest grid of at most 2^26 units along its longest side,
-    /// in a temporary directory inside of `directory`. There, off-grid vertices are rounded by
-    /// less, and so fewer faces intersect after rounding. `None` if this would not help: without
-    /// off-grid vertices; or if the own grid is as fine as the default of a build, and none of its
-    /// rounded faces intersect. Also `None` if the faces with off-grid vertices need more than a
-    /// gigabyte of memory.
+    /// for an export of its faces to `output`, in a temporary directory. There, off-grid vertices
+    /// are rounded by less, and so fewer faces intersect after rounding. `None` if this would not
+    /// help: at a coarser level of detail; without off-grid vertices; or if the own grid is as fine
+    /// as the default of a build, and none of its rounded faces intersect. Also `None` if the faces
+    /// with off-grid vertices need more than a gigabyte of memory.
     ///
     /// # Errors
     /// Those of [`combine`](crate::combine()).
     pub fn refined(
         &self,
-        directory: &Path,
-        access: &FileAccess,
+        detail: SurfaceDetail,
+        output: &Output,
         progress: &dyn Progress,
     ) -> Result<Option<impl Deref<Target = ExactModel> + use<>>> {
         const MEMORY: u64 = 1 << 30;
         /// A grid that is chosen by default has more units along the longest side.
         const COARSE: i64 = 1 << 22;
-        if !self.has_exact_faces() {
+        if detail != SurfaceDetail::Exact || !self.has_exact_faces() {
             return Ok(None);
         }
         let [low, high] = bounds(self)?.unwrap_or_default();
@@ -55,17 +55,18 @@ impl ExactModel {
         if parts < 2 || longest > COARSE && !is_thin {
             return Ok(None);
         }
+        let around = output.temporary_directory();
         let directory =
-            tempfile::tempdir_in(directory).map_err(Error::io(directory, "make a temporary directory"))?;
+            tempfile::tempdir_in(&around).map_err(Error::io(&around, "make a temporary directory"))?;
         let path = directory.path().join("refined.goblin");
         let origin = Origin { provenance: self.metadata().provenance.clone(), ..Origin::default() };
         let request = Request { origin: Some(&origin), parts, ..Request::new(SetOperation::First) };
-        let output = (Output::create(&path)?, self.codec());
-        match combined(request, &[self], output, MEMORY, &SilentProgress(progress)) {
+        let copy = (Output::create(&path)?, self.codec());
+        match combined(request, &[self], copy, MEMORY, &SilentProgress(progress)) {
             Err(Error::TooLarge { .. }) => return Ok(None),
             made => made?,
         };
-        let model = ExactModel::open(&path, &access.into())?.named(self.path());
+        let model = ExactModel::open(&path, &output.access().into())?.named(self.path());
         Ok(Some(RefinedModel { model, _directory: directory }))
     }
 }

@@ -27,7 +27,7 @@ use super::{
 };
 use crate::arrangement::{
     ExactFaces, Operands, RegionFate, Resolved, Rounded, SamplePoint, Seams, Surroundings, Turned, Turner,
-    area, divide, round,
+    divide, round,
 };
 use crate::boxes::{BOX, Bounds, BoxTree, bounds_of};
 use crate::closure::SurfaceClosure;
@@ -321,7 +321,7 @@ impl Task<'_> {
         let (mut rest, mut turner, mut border) = (Rest::default(), Turner::default(), Seams::default());
         let mut value_bytes = 0;
         faces.each(*progress, &mut |face, values| {
-            let area = area(face);
+            let area = face.area();
             rest.area += area;
             if in_region.has(face.number) {
                 rest.region_area += area;

@@ -48,7 +48,8 @@ pub use self::options::{ExactOptions, ExactReport};
 ///
 /// A surface with thin intersections, no deeper than two grid units, or with folds, which enclose
 /// nothing, is repaired as with [`ExactOptions::repair`]: the grid or a file format has rounded its
-/// coordinates.
+/// coordinates. It is refused if the output is a stream or an upload, which cannot be started
+/// again.
 ///
 /// # Errors
 /// [`Error::NotASolid`] if the surface is open, intersects itself or is inside out. Also fails if
@@ -85,7 +86,8 @@ enum Outcome {
 }
 
 /// Builds a model. If `keeps_volume`, it is refused if the repair changes the volume of the faces
-/// by more than thin intersections enclose: then bodies overlap, or are inside out.
+/// by more than thin intersections enclose: then bodies overlap, or are inside out. (Such bodies
+/// may have no other intersections: a box within another one, with a wall in the same plane.)
 fn try_once(
     models: &mut Vec<Box<dyn Model>>,
     options: &ExactOptions,
@@ -117,7 +119,7 @@ fn try_once(
     let mut area = 0.0;
     read(models, &objects, &mut snapper, &work.part(1), &mut |face, values| {
         if keeps_volume {
-            area += face.area_vector().map(|part| part * part).iter().sum::<f64>().sqrt();
+            area += face.area();
         }
         sums.add(objects.object(face.part), face);
         sorted.push(face, values)
