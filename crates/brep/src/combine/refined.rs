@@ -32,10 +32,11 @@ impl ExactModel {
     /// are rounded by less, and so fewer faces intersect after rounding. `None` if this would not
     /// help: at a coarser level of detail; without off-grid vertices; or if the own grid is as fine
     /// as the default of a build, and none of its rounded faces intersect. Also `None` if the faces
-    /// with off-grid vertices need more than a gigabyte of memory.
+    /// with off-grid vertices need more than a gigabyte of memory, or do not bound a solid: an
+    /// export does not need a copy.
     ///
     /// # Errors
-    /// Those of [`combine`](crate::combine()).
+    /// If files cannot be read or written, or on cancellation.
     pub fn refined(
         &self,
         detail: SurfaceDetail,
@@ -63,7 +64,7 @@ impl ExactModel {
         let request = Request { origin: Some(&origin), parts, ..Request::new(SetOperation::First) };
         let copy = (Output::create(&path)?, self.codec());
         match combined(request, &[self], copy, MEMORY, &SilentProgress(progress)) {
-            Err(Error::TooLarge { .. }) => return Ok(None),
+            Err(Error::TooLarge { .. } | Error::NotASolid { .. }) => return Ok(None),
             made => made?,
         };
         let model = ExactModel::open(&path, &output.access().into())?.named(self.path());
@@ -74,11 +75,33 @@ impl ExactModel {
 /// Returns the maximum number of parts into which units can be divided: a power of 10 for a decimal
 /// grid, so that coordinates remain short decimals, otherwise of 2.
 fn parts_of(grid: &Grid, longest: i64) -> i64 {
+    /// Coordinates up to this number of units are exact doubles.
+    const FARTHEST: i64 = 1 << 53;
     let base = if grid.divisor == 1.0 { 2 } else { 10 };
-    let mut parts = 1;
+    let farthest = grid.origin.map(|at| at.saturating_abs()).into_iter().max().unwrap_or(0);
     // (Rounding may move vertices outwards by a unit.)
-    while (longest + 2) * parts * base < 1 << MAX_BITS {
+    let fits = |parts: i64| {
+        (longest + 2).saturating_mul(parts) < 1 << MAX_BITS
+            && (farthest.saturating_add(longest + 2)).saturating_mul(parts) <= FARTHEST
+    };
+    let mut parts = 1;
+    while fits(parts * base) {
         parts *= base;
     }
     parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_are_divided_as_far_as_both_limits_allow() {
+        let grid = |origin: i64, divisor: f64| Grid { bits: 10, origin: [0, 0, origin], step: 1.0, divisor };
+        assert_eq!(parts_of(&grid(0, 1.0), 1000), 1 << 16);
+        assert_eq!(parts_of(&grid(0, 1000.0), 1000), 10_000);
+        assert_eq!(parts_of(&grid(-1 << 50, 1.0), 1000), 4);
+        assert_eq!(parts_of(&grid(i64::MIN, 1000.0), 1000), 1);
+        assert_eq!(parts_of(&grid(0, 1.0), 1 << 26), 1);
+    }
 }
