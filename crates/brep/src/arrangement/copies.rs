@@ -5,6 +5,7 @@ use crate::Faces;
 use crate::boxes::bounds_of;
 use crate::equal_faces::first_equal_faces;
 use spinney_base::sort;
+use std::hash::BuildHasher;
 
 /// Faces that equal an earlier one, with the same orientation.
 ///
@@ -86,8 +87,5 @@ impl Copies {
 
 /// Returns a number that is the same for equal faces, from the box and the number of vertices.
 fn key(points: &[[i32; 3]]) -> u64 {
-    use std::hash::{BuildHasher, Hash, Hasher};
-    let mut hasher = crate::hash::Hasher::default().build_hasher();
-    (bounds_of(points, 0), points.len()).hash(&mut hasher);
-    hasher.finish()
+    crate::hash::Hasher::default().hash_one((bounds_of(points, 0), points.len()))
 }

@@ -39,7 +39,7 @@ fn is_thin(kind: DefectKind, [a, b]: [&FaceTriangle; 2]) -> bool {
 /// that their projections have in common (separating axes; Gottschalk, Lin and Manocha, 1996).
 /// Triangles that overlap are in one plane, and are shifted in it.
 fn depth(kind: DefectKind, a: &Corners, b: &Corners) -> f64 {
-    let [own, other] = [a, b].map(|corners| edges(corners));
+    let [own, other] = [a, b].map(edges);
     let [normal, other_normal] = [own, other].map(|[first, second, _]| cross(first, second));
     let axes: Vec<[f64; 3]> = match kind {
         DefectKind::Overlap => own.into_iter().chain(other).map(|edge| cross(normal, edge)).collect(),
