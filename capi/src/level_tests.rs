@@ -41,7 +41,7 @@ fn torus() -> (TempDir, ExactModel, CString) {
         builder.push(&Face { number, points: &points, ring_ends, colours, part: 0, source: number }).unwrap();
     }
     builder.part("torus", None).unwrap();
-    builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    builder.finish(&mut Metadata::default(), &()).unwrap();
     let model = ExactModel::open(&plain, &Default::default()).unwrap();
     let output = (Output::create(&path).unwrap(), Codec::Plain);
     add_levels(&model, output, 64 << 20, &()).unwrap();

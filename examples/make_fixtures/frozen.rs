@@ -305,7 +305,7 @@ pub(crate) fn make_model(path: &Path, codec: Codec) -> Result<()> {
         ..Metadata::default()
     };
     PARTS.iter().try_for_each(|name| builder.part(name, None))?;
-    builder.finish(&mut metadata, &(), &mut |_, _| ()).map(drop)
+    builder.finish(&mut metadata, &()).map(drop)
 }
 
 /// Faces, each a list of rings.
@@ -409,7 +409,7 @@ fn model(
     builder.part(name, about)?;
     file.iter().try_for_each(|text| builder.about_file(text))?;
     let mut metadata = Metadata { tags: [("unit".into(), "m".into())].into(), ..Metadata::default() };
-    let report = builder.finish(&mut metadata, &(), &mut |_, _| ())?;
+    let report = builder.finish(&mut metadata, &())?;
     assert_eq!(report.defects, [], "{name}");
     in_memory(path)
 }

@@ -109,7 +109,8 @@ struct Fill {
     #[arg(long, value_name = "CODE", conflicts_with_all = ["window", "polygon"])]
     block: Option<String>,
     /// Polygons in a feature file (also lines and points) whose cells are filled: GeoJSON,
-    /// FlatGeobuf, GeoPackage (x.gpkg:NAME for one layer of several), a shapefile or a table
+    /// FlatGeobuf, GeoPackage (x.gpkg:NAME for one layer of several), a shapefile or a table; in an
+    /// octree, columns of cells
     #[arg(long, value_name = "FEATURES", conflicts_with_all = ["window", "polygon", "block"])]
     zones: Option<PathBuf>,
     #[command(flatten)]

@@ -34,7 +34,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     part: PartOptions,
     /// Region in which to search: the cells of features (polygons, lines and points of GeoJSON,
-    /// FlatGeobuf, GeoPackage, a shapefile or a table)
+    /// FlatGeobuf, GeoPackage, a shapefile or a table); in an octree, columns of cells
     #[arg(long, value_name = "FEATURES")]
     within: Option<PathBuf>,
     #[command(flatten)]

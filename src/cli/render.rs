@@ -7,6 +7,7 @@ use anyhow::{Context as _, Result, ensure};
 use spinney::Dataset;
 use spinney::brep::Faces as _;
 use spinney::export::{RenderRequest, render, render_exact};
+use spinney::import::feature::FeatureFilter;
 use spinney::raw::brep::ModelView;
 use spinney::raw::export::{CameraProjection, DrawingFormat, DrawingStyle, draw_cells, draw_exact};
 use spinney::raw::space::Up;
@@ -20,7 +21,7 @@ const EXAMPLES: &str = "Examples:
   spinney render house.goblin front.png --from 180,0 --orthographic --size 1600x1200
   spinney render bunny.goblin bunny.png --up y --from 200,15 --background transparent
   spinney render bunny.goblin half.png --view window=0,0,0,256,512,512
-  spinney render city.goblin small.png --size 200x150
+  spinney render city.goblin halls.png --size 200x150 --where 'height>=20'
   spinney render part.goblin part.svg --drawing hidden-lines
   spinney render bunny.goblin blocks.svg --drawing octants --level 5
 
@@ -56,6 +57,10 @@ pub(crate) struct Args {
     /// octree
     #[arg(long, value_name = "STYLE", value_parser = parse_drawing)]
     drawing: Option<DrawingStyle>,
+    /// Only objects of an exact model for which all conditions hold, as in
+    /// 'type=Building,height>=10'; id and type count as attributes
+    #[arg(long = "where", value_name = "CONDITION,...")]
+    filter: Option<FeatureFilter>,
     /// Scale factor: 1 shows all of the solid
     #[arg(long, value_name = "F", default_value_t = 1.0)]
     scale: f64,
@@ -138,6 +143,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
                 "--size",
                 "--up",
                 "--view",
+                "--where",
                 level,
             ];
             global.check_options(file, exact::KIND, &fitting)?;
@@ -147,6 +153,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         None => Scene::Cells(args.tree.open_drawn(global)?),
     };
     if let Scene::Cells(tree) = &scene {
+        ensure!(args.filter.is_none(), "--where: works only with exact models, which have objects");
         ensure!(tree.header().form.axes() == 3, "{}: is a quadtree; use `spinney get`", file.display());
         ensure!(
             matches!(args.drawing, None | Some(DrawingStyle::Octants)),
@@ -157,7 +164,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let path = args.output.path();
     let format = args.format(path)?;
     check_output([file], path)?;
-    let request = args.request();
+    let mut request = args.request();
+    if let (Scene::Model(view), Some(filter)) = (&scene, &args.filter) {
+        request.parts = Some(exact::chosen(view.as_model("images")?, filter)?);
+    }
     let work = Work::start(global, if args.drawing.is_some() { "parts" } else { "pixels" })?;
     match &scene {
         Scene::Model(view) => args.tree.warn_of_no_faces(view.as_model("images")?, &work),

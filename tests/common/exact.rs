@@ -43,7 +43,7 @@ pub fn built(list: &FaceList, memory: u64, leaf_size: usize) -> (Option<Vec<u8>>
     let output = Output::create(&path).unwrap();
     let mut builder = ModelBuilder::new(output, list.grid().clone(), memory).unwrap().leaf_size(leaf_size);
     list.each(&mut |face| builder.push(face)).unwrap();
-    let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    let report = builder.finish(&mut Metadata::default(), &()).unwrap();
     (std::fs::read(&path).ok(), report)
 }
 
@@ -98,7 +98,7 @@ pub fn built_with_parts(list: &FaceList, memory: u64) -> Vec<u8> {
     let mut builder = ModelBuilder::new(output, list.grid().clone(), memory).unwrap();
     list.each(&mut |face| builder.push(face)).unwrap();
     list.parts().iter().for_each(|name| builder.part(name, None).unwrap());
-    let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    let report = builder.finish(&mut Metadata::default(), &()).unwrap();
     assert_eq!(report.defects, []);
     std::fs::read(&path).unwrap()
 }

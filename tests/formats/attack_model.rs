@@ -59,7 +59,7 @@ pub(crate) fn house(bits: u8) -> Vec<u8> {
     builder.part("roof", Some("{\"attributes\":{\"b\":2.50},\"type\":\"Roof\"}")).unwrap();
     builder.about_file("{\"metadata\":{}}").unwrap();
     let mut metadata = Metadata::default();
-    assert_eq!(builder.finish(&mut metadata, &(), &mut |_, _| ()).unwrap().defects, []);
+    assert_eq!(builder.finish(&mut metadata, &()).unwrap().defects, []);
     std::fs::read(&path).unwrap()
 }
 

@@ -161,7 +161,7 @@ fn tetrahedron(path: &Path) {
     }
     let mut metadata = Metadata::default();
     (0..3).for_each(|axis| metadata.frame.matrix[axis][3] = -0.5);
-    builder.finish(&mut metadata, &(), &mut |_, _| ()).unwrap();
+    builder.finish(&mut metadata, &()).unwrap();
 }
 
 #[test]

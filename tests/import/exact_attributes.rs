@@ -330,7 +330,7 @@ fn values_of_faces_round_trip() {
             number += 1;
         }
     }
-    builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    builder.finish(&mut Metadata::default(), &()).unwrap();
     for options in [OpenOptions::new(), OpenOptions::new().positioned(1 << 16)] {
         let model = ExactModel::open(&at("a.goblin"), &options).unwrap();
         assert_eq!((model.len(), model.verify(64 << 20, &()).unwrap()), (18_000, vec![]));

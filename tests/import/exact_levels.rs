@@ -35,7 +35,7 @@ pub(super) fn built_model(list: &FaceList) -> ExactModel {
     let mut builder = ModelBuilder::new(Output::create(&path).unwrap(), list.grid().clone(), MEMORY).unwrap();
     list.each(&mut |face| builder.push(face)).unwrap();
     list.parts().iter().for_each(|part| builder.part(part, None).unwrap());
-    let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    let report = builder.finish(&mut Metadata::default(), &()).unwrap();
     assert_eq!(report.defects, []);
     ExactModel::from_bytes(std::fs::read(&path).unwrap()).unwrap()
 }
@@ -345,7 +345,7 @@ fn a_box_has_exact_faces_with_their_values() {
         builder.face_value("number", &face.number.to_string())
     };
     list.each(add).unwrap();
-    builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    builder.finish(&mut Metadata::default(), &()).unwrap();
     let plain = ExactModel::open(&path, &OpenOptions::new().positioned(1 << 16)).unwrap();
     let levels = ExactModel::from_bytes(levelled(&plain, MEMORY)).unwrap();
     for model in [&plain, &levels] {
@@ -481,7 +481,7 @@ fn models_with_defects_leave_nothing() {
         let boxes = [cuboid([1; 3], [9; 3]), cuboid([5; 3], [12; 3])].concat();
         boxes.iter().for_each(|face| push(&mut faces, face, 0, None));
         faces.each(&mut |face| builder.push(face))?;
-        builder.finish(&mut Metadata::default(), &(), &mut |_, _| ())
+        builder.finish(&mut Metadata::default(), &())
     });
     assert!(report.unwrap().defect_count > 0);
     assert_eq!(files_in(directory.path()), 0);

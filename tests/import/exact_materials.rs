@@ -198,7 +198,7 @@ fn malicious_names() {
         builder.face_value("red", "1").unwrap();
         builder.face_value("a b", "1").unwrap();
     }
-    builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    builder.finish(&mut Metadata::default(), &()).unwrap();
     let model = ExactModel::open(&at("b.goblin"), &OpenOptions::new()).unwrap();
     let (summary, warnings) = exported(&model, &at("b.obj"));
     assert!(summary.lost_values && warnings.contains("values of faces (red, a b)"), "{warnings}");

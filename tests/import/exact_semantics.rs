@@ -244,7 +244,7 @@ fn tool(path: &Path, is_one: bool) -> ExactModel {
         }
     }
     builder.part("tool", None).unwrap();
-    let built = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    let built = builder.finish(&mut Metadata::default(), &()).unwrap();
     assert_eq!(built.defect_count, 0);
     ExactModel::open(path, &OpenOptions::new()).unwrap()
 }
@@ -381,7 +381,7 @@ fn many_semantics_round_trip() {
             }
         }
         ["one", "other"].iter().for_each(|name| builder.part(name, None).unwrap());
-        builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+        builder.finish(&mut Metadata::default(), &()).unwrap();
         ExactModel::open(&at(name), &OpenOptions::new()).unwrap()
     };
     let model = build("a.goblin", 3000, &|face| {

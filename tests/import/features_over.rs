@@ -355,8 +355,50 @@ fn strings_are_classes_of_the_tree_and_misfits_are_rejected() {
         let options = over(&tree, |options| options.value = value.clone());
         assert!(plan_features(std::slice::from_ref(&file), &options, &()).is_err(), "{value:?}");
     }
-    // Features do not apply to octrees.
-    let mut header = tree.header().clone();
-    header.form.dimension = Dimension::Oct;
-    assert!(RasterizeOptions::over(&header, tree.metadata(), None).is_err());
+}
+
+/// In an octree, each feature covers all layers, whatever the heights of the layers.
+#[test]
+fn features_are_columns_of_an_octree() {
+    let directory = tempfile::tempdir().unwrap();
+    let stars = stars(&mut Random(12), 60);
+    let (file, path) = (document(directory.path(), &stars), directory.path().join("solid.autumn"));
+    let extent = [120, 90, 40];
+    let mut frame = frame();
+    frame.matrix[2] = [0.0, 0.0, -2.0, 50.0];
+    let form = TreeType::new(Dimension::Oct, ValueType::new(SampleType::U8, 1));
+    let mut cells = Cells::random(form, 1, extent, 9, true);
+    let metadata = Metadata { frame: frame.clone(), ..Metadata::default() };
+    write_cells(&path, &cells, &options(Rule::Majority, DataKind::Categorical, 7).metadata(metadata.clone()));
+    let all = at_centres(&stars);
+    let values_at = |at: usize| &all[at / 120 % 90 * EXTENT[0] as usize + at % 120];
+    let tree = opened(&path);
+    let zones = overlay(&file, &over(&tree, |options| options.value = FeatureValue::Attribute("v".into())));
+    let mut found = vec![false; cells.cells.len()];
+    tree.find_within(Condition::Above(0u64.into()), &zones, None, &(), &mut |block| {
+        let Bounds { min, max } = block.bounds;
+        for (z, y, x) in (min[2]..max[2])
+            .flat_map(|z| (min[1]..max[1]).flat_map(move |y| (min[0]..max[0]).map(move |x| (z, y, x))))
+        {
+            found[((z * extent[1] + y) * extent[0] + x) as usize] = true;
+        }
+        Ok(true)
+    })
+    .unwrap();
+    for (at, cell) in cells.cells.iter().enumerate() {
+        let is_wanted = !values_at(at).is_empty() && cell.is_some_and(|value| value.to_bytes()[0] > 0);
+        assert_eq!(found[at], is_wanted, "cell {at}");
+    }
+    edit(&path, [Ok(Edit::Cover(zones))], Note::default(), 16 << 20, &()).unwrap();
+    for (at, cell) in cells.cells.iter_mut().enumerate() {
+        *cell = values_at(at).last().map_or(*cell, |value| byte(*value));
+    }
+    let after = cells_of(&TreeFile::open(&path, &OpenOptions::new()).unwrap(), extent);
+    crate::common::assert_same(&after, &cells, "fill");
+    assert!(opened(&path).verify(64 << 20, &()).unwrap().is_empty());
+    // Polygons would not cover columns of cells that are not vertical.
+    frame.matrix[0][2] = 0.5;
+    let tilted = Metadata { frame, ..metadata };
+    let error = RasterizeOptions::over(tree.header(), &tilted, None).err().unwrap().to_string();
+    assert!(error.contains("not vertical"), "{error}");
 }

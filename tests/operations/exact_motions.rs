@@ -365,7 +365,7 @@ fn described() -> Body {
     let mut metadata = Metadata::default();
     metadata.set_tag(Tag::Unit, "inch");
     metadata.provenance.push("two.city.json".into());
-    builder.finish(&mut metadata, &(), &mut |_, _| ()).unwrap();
+    builder.finish(&mut metadata, &()).unwrap();
     Body::of_bytes(std::fs::read(&path).unwrap())
 }
 

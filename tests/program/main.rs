@@ -43,10 +43,11 @@ mod cli_lines;
 #[cfg(feature = "cli")]
 mod cli_lines_space;
 mod cli_meshes;
+#[cfg(all(unix, feature = "cli"))]
+mod cli_objects;
 mod cli_octree_combine;
 mod cli_octree_transform;
 mod cli_operations;
-#[cfg(all(unix, feature = "cli"))]
 mod cli_options;
 mod cli_overlay;
 mod cli_packed;

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::definition::Crs;
 use spinney_base::space::Bounds;
+use spinney_base::{Error, Result};
 
 /// The affine map from cell coordinates to world coordinates, and their coordinate reference
 /// system.
@@ -46,6 +47,19 @@ impl Frame {
     /// Whether cell and world coordinates are the same.
     pub fn is_identity(&self) -> bool {
         self.matrix == Frame::identity().matrix
+    }
+
+    /// Checks that cells above each other have the same world x and y, so that a polygon covers
+    /// whole columns of cells.
+    ///
+    /// # Errors
+    /// If they do not.
+    pub fn check_columns(&self) -> Result<()> {
+        if self.matrix[0][2] == 0.0 && self.matrix[1][2] == 0.0 {
+            return Ok(());
+        }
+        let found = "columns of cells that are not vertical";
+        Err(Error::invalid("grid of an octree with features", found, "columns along the world's z axis"))
     }
 
     /// Returns the map without its translation. Its columns are the edges of a cell. Its

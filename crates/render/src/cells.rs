@@ -55,6 +55,7 @@ pub fn render(
     progress: &dyn Progress,
 ) -> Result<u8> {
     request.check()?;
+    request.refuse_parts("trees of cells")?;
     let depth = tree.depth();
     let rough = tree.solid(request.level.unwrap_or(depth).min(BOX_LEVEL).min(depth), progress)?;
     let space = Bounds { min: [0; 3], max: [1 << rough.level; 3] };

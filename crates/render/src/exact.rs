@@ -21,6 +21,8 @@ use spinney_raster::image::Format;
 /// that surface has more than 1,500,000 triangles, rays are traced through the exact surface: its
 /// faces are unchanged, each with its own normal, and only nodes and faces along the rays are read.
 ///
+/// If parts are chosen, rays are traced through the exact surface of these.
+///
 /// Camera, light and background are those of [`render`](super::render), without ambient occlusion.
 /// A model without colours has the colour of clay. The image does not depend on the number of
 /// threads.
@@ -36,20 +38,50 @@ pub fn render_exact(
     progress: &dyn Progress,
 ) -> Result<f64> {
     request.check()?;
-    let corners = model.bounds()?.map(DVec3::from);
-    let camera = request.camera(&Solid { model, corners })?;
+    let (corners, camera) = view_of(model, request, progress)?;
     let clay = Paint::clay().colour(&[0.0; 4]).into();
     let coarse = coarse(model, request, &camera, clay, progress)?;
     let scene = Scene::new(camera, request);
     let make = || -> Result<Box<dyn Surface + '_>> {
         Ok(match &coarse {
             Some((surface, _)) => Box::new(surface),
-            None => Box::new(Body { model, corners, rays: model.rays(), clay }),
+            None => {
+                let rays = request.parts.as_ref().map_or(model.rays(), |parts| model.rays_of_parts(parts));
+                Box::new(Body { model, corners, rays, clay })
+            }
         })
     };
     draw(&scene, &make, output, format, progress)?;
     model.check_unchanged()?;
     Ok(coarse.map_or(0.0, |(_, error)| error))
+}
+
+/// Returns the box around what a request draws, and a camera that sees it.
+pub(super) fn view_of(
+    model: &ExactModel,
+    request: &RenderRequest,
+    progress: &dyn Progress,
+) -> Result<([DVec3; 2], Camera)> {
+    let Some(parts) = &request.parts else {
+        let corners = model.bounds()?.map(DVec3::from);
+        return Ok((corners, request.camera(&Solid { model, corners })?));
+    };
+    let none = || Error::invalid("parts", "parts without faces", "at least one with faces");
+    let corners = model.bounds_of_parts(parts, progress)?.ok_or_else(none)?.map(DVec3::from);
+    Ok((corners, request.camera(&PartsBox(corners))?))
+}
+
+/// Box around some parts of a model.
+struct PartsBox([DVec3; 2]);
+
+impl Extent for PartsBox {
+    fn corners(&self) -> [DVec3; 2] {
+        self.0
+    }
+
+    fn support(&self, direction: DVec3) -> Result<f64> {
+        Ok(box_support(self.0, direction))
+    }
 }
 
 /// Distance between the drawn surface and the exact one, in pixels.
@@ -64,6 +96,12 @@ fn coarse(
     clay: DVec3,
     progress: &dyn Progress,
 ) -> Result<Option<(CoarseSurface, f64)>> {
+    if request.parts.is_some() {
+        return match request.level {
+            None => Ok(None),
+            Some(level) => Err(Error::invalid("level", level.to_string(), "none for some parts of a model")),
+        };
+    }
     let detail = match request.level {
         Some(level) => SurfaceDetail::Level(level),
         // (Only triangles that face the camera are drawn. It is inside of an unbounded body.)

@@ -14,7 +14,7 @@ pub use cells::render;
 pub use drawing::{DrawingFormat, DrawingStyle, draw_cells, draw_exact};
 pub use exact::render_exact;
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 
 use crate::camera::{Camera, Extent, Pose};
 use scene::{PixelColour, Scene, Surface};
@@ -48,6 +48,9 @@ pub struct RenderRequest {
     /// no larger than a pixel; those of exact models see [`render_exact`]; for drawings see
     /// [`draw_exact`]. Must be `None` for drawings of the edges of exact models.
     pub level: Option<u8>,
+    /// Numbers of the parts of an exact model that are drawn, as if it had no others; `None` for
+    /// all. They are drawn without levels of detail, and not as blocks.
+    pub parts: Option<BTreeSet<u32>>,
     /// Red, green and blue of the background; `None` makes it transparent.
     pub background: Option<[u8; 3]>,
     /// Samples per pixel along each axis, 1 to 8.
@@ -66,6 +69,7 @@ impl RenderRequest {
             projection: CameraProjection::default(),
             up: Up::default(),
             level: None,
+            parts: None,
             background: Some([255; 3]),
             samples: 2,
         }
@@ -78,6 +82,14 @@ impl RenderRequest {
     fn camera(&self, thing: &dyn Extent) -> Result<Camera> {
         let &RenderRequest { width, height, azimuth, elevation, scale, projection, up, .. } = self;
         Camera::facing(&Pose { azimuth, elevation, scale, projection, up, size: [width, height] }, thing)
+    }
+
+    /// Refuses a choice of parts, where only `all` can be drawn.
+    fn refuse_parts(&self, all: &str) -> Result<()> {
+        match self.parts {
+            Some(_) => Err(Error::invalid("parts", "some of them", format!("none chosen, for {all}"))),
+            None => Ok(()),
+        }
     }
 
     /// Checks the image size and the number of samples.

@@ -147,7 +147,7 @@ pub fn build_layers(
     if let Some(unit) = &options.unit {
         metadata.set_tag(Tag::Unit, unit);
     }
-    let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
+    let built = builder.finish(&mut metadata, progress)?;
     if built.defect_count > 0 {
         let advice = "use a coarser grid with --snap, or remove points that are very close to each other";
         return Err(built.error(&path, "a layer intersects itself on the grid", advice));

@@ -60,6 +60,7 @@ impl<'a> FeatureZones<'a> {
         let grids: Vec<usize> = (0..trees.len()).filter(|number| same[*number] == *number).collect();
         let locators = grids.iter().map(|grid| {
             let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
+            frame.check_columns()?;
             let locator = CellLocator::new(coordinates, frame, header.extent)?;
             // Remarks on a coordinate system are reported once.
             if *grid == 0 {

@@ -69,7 +69,7 @@ pub(super) fn open_viewed(
 ///
 /// # Errors
 /// If there is none.
-fn chosen(model: &ExactModel, filter: &FeatureFilter) -> Result<BTreeSet<u32>> {
+pub(super) fn chosen(model: &ExactModel, filter: &FeatureFilter) -> Result<BTreeSet<u32>> {
     let found = choose_objects(filter, model.parts(), &|part| model.part_attributes(part))
         .with_context(|| model.path().display().to_string())?;
     if found.is_empty() {

@@ -214,7 +214,7 @@ fn described(list: &FaceList, attributes: &[Option<&str>]) -> ExactModel {
     for (part, attributes) in list.parts().iter().zip(attributes) {
         builder.part(part, *attributes).unwrap();
     }
-    let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    let report = builder.finish(&mut Metadata::default(), &()).unwrap();
     assert_eq!(report.defects, []);
     ExactModel::from_bytes(std::fs::read(&path).unwrap()).unwrap()
 }

@@ -268,7 +268,7 @@ fn values_of_faces_are_features() {
     for part in list.parts() {
         builder.part(part, None).unwrap();
     }
-    builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    builder.finish(&mut Metadata::default(), &()).unwrap();
     let model = ExactModel::open(&at("model.goblin"), &OpenOptions::new()).unwrap();
     exported(&model, &at("model.glb"), false);
     let read = Read::of(&at("model.glb"));

@@ -9,7 +9,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use crate::closure::edges;
-use crate::exact::vector::{dot, subtract};
+use crate::exact::vector::{cross, dot, subtract};
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
 use spinney_base::{Progress, Result, sort};
@@ -144,17 +144,12 @@ impl Seams {
                     ring.iter().for_each(|from| {
                         positions.remove(from);
                     });
-                    if is_thin(&ring, width) {
-                        let colours = vec![[255; 3]; if is_coloured { ring.len() } else { 0 }];
-                        let ring_ends = [ring.len()];
-                        let face = Face {
-                            number: 0,
-                            points: &ring,
-                            ring_ends: &ring_ends,
-                            colours: &colours,
-                            part,
-                            source,
-                        };
+                    // (Several faces, if the ring is bent.)
+                    for points in thin_faces(ring, width) {
+                        let colours = vec![[255; 3]; if is_coloured { points.len() } else { 0 }];
+                        let ring_ends = [points.len()];
+                        let (points, colours) = (&points[..], &colours[..]);
+                        let face = Face { number: 0, points, ring_ends: &ring_ends, colours, part, source };
                         planar.face(&face, each)?;
                     }
                 }
@@ -167,6 +162,41 @@ impl Seams {
 /// Returns an edge with the lesser end first, and 1 if that is its direction, otherwise -1.
 fn undirected([from, to]: Edge) -> (Edge, i32) {
     if from < to { ([from, to], 1) } else { ([to, from], -1) }
+}
+
+/// Returns faces that close a ring: itself if it is straight and thin, triangles if it is bent and
+/// thin, otherwise none.
+fn thin_faces(ring: Vec<[i32; 3]>, width: u8) -> Vec<Vec<[i32; 3]>> {
+    if is_thin(&ring, width) {
+        return vec![ring];
+    }
+    bent_faces(ring, width).unwrap_or_default()
+}
+
+/// Returns triangles that close a ring, if their area is at most that of a strip of this width,
+/// half as long as the ring. Cuts off the corner with the smallest area until none is left.
+fn bent_faces(mut ring: Vec<[i32; 3]>, width: u8) -> Option<Vec<Vec<[i32; 3]>>> {
+    /// Maximum number of vertices; the time is quadratic.
+    const MOST: usize = 1 << 8;
+    if ring.len() > MOST {
+        return None;
+    }
+    let minus = |a: [i32; 3], b: [i32; 3]| subtract(a.map(f64::from), b.map(f64::from));
+    let length = |along: [f64; 3]| dot(along, along).sqrt();
+    let around = |i: usize, count: usize| [(i + count - 1) % count, i, (i + 1) % count];
+    let perimeter: f64 = (0..ring.len()).map(|i| length(minus(ring[(i + 1) % ring.len()], ring[i]))).sum();
+    let (mut faces, mut area) = (Vec::new(), 0.0);
+    while ring.len() > 2 {
+        let own = |i: usize| {
+            let [a, b, c] = around(i, ring.len()).map(|at| ring[at]);
+            length(cross(minus(b, a), minus(c, a))) / 2.0
+        };
+        let least = (0..ring.len()).min_by(|a, b| own(*a).total_cmp(&own(*b)))?;
+        area += own(least);
+        faces.push(around(least, ring.len()).map(|at| ring[at]).to_vec());
+        ring.remove(least);
+    }
+    (area <= f64::from(width) * perimeter / 2.0).then_some(faces)
 }
 
 /// Whether all vertices of a ring are within `width` grid units of the line through its two ends,
@@ -235,6 +265,23 @@ mod tests {
             seams.add_watched(&face(&points));
         }
         assert_eq!(closed(seams), [[a, b, on]]);
+    }
+
+    /// A thin ring around a corner is closed by thin triangles, whose other edges cancel.
+    #[test]
+    fn bent_rings_are_closed() {
+        let ring = [[0, 0, 0], [80, 1, 0], [60, 90, 0], [81, 2, 0], [81, 1, 0]];
+        assert!(!is_thin(&ring, 3));
+        let faces = thin_faces(ring.to_vec(), 3);
+        let mut left = Seams::default();
+        left.add(&Face { ring_ends: &[5], ..face(&ring) });
+        for points in &faces {
+            assert!(points.len() == 3 && is_thin(points, 3), "{points:?}");
+            let turned: Vec<[i32; 3]> = points.iter().rev().copied().collect();
+            left.add(&face(&turned));
+        }
+        assert!(left.0.is_empty() && faces.len() == 3, "{faces:?}");
+        assert!(thin_faces([[0, 0, 0], [80, 1, 0], [60, 90, 0], [90, 60, 0]].to_vec(), 3).is_empty());
     }
 
     #[test]

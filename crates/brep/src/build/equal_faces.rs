@@ -57,7 +57,7 @@ mod tests {
         let output = Output::create(&directory.path().join("x.goblin")).unwrap();
         let mut builder = ModelBuilder::new(output, grid, 64 << 20).unwrap();
         list.each(&mut |face| builder.push(face)).unwrap();
-        let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+        let report = builder.finish(&mut Metadata::default(), &()).unwrap();
         assert!(report.defect_count >= 1000, "{}", report.defect_count);
         let is_of_equals = |defect: &Defect| {
             defect.kind == DefectKind::Overlap

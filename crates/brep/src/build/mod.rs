@@ -46,7 +46,7 @@ use crate::part_sums::SumsOfParts;
 use spinney_base::io::{Output, directory_of};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Codec, Metadata};
+use spinney_container::{Codec, Metadata, Tag};
 
 pub(crate) use self::base::BaseModel;
 pub(crate) use self::base_cell::BaseRoot;
@@ -299,6 +299,16 @@ impl ModelBuilder {
         self.faces
     }
 
+    /// Records to which parts faces are added from now on: see [`ModelBuilder::has_faces_of`].
+    pub fn record_parts(&mut self) {
+        self.sums.record_touched();
+    }
+
+    /// Returns whether faces were added to a part since parts are recorded.
+    pub fn has_faces_of(&self, part: u32) -> bool {
+        self.sums.is_touched(part)
+    }
+
     /// Returns whether faces with off-grid vertices were added.
     pub fn has_exact_faces(&self) -> bool {
         self.writer.exact_faces() > 0
@@ -365,18 +375,13 @@ impl ModelBuilder {
     }
 
     /// Builds the octree and completes the file, on the threads of the current rayon pool. If the
-    /// faces have defects and none are off-grid, no file is written. `complete` adds metadata that
-    /// is only known at the end.
+    /// faces have defects and none are off-grid, no file is written. Adds the number of defects to
+    /// the metadata.
     ///
     /// # Errors
     /// If a face's part was not added, if the file cannot be written, or on cancellation.
-    pub fn finish(
-        self,
-        metadata: &mut Metadata,
-        progress: &dyn Progress,
-        complete: &mut dyn FnMut(&mut Metadata, &BuildReport),
-    ) -> Result<BuildReport> {
-        self.finish_with(None, metadata, progress, complete)
+    pub fn finish(self, metadata: &mut Metadata, progress: &dyn Progress) -> Result<BuildReport> {
+        self.finish_with(None, metadata, progress)
     }
 
     /// Does the same as [`ModelBuilder::finish`], if some faces are those of a base whose
@@ -386,7 +391,6 @@ impl ModelBuilder {
         base: Option<&BaseModel<'_>>,
         metadata: &mut Metadata,
         progress: &dyn Progress,
-        complete: &mut dyn FnMut(&mut Metadata, &BuildReport),
     ) -> Result<BuildReport> {
         let ModelBuilder {
             mut writer,
@@ -463,7 +467,10 @@ impl ModelBuilder {
         if report.defect_count > 0 && writer.exact_faces() == 0 {
             return Ok(report);
         }
-        complete(metadata, &report);
+        metadata.tags.remove(Tag::ModelIntersections.key());
+        if report.defect_count > 0 {
+            metadata.set_tag(Tag::ModelIntersections, report.defect_count.to_string());
+        }
         if let Some(base) = base {
             base.add_sums(&mut sums, progress)?;
         }

@@ -494,12 +494,7 @@ fn write_result(
         metadata.provenance.clone_from(&origin.provenance);
         origin.tags.iter().for_each(|(tag, text)| metadata.set_tag(*tag, text));
     }
-    let built =
-        builder.finish_with(base.as_ref(), &mut metadata, &progress_of(all), &mut |metadata, built| {
-            if built.defect_count > 0 {
-                metadata.set_tag(Tag::ModelIntersections, built.defect_count.to_string());
-            }
-        })?;
+    let built = builder.finish_with(base.as_ref(), &mut metadata, &progress_of(all))?;
     if built.defect_count > 0 && is_on_grid {
         return Err(built.error(
             path,

@@ -48,7 +48,7 @@ pub(super) fn model_on(grid: Grid, triangles: &[[[i32; 3]; 3]], leaf_size: usize
     let builder = ModelBuilder::new(Output::create(&path).unwrap(), grid, 64 << 20).unwrap();
     let mut builder = builder.leaf_size(leaf_size);
     list.each(&mut |face| builder.push(face)).unwrap();
-    let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    let report = builder.finish(&mut Metadata::default(), &()).unwrap();
     assert_eq!(report.defects, []);
     ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap()
 }

@@ -275,9 +275,8 @@ impl EditedModel<'_> {
         let mut metadata = model.metadata().clone();
         metadata.frame = grid.frame(model.crs().cloned());
         metadata.provenance.push(format!("edit of {}: {note}", model.path().display()));
-        metadata.tags.remove(Tag::ModelIntersections.key());
         metadata.tags.remove(Tag::Csg.key());
-        let built = builder.finish(&mut metadata, progress, &mut |_, _| {})?;
+        let built = builder.finish(&mut metadata, progress)?;
         if built.defect_count > 0 {
             let advice = "check the coordinates: faces must meet at common edges only, and enclose the solid";
             return Err(built.error(model.path(), "after the change, it is not a solid", advice));

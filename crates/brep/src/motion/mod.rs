@@ -256,7 +256,6 @@ impl TransformTask<'_> {
             metadata.set_tag(Tag::ModelCutFaces, (cut + counts.cut as f64).to_string());
             metadata.set_tag(Tag::ModelSlivers, counts.slivers.to_string());
         }
-        metadata.tags.remove(Tag::ModelIntersections.key());
         metadata
     }
 }
@@ -333,11 +332,7 @@ impl<'a> Target<'a> {
         let is_rounded = builder.has_exact_faces();
         let mut metadata = task.metadata(&grid, &rounding);
         let building = SubProgress::new(progress, 2 * model.len(), 3 * model.len());
-        let built = builder.finish(&mut metadata, &building, &mut |metadata, built| {
-            if built.defect_count > 0 {
-                metadata.set_tag(Tag::ModelIntersections, built.defect_count.to_string());
-            }
-        })?;
+        let built = builder.finish(&mut metadata, &building)?;
         if built.defect_count > 0 && !is_rounded {
             let (what, advice) = match is_exact {
                 true => (

@@ -12,6 +12,7 @@ use crate::store::segment::{CUT, INNER, LEAF, ModelSegment};
 use crate::{ExactModel, Face, FaceBuffer, Faces};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
+use std::collections::BTreeSet;
 use std::ops::Range;
 
 /// Maximum number of vertices of a cached face; larger faces are read again.
@@ -55,6 +56,8 @@ struct Group {
 /// use.
 pub(super) struct ModelCache<'a> {
     model: &'a ExactModel,
+    /// The parts whose faces leaves have; `None` for all.
+    parts: Option<&'a BTreeSet<u32>>,
     blocks: Vec<Option<Block<'a>>>,
     /// Faces that are not triangles.
     faces: Vec<SeenFace>,
@@ -104,6 +107,7 @@ impl<'a> ModelCache<'a> {
     pub(super) fn new(model: &'a ExactModel, most: usize) -> ModelCache<'a> {
         ModelCache {
             model,
+            parts: None,
             blocks: (0..most).map(|_| None).collect(),
             faces: (0..most).map(|_| SeenFace::none()).collect(),
             large: SeenFace::none(),
@@ -115,6 +119,11 @@ impl<'a> ModelCache<'a> {
             others: Vec::new(),
             bytes: 0,
         }
+    }
+
+    /// Creates a cache of some parts of a model.
+    pub(super) fn of_parts(model: &'a ExactModel, most: usize, parts: &'a BTreeSet<u32>) -> ModelCache<'a> {
+        ModelCache { parts: Some(parts), ..ModelCache::new(model, most) }
     }
 
     pub(super) fn model(&self) -> &'a ExactModel {
@@ -199,10 +208,13 @@ impl<'a> ModelCache<'a> {
         let (segment, offset) = (word >> 3 >> OFFSET_BITS, word >> 3 & ((1 << OFFSET_BITS) - 1));
         let segment = self.segments[segment as usize].clone();
         let (groups, others) = (self.groups.len(), self.others.len());
-        let mut lane = LANES;
+        let (mut lane, parts) = (LANES, self.parts);
         for number in segment.leaf((offset as u32) << 3 | LEAF).1 {
             // (Invariant: an error leaves the leaf undecoded. What was appended is not used.)
             let (block, index) = self.block(number)?;
+            if parts.is_some_and(|parts| !parts.contains(&block.part(index))) {
+                continue;
+            }
             let Some(triangle) = block.triangle(index) else {
                 self.others.push(number as u32);
                 continue;

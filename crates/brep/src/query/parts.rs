@@ -1,10 +1,12 @@
 //! Measures of the single parts of a model, for models that are sets of objects.
 
 use super::mass::MassProperties;
+use crate::boxes::{Bounds, bounds_of, union};
 use crate::part_sums::SumsOfParts;
 use crate::store::sums::StoredSums;
 use crate::{ExactModel, Faces};
 use spinney_base::{Error, Progress, Result};
+use std::collections::BTreeSet;
 
 /// Measures of a part.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,6 +59,33 @@ impl ExactModel {
             self.sums_of_parts(&check_memory, progress)?.finish(&mut take)?;
         }
         Ok(found)
+    }
+
+    /// Returns the box around some parts in the world, from stored sums if the file has them.
+    /// Otherwise reads all faces. `None` if the parts have no faces.
+    ///
+    /// # Errors
+    /// If the file cannot be read or is corrupt, or on cancellation.
+    pub fn bounds_of_parts(
+        &self,
+        parts: &BTreeSet<u32>,
+        progress: &dyn Progress,
+    ) -> Result<Option<[[f64; 3]; 2]>> {
+        let mut all: Option<Bounds> = None;
+        let mut add = |bounds: Bounds| all = Some(all.map_or(bounds, |all| union(all, &bounds)));
+        let is_stored = self.each_part_sums(&mut |part, sums| {
+            sums.mass.bounds.filter(|_| parts.contains(&part)).into_iter().for_each(&mut add);
+            Ok(())
+        })?;
+        if !is_stored {
+            self.each_face(&mut |face, _| {
+                if parts.contains(&face.part) {
+                    add(bounds_of(face.points, 0));
+                }
+                if face.number.is_multiple_of(1 << 12) { progress.check() } else { Ok(()) }
+            })?;
+        }
+        Ok(all.map(|bounds| bounds.map(|corner| self.grid().to_world(corner))))
     }
 
     /// Computes the sums of all parts from their faces; `check_memory` gets the number of parts.

@@ -6,6 +6,7 @@ use super::visited::Visited;
 use crate::{ExactModel, Face, Faces};
 use spinney_base::io::batch::run_batched;
 use spinney_base::{Result, sort};
+use std::collections::BTreeSet;
 
 /// A point where a line crosses the surface of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,6 +99,11 @@ impl ExactModel {
     /// Returns a caster of many rays through the model: see [`ModelRays`].
     pub fn rays(&self) -> ModelRays<'_> {
         ModelRays { model: self, cache: ModelCache::new(self, REMEMBERED) }
+    }
+
+    /// Returns a caster of many rays through some parts, as if the model had no other faces.
+    pub fn rays_of_parts<'a>(&'a self, parts: &'a BTreeSet<u32>) -> ModelRays<'a> {
+        ModelRays { model: self, cache: ModelCache::of_parts(self, REMEMBERED, parts) }
     }
 }
 

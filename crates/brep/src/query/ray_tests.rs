@@ -12,7 +12,7 @@ fn file_of(list: &FaceList) -> ExactModel {
     let builder = ModelBuilder::new(Output::create(&path).unwrap(), list.grid().clone(), 64 << 20).unwrap();
     let mut builder = builder.leaf_size(LEAF_SIZE);
     list.each(&mut |face| builder.push(face)).unwrap();
-    let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    let report = builder.finish(&mut Metadata::default(), &()).unwrap();
     assert_eq!(report.defects, []);
     ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap()
 }

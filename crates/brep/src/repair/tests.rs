@@ -80,7 +80,7 @@ fn outcome(triangles: &[Triangle], rule: InsideRule, in_regions: bool) -> Outcom
     };
     let (builder, report) = made.map_err(|error| error.to_string())?;
     let exact = builder.has_exact_faces();
-    let built = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    let built = builder.finish(&mut Metadata::default(), &()).unwrap();
     if !exact && built.defect_count > 0 {
         return Err(format!("{} defects", built.defect_count));
     }

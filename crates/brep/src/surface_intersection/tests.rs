@@ -44,7 +44,7 @@ fn model(triangles: &[Triangle]) -> ExactModel {
     let path = directory.path().join("x.goblin");
     let mut builder = ModelBuilder::new(Output::create(&path).unwrap(), grid, 64 << 20).unwrap().leaf_size(4);
     list.each(&mut |face| builder.push(face)).unwrap();
-    let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    let report = builder.finish(&mut Metadata::default(), &()).unwrap();
     assert_eq!(report.defects, []);
     ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap()
 }

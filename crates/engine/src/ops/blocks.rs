@@ -4,12 +4,17 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::tree::{Child, Children, NodeState};
-use spinney_base::space::{Bounds, Code};
+use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::value::Value;
 use spinney_base::{Result, TreeType};
 
-/// Levels below a block of a quadtree, and of an octree.
-pub(super) const BLOCK_LEVELS: [u8; 2] = [8, 5];
+/// Returns the number of levels below a block.
+pub(super) fn block_levels(dimension: Dimension) -> u8 {
+    match dimension {
+        Dimension::Quad => 8,
+        Dimension::Oct => 5,
+    }
+}
 
 /// Draws a box of nodes of the level that is the given number above the cells: values, and which of
 /// them are valid.

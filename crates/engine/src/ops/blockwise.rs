@@ -3,17 +3,17 @@
 
 use std::path::{Path, PathBuf};
 
-use super::blocks::{BLOCK_LEVELS, Block, Blocks};
+use super::blocks::{Block, Blocks, block_levels};
 use crate::store::builder::ReusableSource;
 use crate::tree::{CellBlock, Child, Children, Source};
-use spinney_base::space::{Bounds, Code, Dimension};
+use spinney_base::space::{Bounds, Code};
 use spinney_base::{Result, TreeType};
 use spinney_container::{Header, Metadata};
 
-/// Computes the cells of a quadtree.
+/// Computes the cells of a tree.
 pub trait BlockSource: Send + Sync {
-    /// Node at the block level (eight levels above the cells) or above it; only the root if the
-    /// tree has fewer levels.
+    /// Node at the block level (eight levels above the cells, or five in an octree) or above it;
+    /// only the root if the tree has fewer levels.
     ///
     /// # Errors
     /// If it cannot be computed.
@@ -26,7 +26,7 @@ pub trait BlockSource: Send + Sync {
     fn block(&self, code: Code) -> Result<CellBlock>;
 }
 
-/// Quadtree that is computed block by block, on request, with the header and metadata that its file
+/// Tree that is computed block by block, on request, with the header and metadata that its file
 /// would have. Memory: sixteen blocks, to speed up traversals by node.
 pub struct Blockwise {
     tree: Box<dyn BlockSource>,
@@ -38,11 +38,7 @@ pub struct Blockwise {
 
 impl Blockwise {
     /// Tree with a name for messages.
-    ///
-    /// # Panics
-    /// If the header is that of an octree.
     pub fn new(tree: Box<dyn BlockSource>, name: &Path, header: Header, metadata: Metadata) -> Blockwise {
-        assert_eq!(header.form.dimension, Dimension::Quad, "blocks are of quadtrees");
         Blockwise { tree, name: name.into(), header, metadata, blocks: Blocks::default() }
     }
 
@@ -62,7 +58,7 @@ impl Blockwise {
     }
 
     fn block_level(&self) -> u8 {
-        self.header.depth().saturating_sub(BLOCK_LEVELS[0])
+        self.header.depth().saturating_sub(block_levels(self.header.form.dimension))
     }
 
     /// Block with the nodes above its cells.
@@ -94,7 +90,7 @@ impl Source for Blockwise {
     }
 
     fn root(&self) -> Result<Child<Code>> {
-        self.tree.node(Code::root(Dimension::Quad))
+        self.tree.node(Code::root(self.header.form.dimension))
     }
 
     fn children(&self, node: &Code, children: &mut Children<Code>) -> Result<()> {

@@ -1,10 +1,10 @@
 //! Triangles of an exact model's faces, and which of their sides are edges.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::exact::normal::triangle_normal;
-use spinney_brep::{ExactModel, Faces as _, each_triangle};
+use spinney_brep::{ChosenParts, ExactModel, Faces, each_triangle};
 
 /// Maximum number of triangles of a drawing: fragments of one triangle in a BSP tree take about 2
 /// KB.
@@ -26,18 +26,24 @@ pub(super) struct Triangles {
 }
 
 impl Triangles {
-    /// Reads the triangles of a model.
+    /// Reads the triangles of a model, or of some of its parts.
     ///
     /// # Errors
     /// If there are more than [`MAX_TRIANGLES`], the file is corrupt, or on cancellation.
-    pub(super) fn of(model: &ExactModel, progress: &dyn Progress) -> Result<Triangles> {
+    pub(super) fn of(
+        model: &ExactModel,
+        parts: Option<&BTreeSet<u32>>,
+        progress: &dyn Progress,
+    ) -> Result<Triangles> {
         let too_many = |count: u64| {
             let found = format!("a drawing of {count} faces or more (at most {MAX_TRIANGLES} triangles)");
             let advice = "render a shaded image without --drawing, or draw blocks of the octree with --drawing octants";
             Error::unsupported(model.path(), found, advice)
         };
-        if model.len() > MAX_TRIANGLES as u64 {
-            return Err(too_many(model.len()));
+        let chosen = parts.map(|parts| ChosenParts::of(model, parts)).transpose()?;
+        let faces: &dyn Faces = chosen.as_ref().map_or(model, |chosen| chosen);
+        if faces.len() > MAX_TRIANGLES as u64 {
+            return Err(too_many(faces.len()));
         }
         let mut found = Triangles {
             corners: Vec::new(),
@@ -46,7 +52,7 @@ impl Triangles {
             of_side: HashMap::new(),
             is_rounded: model.exact_faces().0 > 0,
         };
-        each_triangle(model, &mut |face| {
+        each_triangle(faces, &mut |face| {
             let &[a, b, c] = face.points else { return Ok(()) };
             let number = found.corners.len();
             if number == MAX_TRIANGLES {

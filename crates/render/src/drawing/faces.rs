@@ -1,5 +1,7 @@
 //! Line drawings of exact models' edges.
 
+use std::collections::BTreeSet;
+
 use glam::DVec3;
 
 use super::Viewer;
@@ -19,11 +21,12 @@ fn project(point: [f64; 3], grid: &Grid, camera: &Camera) -> [f64; 2] {
 /// Draws all edges of a model, each once.
 pub(super) fn wireframe(
     model: &ExactModel,
+    parts: Option<&BTreeSet<u32>>,
     camera: &Camera,
     marks: &mut Marks,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let triangles = Triangles::of(model, progress)?;
+    let triangles = Triangles::of(model, parts, progress)?;
     for number in 0..triangles.corners.len() {
         let (corners, edges) = (&triangles.corners[number], triangles.edges(number));
         let points = corners.map(|corner| project(corner.map(f64::from), model.grid(), camera));
@@ -77,15 +80,18 @@ impl GridViewer {
 /// and each covers the edges it hides before its own edges are drawn.
 pub(super) fn hidden_lines(
     model: &ExactModel,
+    parts: Option<&BTreeSet<u32>>,
     camera: &Camera,
     marks: &mut Marks,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let triangles = Triangles::of(model, progress)?;
+    let triangles = Triangles::of(model, parts, progress)?;
     let (grid, paper) = (model.grid(), marks.paper());
     let viewer = GridViewer::of(camera, grid);
-    // Other faces hide those that face away, unless the viewer is inside of an unbounded solid.
-    let is_seen = |number: &usize| model.is_unbounded() || viewer.is_before(&triangles.corners[*number]);
+    // Other faces hide those that face away, unless the viewer is inside of an unbounded solid, or
+    // parts are open without the others.
+    let may_be_open = model.is_unbounded() || parts.is_some();
+    let is_seen = |number: &usize| may_be_open || viewer.is_before(&triangles.corners[*number]);
     let numbers: Vec<usize> = (0..triangles.corners.len()).filter(is_seen).collect();
     let seen: Vec<_> = numbers.iter().map(|number| triangles.corners[*number]).collect();
     let tree = Bsp::of_triangles(&seen)?;

@@ -17,7 +17,7 @@ use glam::DVec3;
 use self::marks::Marks;
 use crate::RenderRequest;
 use crate::camera::Camera;
-use crate::exact::Solid;
+use crate::exact::view_of;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::ExactModel;
@@ -69,19 +69,19 @@ pub fn draw_exact(
     if let (DrawingStyle::Wireframe | DrawingStyle::HiddenLines, Some(level)) = (style, request.level) {
         return Err(Error::invalid("level", level.to_string(), "no level for edges of an exact model"));
     }
-    let corners = model.bounds()?.map(DVec3::from);
-    let camera = request.camera(&Solid { model, corners })?;
+    let (corners, camera) = view_of(model, request, progress)?;
     let mut marks = Marks::new(request.background);
     let level = match style {
         DrawingStyle::Wireframe => {
-            faces::wireframe(model, &camera, &mut marks, progress)?;
+            faces::wireframe(model, request.parts.as_ref(), &camera, &mut marks, progress)?;
             None
         }
         DrawingStyle::HiddenLines => {
-            faces::hidden_lines(model, &camera, &mut marks, progress)?;
+            faces::hidden_lines(model, request.parts.as_ref(), &camera, &mut marks, progress)?;
             None
         }
         DrawingStyle::Octants => {
+            request.refuse_parts("blocks of an octree")?;
             Some(octants::of_model(model, corners, request.level, &camera, &mut marks, progress)?)
         }
     };
@@ -105,6 +105,7 @@ pub fn draw_cells(
     progress: &dyn Progress,
 ) -> Result<u8> {
     request.check()?;
+    request.refuse_parts("trees of cells")?;
     let mut marks = Marks::new(request.background);
     let level = octants::of_cells(tree, request, &mut marks, progress)?;
     write(&marks, request, output, format, progress)?;

@@ -62,7 +62,7 @@ fn built(triangles: &[[[i32; 3]; 3]], codec: Codec) -> Vec<u8> {
         );
         builder.part(name, Some(&text)).unwrap();
     }
-    let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    let report = builder.finish(&mut Metadata::default(), &()).unwrap();
     assert_eq!(report.defects, []);
     std::fs::read(path).unwrap()
 }

@@ -5,7 +5,7 @@ use super::composite;
 use super::kernel::{Machine, settle, store, value_of};
 use super::operands::{Operands, resolve};
 use crate::ops::affine::View;
-use crate::ops::blocks::{BLOCK_LEVELS, Block, Blocks};
+use crate::ops::blocks::{Block, Blocks, block_levels};
 use crate::ops::view_source::ViewSource;
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
 use spinney_base::TreeType;
@@ -36,12 +36,13 @@ pub struct Calculated {
 const MAX_PAINT_BYTES: u64 = 2 << 20;
 /// Maximum and minimum number of cells that are read at a time, regardless of their size.
 const PAINT_CELLS: [u64; 2] = [1 << 16, 1 << 10];
-/// Levels below the blocks that are returned as cells, in quadtrees and octrees: those that files
-/// are built from.
-const MAX_LEVELS: [u8; 2] = [8, 6];
-
-fn of_dimension(dimension: Dimension, of: [u8; 2]) -> u8 {
-    of[usize::from(dimension == Dimension::Oct)]
+/// Returns the number of levels below the blocks that are returned as cells: those that files are
+/// built from.
+fn max_levels(dimension: Dimension) -> u8 {
+    match dimension {
+        Dimension::Quad => 8,
+        Dimension::Oct => 6,
+    }
 }
 
 impl Calculated {
@@ -122,7 +123,7 @@ impl Calculated {
     }
 
     fn block_level(&self) -> u8 {
-        self.header.depth().saturating_sub(of_dimension(self.header.form.dimension, BLOCK_LEVELS))
+        self.header.depth().saturating_sub(block_levels(self.header.form.dimension))
     }
 
     /// Reads a box of cells of a level inside the tree's space, as [`Source::draw`] does, from the
@@ -372,7 +373,7 @@ impl Source for Calculated {
     }
 
     fn cells(&self, node: &Code, levels: u8) -> Result<Option<CellBlock>> {
-        if levels > of_dimension(self.header.form.dimension, MAX_LEVELS) {
+        if levels > max_levels(self.header.form.dimension) {
             return Ok(None);
         }
         let bounds = node.bounds(self.header.depth());

@@ -2,18 +2,17 @@
 //! blocks of cells that are drawn.
 
 use super::{Mosaic, MosaicNode};
-use crate::ops::blocks::{BLOCK_LEVELS, Block};
+use crate::ops::blocks::{Block, block_levels};
 use crate::ops::tree_file::other_node;
 use crate::query::tally_of;
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
-use spinney_base::space::{Bounds, Code, Dimension};
+use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{Value, ZoneStats};
 use spinney_base::{Result, TreeType};
 
 impl Mosaic {
     fn block_level(&self) -> u8 {
-        let levels = BLOCK_LEVELS[usize::from(self.header.form.dimension == Dimension::Oct)];
-        self.header.depth().saturating_sub(levels)
+        self.header.depth().saturating_sub(block_levels(self.header.form.dimension))
     }
 
     /// Node at the block level, or above it. The representative of a node of several files is left

@@ -117,7 +117,14 @@ fn try_once(
     let sorter = || FaceSorter::new(&grid, &place, options.memory / 4);
     let mut sorted = sorter();
     let mut area = 0.0;
+    // Whether each part has faces, if they may be removed.
+    let mut has_faces: Vec<bool> = Vec::new();
     read(models, &objects, &mut snapper, &work.part(1), &mut |face, values| {
+        if options.repair {
+            let part = face.part as usize;
+            has_faces.resize(has_faces.len().max(part + 1), false);
+            has_faces[part] |= face.has_area();
+        }
         if keeps_volume {
             area += face.area();
         }
@@ -164,6 +171,9 @@ fn try_once(
         target.push(face, values)
     })?;
     let (mut builder, repaired) = target.repaired(options.inside, &work.part(REPAIR_PASSES))?;
+    let vanished =
+        (0..).zip(&has_faces).filter(|(part, has_faces)| **has_faces && !builder.has_faces_of(*part));
+    let vanished: Vec<&str> = vanished.filter_map(|(part, _)| objects.name(part)).collect();
     let most = BuildReport::THIN * area * grid.width().powi(3);
     if keeps_volume && repaired.is_some_and(|done| (done.volume - sums.volume(&grid)).abs() > most) {
         return Err(Error::NotASolid {
@@ -217,11 +227,7 @@ fn try_once(
     if let Some(unit) = &unit {
         metadata.set_tag(Tag::Unit, unit);
     }
-    let built = builder.finish(&mut metadata, &work.part(BUILDING_PASSES), &mut |metadata, built| {
-        if built.defect_count > 0 {
-            metadata.set_tag(Tag::ModelIntersections, built.defect_count.to_string());
-        }
-    })?;
+    let built = builder.finish(&mut metadata, &work.part(BUILDING_PASSES))?;
     // (Proxy faces may intersect each other where exact faces are thinner than a grid unit.)
     if built.defect_count > 0 && !has_exact_faces {
         let advice = match options.repair {
@@ -233,15 +239,31 @@ fn try_once(
                 "resolve it with --repair, or build cells (without --brep), which are the union of all parts"
             }
         };
-        let are_folds = built.defects.iter().all(|defect| defect.kind == DefectKind::Fold);
-        let what = match are_folds {
-            true => "the surface is folded flat onto itself, and encloses nothing there",
+        let are_all = |is: fn(DefectKind) -> bool| built.defects.iter().all(|defect| is(defect.kind));
+        let are_nested = are_all(|kind| matches!(kind, DefectKind::Winding(2..)));
+        let what = match are_nested {
+            true => "bodies are inside of each other",
+            false if are_all(|kind| kind == DefectKind::Fold) => {
+                "the surface is folded flat onto itself, and encloses nothing there"
+            }
             false => "the surface intersects itself, or is inside out: it bounds no body",
+        };
+        let advice = match are_nested && !options.repair {
+            true if objects.count() > 1 => {
+                "build one of the objects with --where, such as `--where id=NAME`, or unite them with --repair"
+            }
+            true => "write each body to a file of its own, or unite them with --repair",
+            false => advice,
         };
         let error = built.error(&path, what, advice);
         let wrong = Wrong { built: &built, objects: &objects, closing: &closing, options };
         let error = wrong.named(error, models, snapper, sorter(), progress)?;
         return Ok(Outcome::Refused { error, is_thin: built.is_thin && !options.repair });
+    }
+    if !vanished.is_empty() {
+        let names = listed(&vanished);
+        progress
+            .warn(&path, &format!("{} objects have no faces left after the repair: {names}", vanished.len()));
     }
     for model in models.iter() {
         model.remarks().iter().for_each(|remark| progress.warn(&model.info().path, remark));
@@ -312,20 +334,13 @@ fn faces_of(models: &[Box<dyn Model>]) -> u64 {
 
 /// Lines for the provenance: objects that were left out, and changes to the surface.
 fn history(options: &ExactOptions, skipped: &[SkippedObject], repaired: Option<&Repair>) -> Vec<String> {
-    /// Maximum number of listed names; a city may have any number of objects.
-    const MAX_NAMES: usize = 100;
     let mut lines = Vec::new();
     if let Some(parts) = &options.parts {
         lines.push(format!("{} parts were chosen", parts.len()));
     }
     if !skipped.is_empty() {
-        let names: Vec<&str> = skipped.iter().take(MAX_NAMES).map(|object| object.name.as_str()).collect();
-        let more = if skipped.len() > MAX_NAMES { ", ..." } else { "" };
-        lines.push(format!(
-            "left out {} objects that are no bodies: {}{more}",
-            skipped.len(),
-            names.join(", ")
-        ));
+        let names: Vec<&str> = skipped.iter().map(|object| object.name.as_str()).collect();
+        lines.push(format!("left out {} objects that are no bodies: {}", skipped.len(), listed(&names)));
     }
     if let Some(done) = repaired.filter(|done| !done.is_nothing()) {
         let (bodies, rule) = (done.turned.0, options.inside.name());
@@ -335,6 +350,14 @@ fn history(options: &ExactOptions, skipped: &[SkippedObject], repaired: Option<&
         ));
     }
     lines
+}
+
+/// Returns the names of objects as a list, cut off if it is long.
+fn listed(names: &[&str]) -> String {
+    /// Maximum number of names; a city may have any number of objects.
+    const MOST: usize = 100;
+    let more = if names.len() > MOST { ", ..." } else { "" };
+    names[..names.len().min(MOST)].join(", ") + more
 }
 
 /// Receiver of snapped faces: writes them to the file directly, or collects them for repair.
@@ -369,8 +392,9 @@ impl Target {
 
     /// Returns the builder with all faces in it, and the counts of the repair.
     fn repaired(self, inside: InsideRule, progress: &dyn Progress) -> Result<(ModelBuilder, Option<Repair>)> {
-        let Target { builder, collected, path, .. } = self;
+        let Target { mut builder, collected, path, .. } = self;
         let Some(collected) = collected else { return Ok((builder, None)) };
+        builder.record_parts();
         let (builder, done) = collected.repair(inside, builder, &path, progress)?;
         Ok((builder, Some(done)))
     }

@@ -233,20 +233,18 @@ impl RasterizeOptions {
 
     /// Creates options that set cells to 1 where features are, on the cells of a tree with this
     /// header and metadata, and with its type: for
-    /// [`FeatureImport::tree`](super::FeatureImport::tree). `coordinates` are those of the
+    /// [`FeatureImport::tree`](super::FeatureImport::tree). In an octree, a feature covers the
+    /// columns of cells above and below it; its heights are ignored. `coordinates` are those of the
     /// features; `None` for those of their file.
     ///
     /// # Errors
-    /// If it is an octree.
+    /// If it is an octree whose columns of cells are not vertical.
     pub fn over(
         header: &Header,
         metadata: &Metadata,
         coordinates: Option<Coordinates>,
     ) -> Result<RasterizeOptions> {
-        if header.form.axes() != 2 {
-            let expected = "a quadtree to rasterize features on; for an octree, write the polygon as a column, `prism([[X,Y],[X,Y],[X,Y]], ZMIN, ZMAX);`, to ZONE.csg, build it on the tree's cells, `spinney build ZONE.csg --grid TREE -o ZONE.goblin`, and combine, apply or paste that; `stats --zones` measures octrees above polygons";
-            return Err(Error::invalid("tree", "an octree", expected));
-        }
+        metadata.frame.check_columns()?;
         let grid = FeatureGrid::Like(WarpGrid { frame: metadata.frame.clone(), extent: header.extent });
         let ground = Ground { header: header.clone(), metadata: metadata.clone(), coordinates };
         Ok(RasterizeOptions {

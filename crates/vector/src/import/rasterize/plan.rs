@@ -338,7 +338,7 @@ impl FeatureImport {
     }
 
     /// Creates a lazily painted tree of the features, on the cells of the one that they are laid
-    /// over: see [`RasterizeOptions::over`].
+    /// over: see [`RasterizeOptions::over`]. In an octree, features are columns of cells.
     ///
     /// # Errors
     /// If a file cannot be read or has changed, or on cancellation.
@@ -407,7 +407,20 @@ impl FeatureImport {
         };
         let edge = self.options.edge;
         shapes.centres_alone = paint.needs_centres_alone(edge);
-        let tree = ShapeTree { shapes, values, value_type, fixed, paint, edge, extent, depth, node_cache };
+        let dimension =
+            self.options.ground.as_ref().map_or(Dimension::Quad, |ground| ground.header.form.dimension);
+        let tree = ShapeTree {
+            shapes,
+            values,
+            value_type,
+            fixed,
+            paint,
+            edge,
+            dimension,
+            extent,
+            depth,
+            node_cache,
+        };
         Ok(LoadedShapes { tree, geometries, beyond, outside })
     }
 

@@ -1,5 +1,6 @@
 //! The tree of shapes. Nodes that shapes cover entirely are uniform, nodes with edges are divided,
-//! and cells are painted in blocks.
+//! and cells are painted in blocks. In an octree, each shape covers columns of cells: all layers
+//! are equal.
 
 use std::sync::Arc;
 
@@ -50,6 +51,8 @@ pub(super) struct ShapeTree {
     pub(super) fixed: Option<Value>,
     pub(super) paint: Paint,
     pub(super) edge: EdgeRule,
+    /// Dimension of the tree.
+    pub(super) dimension: Dimension,
     pub(super) extent: [u64; 3],
     pub(super) depth: u8,
     /// Cache of the parts of nodes.
@@ -102,7 +105,17 @@ impl ShapeTree {
         self.shapes.shapes[part.shape as usize].kind
     }
 
-    /// Returns the parts of a node, computed from those of its nearest cached ancestor.
+    /// Returns the square of the plane below a node.
+    fn square(&self, code: Code) -> Code {
+        let [x, y, _] = code.cell();
+        match self.dimension {
+            Dimension::Quad => code,
+            Dimension::Oct => Code::from_cell(Dimension::Quad, code.level(), [x, y, 0])
+                .unwrap_or_else(|| unreachable!("quadtrees are deeper than octrees")),
+        }
+    }
+
+    /// Returns the parts of a square, computed from those of its nearest cached ancestor.
     fn parts(&self, code: Code) -> Arc<ClippedShapes> {
         let (mut at, mut parts) = self.node_cache.nearest(code).unwrap_or_else(|| {
             let root = Code::root(Dimension::Quad);
@@ -127,7 +140,7 @@ impl ShapeTree {
         if self.paint == Paint::Top { parts.uncovered() } else { parts }
     }
 
-    /// Paints the cells of a node with this number of levels below it.
+    /// Paints the cells of a square with this number of levels below it.
     fn paint(&self, code: Code, parts: &ClippedShapes, levels: u8) -> CellBlock {
         let side = 1usize << levels;
         let bounds = code.bounds(self.depth);
@@ -322,7 +335,8 @@ impl BlockSource for ShapeTree {
         if cells.intersect(&self.raster_bounds()).is_empty() {
             return Ok(Child::Void);
         }
-        let parts = self.parts(code);
+        let square = self.square(code);
+        let parts = self.parts(square);
         if parts.parts.iter().all(ClippedShape::is_whole) {
             let value = self.uniform(&parts.parts);
             if value.is_none() || self.raster_bounds().contains(&cells) {
@@ -330,7 +344,7 @@ impl BlockSource for ShapeTree {
             }
         }
         if code.level() == self.depth {
-            let block = self.paint(code, &parts, 0);
+            let block = self.paint(square, &parts, 0);
             return Ok(Child::uniform(block.present[0].then(|| Value::from_bytes(&block.values))));
         }
         // The representative is never read: storing a tree recomputes representatives from the
@@ -339,6 +353,17 @@ impl BlockSource for ShapeTree {
     }
 
     fn block(&self, code: Code) -> Result<CellBlock> {
-        Ok(self.paint(code, &self.parts(code), self.depth - code.level()))
+        let (square, levels) = (self.square(code), self.depth - code.level());
+        let layer = self.paint(square, &self.parts(square), levels);
+        if self.dimension == Dimension::Quad {
+            return Ok(layer);
+        }
+        let first = code.bounds(self.depth).min[2];
+        let layers = self.extent[2].saturating_sub(first).min(1 << levels) as usize;
+        let mut block =
+            CellBlock { present: layer.present.repeat(layers), values: layer.values.repeat(layers) };
+        block.present.resize(layer.present.len() << levels, false);
+        block.values.resize(layer.values.len() << levels, 0);
+        Ok(block)
     }
 }

@@ -81,6 +81,7 @@ fn tree(
         fixed: None,
         paint,
         edge,
+        dimension: Dimension::Quad,
         extent: [extent[0], extent[1], 1],
         depth,
         node_cache: NodeCache::new(1 << 14),
