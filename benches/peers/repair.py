@@ -3,14 +3,19 @@
 and manifold3d's import.
 
     repair.py [NAME ...]
+    repair.py --torus [N M]
 
 All scans, dirty scans and the bodies of ../shared/data/mesh and `hostile/bodies`, the buildings of
 its city files, and 40 constructions: heaps of boxes and balls that are rotated, nested, inside out
 and duplicated, with a fixed seed. Reports for each: processor seconds with reading and writing, and
 volumes. libigl resolves by winding numbers above 0, so its volume is compared with ours by
 `--inside positive`; inside-out solids are empty to it. manifold3d reports whether it accepts the
-mesh. The peers are installed as for exact.py (and libigl). The program is target/release/spinney,
-or SPINNEY. One thread.
+mesh. The peers are installed as for exact.py (and libigl).
+
+With --torus: a bumpy torus of 2 N M = 5,500,000 triangles, of which 1,000 are removed and 1,000
+reversed, within --memory 256M, against pymeshfix. Reports processor seconds, memory without mapped
+files, and volumes next to the whole torus's. The program is target/release/spinney, or SPINNEY. One
+thread.
 """
 
 import json
@@ -23,12 +28,52 @@ from pathlib import Path
 os.environ["RAYON_NUM_THREADS"] = "1"
 
 from common import ROOT, SPINNEY, WORK, record, row, start, table  # noqa: E402
-from exact import MESH, PYTHON, install  # noqa: E402
+from exact import MESH, PYTHON, READ, TORUS, install, python  # noqa: E402
 
 CONSTRUCTIONS = 40
 MADE = WORK / "dirty"
 # Seconds allowed for a peer.
 PLENTY = 300
+# Seconds allowed for the peer of the torus.
+LONG = 1800
+
+# Removes 1,000 triangles of a PLY file, and reverses 1,000 others; prints the volume before that.
+DAMAGE = (
+    READ
+    + """
+points, faces = read(sys.argv[1])
+a, b, c = (points[faces[:, corner]].astype('f8') for corner in range(3))
+print(np.einsum('ij,ij->', a, np.cross(b, c)) / 6)
+chosen = np.random.default_rng(11).permutation(len(faces))[:2000]
+rows = np.zeros(len(faces), [('n', 'u1'), ('v', '<i4', 3)])
+rows['n'], rows['v'] = 3, faces
+rows['v'][chosen[1000:]] = rows['v'][chosen[1000:], ::-1]
+rows = np.delete(rows, chosen[:1000])
+with open(sys.argv[2], 'wb') as out:
+    out.write(('ply\\nformat binary_little_endian 1.0\\nelement vertex %d\\nproperty float x\\nproperty float y\\nproperty float z\\n'
+               'element face %d\\nproperty list uchar int vertex_indices\\nend_header\\n' % (len(points), len(rows))).encode())
+    out.write(points.tobytes())
+    out.write(rows.tobytes())
+"""
+)
+
+# Repairs a mesh by pymeshfix: prints the volume, processor seconds and peak MiB.
+MESHFIX = (
+    READ
+    + """
+import json, resource, time
+import pymeshfix
+began = time.process_time()
+points, faces = read(sys.argv[1])
+fixed = pymeshfix.MeshFix(points.astype('f8'), faces.astype('i4'))
+fixed.repair(joincomp=True, remove_smallest_components=False)
+points, faces = fixed.points, fixed.faces
+seconds = time.process_time() - began
+a, b, c = (points[faces[:, corner]] for corner in range(3))
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+print(json.dumps([float(np.einsum('ij,ij->', a, np.cross(b, c)) / 6), seconds, peak]))
+"""
+)
 
 
 def construct():
@@ -104,6 +149,54 @@ def ours(path, *options):
     return json.loads(stats)["volume"], seconds, ""
 
 
+def own_memory(command):
+    """Runs a command; returns processor seconds and the maximum of its memory without mapped files,
+    in MiB, sampled every 20 ms."""
+    before, most = os.times(), 0
+    process = subprocess.Popen([str(word) for word in command])
+    while process.poll() is None:
+        try:
+            status = Path(f"/proc/{process.pid}/status").read_text()
+            most = max(most, next((int(line.split()[1]) for line in status.splitlines() if line.startswith("RssAnon")), 0))
+        except OSError:
+            pass
+        time.sleep(0.02)
+    if process.returncode:
+        sys.exit(f"failed: {command}")
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system, most / 1024
+
+
+def torus(sizes):
+    """Repairs a large torus with holes and reversed faces."""
+    start(data=False, peer="python3")
+    install()
+    subprocess.run([PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "pymeshfix"], check=True)
+    n, m = map(int, sizes or ["2750", "1000"])
+    whole, damaged, model = WORK / "torus.ply", WORK / "damaged.ply", WORK / "repaired.goblin"
+    python(TORUS, n, m, whole)
+    volume = float(subprocess.run([PYTHON, "-c", DAMAGE, whole, damaged], check=True, capture_output=True, text=True).stdout)
+    model.unlink(missing_ok=True)
+    options = ["--brep", "--close", "--repair", "--memory", "256M"]
+    seconds, peak = own_memory([SPINNEY, "-q", "--threads", 1, "build", damaged, "-o", model, *options])
+    found = json.loads(subprocess.check_output([SPINNEY, "stats", model, "--json"]))["volume"]
+    rows = [["spinney, --memory 256M", f"{seconds:.1f}", f"{peak:.0f}", f"{abs(found / volume - 1):.1e}"]]
+    theirs = [None] * 3
+    try:
+        out = subprocess.run([PYTHON, "-c", MESHFIX, damaged], capture_output=True, text=True, timeout=LONG)
+        theirs = json.loads(out.stdout.splitlines()[-1]) if out.returncode == 0 else theirs
+        print(out.stderr[-300:] if out.returncode else "", end="")
+    except subprocess.TimeoutExpired:
+        print(f"pymeshfix: over {LONG} s")
+    if theirs[1] is not None:
+        rows.append(["pymeshfix", f"{theirs[1]:.1f}", f"{theirs[2]:.0f}", f"{abs(theirs[0] / volume - 1):.1e}"])
+    table([f"torus of {2 * n * m:,} triangles", "CPU s", "own MiB", "volume differs"], rows)
+    if not sizes:
+        job = "repair of a torus of 5.5 million triangles, 1,000 removed and 1,000 reversed"
+        results = [row(job, "CPU s", seconds, "pymeshfix", theirs[1]), row(f"{job}: own memory", "MiB", peak, "pymeshfix", theirs[2])]
+        record("exact models", results)
+
+
 def main():
     start(data=False, peer="python3")
     install()
@@ -153,4 +246,7 @@ def main():
 
 if __name__ == "__main__":
     words = sys.argv[1:2]
-    construct() if words == ["--construct"] else peer() if words == ["--peer"] else main()
+    if words == ["--torus"]:
+        torus(sys.argv[2:])
+    else:
+        construct() if words == ["--construct"] else peer() if words == ["--peer"] else main()
