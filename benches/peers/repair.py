@@ -38,7 +38,7 @@ PLENTY = 300
 LONG = 1800
 
 # Removes 1,000 triangles of a PLY file, and reverses 1,000 others; prints the volume before that.
-DAMAGE = (
+DIRTY = (
     READ
     + """
 points, faces = read(sys.argv[1])
@@ -173,17 +173,17 @@ def torus(sizes):
     install()
     subprocess.run([PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "pymeshfix"], check=True)
     n, m = map(int, sizes or ["2750", "1000"])
-    whole, damaged, model = WORK / "torus.ply", WORK / "damaged.ply", WORK / "repaired.goblin"
+    whole, dirty, model = WORK / "torus.ply", WORK / "dirty.ply", WORK / "repaired.goblin"
     python(TORUS, n, m, whole)
-    volume = float(subprocess.run([PYTHON, "-c", DAMAGE, whole, damaged], check=True, capture_output=True, text=True).stdout)
+    volume = float(subprocess.run([PYTHON, "-c", DIRTY, whole, dirty], check=True, capture_output=True, text=True).stdout)
     model.unlink(missing_ok=True)
     options = ["--brep", "--close", "--repair", "--memory", "256M"]
-    seconds, peak = own_memory([SPINNEY, "-q", "--threads", 1, "build", damaged, "-o", model, *options])
+    seconds, peak = own_memory([SPINNEY, "-q", "--threads", 1, "build", dirty, "-o", model, *options])
     found = json.loads(subprocess.check_output([SPINNEY, "stats", model, "--json"]))["volume"]
     rows = [["spinney, --memory 256M", f"{seconds:.1f}", f"{peak:.0f}", f"{abs(found / volume - 1):.1e}"]]
     theirs = [None] * 3
     try:
-        out = subprocess.run([PYTHON, "-c", MESHFIX, damaged], capture_output=True, text=True, timeout=LONG)
+        out = subprocess.run([PYTHON, "-c", MESHFIX, dirty], capture_output=True, text=True, timeout=LONG)
         theirs = json.loads(out.stdout.splitlines()[-1]) if out.returncode == 0 else theirs
         print(out.stderr[-300:] if out.returncode else "", end="")
     except subprocess.TimeoutExpired:
