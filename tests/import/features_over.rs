@@ -105,16 +105,21 @@ fn overlay(file: &Path, options: &RasterizeOptions) -> Arc<ViewSource> {
 
 /// Returns, for each cell, the values of the stars that contain its centre, in the stars' order.
 fn at_centres(stars: &[Star]) -> Vec<Vec<u64>> {
-    let mut found = vec![Vec::new(); (EXTENT[0] * EXTENT[1]) as usize];
+    at_centres_of(stars, [EXTENT[0], EXTENT[1]])
+}
+
+/// Returns the same for the first columns and rows of the cells.
+fn at_centres_of(stars: &[Star], [columns, rows]: [u64; 2]) -> Vec<Vec<u64>> {
+    let mut found = vec![Vec::new(); (columns * rows) as usize];
     for (value, rings) in stars {
         let in_cells: Vec<Vec<[f64; 2]>> =
             rings.iter().map(|ring| ring.iter().map(|[x, y]| [*x, EXTENT[1] as f64 - y]).collect()).collect();
         let polygon = Polygon::new(&in_cells).unwrap();
-        for row in 0..EXTENT[1] {
-            for column in 0..EXTENT[0] {
+        for row in 0..rows {
+            for column in 0..columns {
                 let cell = Bounds { min: [column, row, 0], max: [column + 1, row + 1, 1] };
                 if polygon.cover_centres(&cell) == spinney::raw::space::Cover::Whole {
-                    found[(row * EXTENT[0] + column) as usize].push(*value);
+                    found[(row * columns + column) as usize].push(*value);
                 }
             }
         }
@@ -370,8 +375,8 @@ fn features_are_columns_of_an_octree() {
     let mut cells = Cells::random(form, 1, extent, 9, true);
     let metadata = Metadata { frame: frame.clone(), ..Metadata::default() };
     write_cells(&path, &cells, &options(Rule::Majority, DataKind::Categorical, 7).metadata(metadata.clone()));
-    let all = at_centres(&stars);
-    let values_at = |at: usize| &all[at / 120 % 90 * EXTENT[0] as usize + at % 120];
+    let all = at_centres_of(&stars, [120, 90]);
+    let values_at = |at: usize| &all[at % (120 * 90)];
     let tree = opened(&path);
     let zones = overlay(&file, &over(&tree, |options| options.value = FeatureValue::Attribute("v".into())));
     let mut found = vec![false; cells.cells.len()];
@@ -385,6 +390,7 @@ fn features_are_columns_of_an_octree() {
         Ok(true)
     })
     .unwrap();
+    assert!(found.contains(&true));
     for (at, cell) in cells.cells.iter().enumerate() {
         let is_wanted = !values_at(at).is_empty() && cell.is_some_and(|value| value.to_bytes()[0] > 0);
         assert_eq!(found[at], is_wanted, "cell {at}");
@@ -396,7 +402,10 @@ fn features_are_columns_of_an_octree() {
     let after = cells_of(&TreeFile::open(&path, &OpenOptions::new()).unwrap(), extent);
     crate::common::assert_same(&after, &cells, "fill");
     assert!(opened(&path).verify(64 << 20, &()).unwrap().is_empty());
-    // Polygons would not cover columns of cells that are not vertical.
+    // Polygons would not cover columns of cells that are not vertical, beyond rounding.
+    frame.matrix[0][2] = 1e-16;
+    let rounded = Metadata { frame: frame.clone(), ..metadata.clone() };
+    assert!(RasterizeOptions::over(tree.header(), &rounded, None).is_ok());
     frame.matrix[0][2] = 0.5;
     let tilted = Metadata { frame, ..metadata };
     let error = RasterizeOptions::over(tree.header(), &tilted, None).err().unwrap().to_string();

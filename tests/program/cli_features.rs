@@ -366,3 +366,40 @@ fn errors_name_options() {
         assert!(said.contains(expected), "{words:?}: {said}");
     }
 }
+
+/// Features are columns of an octree's cells. Columns of a turned octree are not vertical: the
+/// advice of the message works.
+#[test]
+fn features_are_columns_of_octrees() {
+    const BALL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/ball.goblin");
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
+    let (zone, part) = (at("zone.geojson"), at("part.goblin"));
+    let bounds = stdout(&["info", BALL, "--json"]);
+    let size = &serde_json::from_str::<serde_json::Value>(&bounds).unwrap()["size"];
+    let [width, height] = [0, 1].map(|axis| size[axis].as_f64().unwrap());
+    let half = serde_json::json!({
+        "type": "Polygon",
+        "coordinates": [[[-1.0, -1.0], [width / 2.0, -1.0], [width / 2.0, height + 1.0], [-1.0, height + 1.0], [-1.0, -1.0]]],
+    });
+    std::fs::write(&zone, half.to_string()).unwrap();
+    let cells = |file: &str| -> u64 {
+        let text = stdout(&["stats", file, "--json"]);
+        serde_json::from_str::<serde_json::Value>(&text).unwrap()["cells"].as_u64().unwrap()
+    };
+    spinney(&["combine", "and", BALL, &zone, "-o", &part]).success();
+    assert!(cells(&part) > 0 && cells(&part) < cells(BALL));
+    let (turned, upright) = (at("turned.goblin"), at("upright.goblin"));
+    spinney(&["transform", BALL, "rotate=30,x", "-o", &turned]).success();
+    for arguments in [
+        &["combine", "and", &turned, &zone, "-o", &part][..],
+        &["find", &turned, "--above", "1", "--within", &zone],
+        &["stats", &turned, "--zones", &zone],
+    ] {
+        let said = complaint(arguments, 1);
+        assert!(said.contains("spinney transform TREE like=OTHER -o NEW"), "{said}");
+    }
+    spinney(&["transform", &turned, &format!("like={BALL}"), "-o", &upright]).success();
+    spinney(&["combine", "and", &upright, &zone, "-o", &part]).success();
+    assert!(cells(&part) > 0 && cells(&part) < cells(&upright));
+}

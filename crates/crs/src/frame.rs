@@ -55,11 +55,15 @@ impl Frame {
     /// # Errors
     /// If they do not.
     pub fn check_columns(&self) -> Result<()> {
-        if self.matrix[0][2] == 0.0 && self.matrix[1][2] == 0.0 {
+        /// Shift of a layer against the next, in widths of a cell, that rounding may cause.
+        const ROUNDING: f64 = 1e-9;
+        let [x, y, _] = self.matrix;
+        if x[2].hypot(y[2]) <= ROUNDING * x[0].hypot(y[0]).min(x[1].hypot(y[1])) {
             return Ok(());
         }
         let found = "columns of cells that are not vertical";
-        Err(Error::invalid("grid of an octree with features", found, "columns along the world's z axis"))
+        let expected = "columns along the world's z axis; `spinney transform TREE like=OTHER -o NEW` resamples a turned tree to the cells of another one";
+        Err(Error::invalid("grid of an octree with features", found, expected))
     }
 
     /// Returns the map without its translation. Its columns are the edges of a cell. Its
