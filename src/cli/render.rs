@@ -57,8 +57,8 @@ pub(crate) struct Args {
     /// octree
     #[arg(long, value_name = "STYLE", value_parser = parse_drawing)]
     drawing: Option<DrawingStyle>,
-    /// Only objects of an exact model for which all conditions hold, as in
-    /// 'type=Building,height>=10'; id and type count as attributes
+    /// Only features for which all conditions hold, as in 'type=Building,height>=10': objects of an
+    /// exact model, where id and type count as attributes
     #[arg(long = "where", value_name = "CONDITION,...")]
     filter: Option<FeatureFilter>,
     /// Scale factor: 1 shows all of the solid
