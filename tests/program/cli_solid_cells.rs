@@ -218,16 +218,17 @@ fn polygons_with_octrees() {
         r#"{"type":"FeatureCollection","features":[{"type":"Feature","properties":{},"geometry":
         {"type":"Polygon","coordinates":[[[2,2],[8,2],[8,6],[2,6],[2,2]]]}}]}"#,
     );
-    let text = stderr(spinney(&["combine", "and", &plate, &zone, "-o", &path("no.goblin")]).failure());
-    // The advice, with this polygon.
-    let csg = between(&text, "`prism(", "`").replace("[[X,Y],[X,Y],[X,Y]], ZMIN, ZMAX", "");
-    assert_eq!(csg, ");");
-    let column = written(directory, "ZONE.csg", "prism([[2,2],[8,2],[8,6],[2,6]], 0, 4);");
-    let command = between(&text, "`spinney ", "`");
-    let out = path("ZONE.goblin");
-    let arguments = command.replace("ZONE.csg", &column).replace("TREE", &plate).replace("ZONE.goblin", &out);
-    spinney(&["-q"].into_iter().chain(arguments.split(' ')).collect::<Vec<_>>()).success();
     let cut = path("cut.goblin");
-    spinney(&["-q", "combine", "and", &plate, &out, "-o", &cut]).success();
+    spinney(&["-q", "combine", "and", &plate, &zone, "-o", &cut]).success();
     assert_eq!(volume(&cut), 6.0 * 4.0 * 4.0);
+    // A column of some heights is a solid of its own.
+    let column = written(directory, "column.csg", "prism([[2,2],[8,2],[8,6],[2,6]], 1, 4);");
+    let [cells, low] = ["column.goblin", "low.goblin"].map(path);
+    spinney(&["-q", "build", &column, "--grid", &plate, "-o", &cells]).success();
+    spinney(&["-q", "combine", "and", &plate, &cells, "-o", &low]).success();
+    assert_eq!(volume(&low), 6.0 * 4.0 * 3.0);
+    let tree = path("plate.autumn");
+    spinney(&["-q", "convert", &plate, &tree]).success();
+    spinney(&["-q", "edit", &tree, "fill", "--zones", &zone, "--void"]).success();
+    assert_eq!(volume(&tree), 20.0 * 10.0 * 4.0 - 6.0 * 4.0 * 4.0);
 }
