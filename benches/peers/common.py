@@ -64,6 +64,15 @@ def once(command, stdin=None, stdout=subprocess.DEVNULL):
     return usage.ru_utime + usage.ru_stime, wall, usage.ru_maxrss / 1024
 
 
+def private_memory(pid):
+    """Returns MiB of a process's memory, without mapped files; 0 after its end."""
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except OSError:
+        return 0
+    return next((int(line.split()[1]) for line in lines if line.startswith("RssAnon")), 0) / 1024
+
+
 def runs(command, times=3, **more):
     """Returns medians of several runs; $RUNS limits their number."""
     times = min(times, int(os.environ.get("RUNS", times)))

@@ -27,7 +27,7 @@ from pathlib import Path
 
 os.environ["RAYON_NUM_THREADS"] = "1"
 
-from common import ROOT, SPINNEY, WORK, record, row, start, table  # noqa: E402
+from common import ROOT, SPINNEY, WORK, private_memory, record, row, start, table  # noqa: E402
 from exact import MESH, PYTHON, READ, TORUS, install, python  # noqa: E402
 
 CONSTRUCTIONS = 40
@@ -155,16 +155,12 @@ def own_memory(command):
     before, most = os.times(), 0
     process = subprocess.Popen([str(word) for word in command])
     while process.poll() is None:
-        try:
-            status = Path(f"/proc/{process.pid}/status").read_text()
-            most = max(most, next((int(line.split()[1]) for line in status.splitlines() if line.startswith("RssAnon")), 0))
-        except OSError:
-            pass
+        most = max(most, private_memory(process.pid))
         time.sleep(0.02)
     if process.returncode:
         sys.exit(f"failed: {command}")
     after = os.times()
-    return after.children_user + after.children_system - before.children_user - before.children_system, most / 1024
+    return after.children_user + after.children_system - before.children_user - before.children_system, most
 
 
 def torus(sizes):

@@ -28,7 +28,7 @@ import time
 import urllib.request
 from pathlib import Path
 
-from common import RELIEF, SHORELINE, SPINNEY, WORK, record, row, start, table, tree, verdict
+from common import RELIEF, SHORELINE, SPINNEY, WORK, private_memory, record, row, start, table, tree, verdict
 
 SECONDS = float(os.environ.get("SECONDS", 5))
 REQUESTS = int(os.environ.get("REQUESTS", 10_000))
@@ -158,12 +158,6 @@ def wait_for(port):
     sys.exit("the server does not listen")
 
 
-def private(pid):
-    """Returns MiB of a process's private memory."""
-    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("RssAnon")) / 1024
-
-
 def processor(pid):
     """Returns the processor seconds that a process has taken."""
     words = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
@@ -258,7 +252,7 @@ def main():
     for number in range(REQUESTS):
         send(client, mixed(generator))
         if (number + 1) % (REQUESTS // 10) == 0:
-            memory.append(private(server.pid))
+            memory.append(private_memory(server.pid))
     took = time.perf_counter() - began
     rows.append([f"{REQUESTS:,} mixed requests, one connection", f"{REQUESTS / took:,.0f} /s", "", ""])
     flat = max(memory[4:]) / memory[4]
