@@ -88,6 +88,8 @@ mod owners;
 mod refined;
 mod table;
 #[cfg(test)]
+mod table_tests;
+#[cfg(test)]
 mod tests;
 mod values;
 mod winding;
