@@ -43,7 +43,7 @@ fn some_objects_are_drawn() {
     for (options, what) in [
         (&["--where", "id=middle"][..], "no object satisfies the conditions"),
         (&["--where", "id=left", "--level", "0"], "none for some parts"),
-        (&["--where", "id=left", "--drawing", "octants"], "none chosen, for blocks"),
+        (&["--where", "id=left", "--drawing", "octants"], "expected all, for blocks of an octree"),
     ] {
         let refused = complaint(&[&["render", &both, &out], options].concat(), 1);
         assert!(refused.contains(what), "{refused}");

@@ -46,7 +46,10 @@ pub fn render_exact(
         Ok(match &coarse {
             Some((surface, _)) => Box::new(surface),
             None => {
-                let rays = request.parts.as_ref().map_or(model.rays(), |parts| model.rays_of_parts(parts));
+                let rays = match &request.parts {
+                    Some(parts) => model.rays_of_parts(parts),
+                    None => model.rays(),
+                };
                 Box::new(Body { model, corners, rays, clay })
             }
         })
@@ -66,7 +69,7 @@ pub(super) fn view_of(
         let corners = model.bounds()?.map(DVec3::from);
         return Ok((corners, request.camera(&Solid { model, corners })?));
     };
-    let none = || Error::invalid("parts", "parts without faces", "at least one with faces");
+    let none = || Error::invalid("parts to draw", "parts without faces", "at least one with faces");
     let corners = model.bounds_of_parts(parts, progress)?.ok_or_else(none)?.map(DVec3::from);
     Ok((corners, request.camera(&PartsBox(corners))?))
 }

@@ -87,7 +87,7 @@ impl RenderRequest {
     /// Refuses a choice of parts, where only `all` can be drawn.
     fn refuse_parts(&self, all: &str) -> Result<()> {
         match self.parts {
-            Some(_) => Err(Error::invalid("parts", "some of them", format!("none chosen, for {all}"))),
+            Some(_) => Err(Error::invalid("parts to draw", "some", format!("all, for {all}"))),
             None => Ok(()),
         }
     }

@@ -165,7 +165,7 @@ fn undirected([from, to]: Edge) -> (Edge, i32) {
 }
 
 /// Returns faces that close a ring: itself if it is straight and thin, triangles if it is bent and
-/// thin, otherwise none.
+/// thin, otherwise none. (Most rings are straight: an edge and the vertices on it, of any number.)
 fn thin_faces(ring: Vec<[i32; 3]>, width: u8) -> Vec<Vec<[i32; 3]>> {
     if is_thin(&ring, width) {
         return vec![ring];
@@ -175,6 +175,11 @@ fn thin_faces(ring: Vec<[i32; 3]>, width: u8) -> Vec<Vec<[i32; 3]>> {
 
 /// Returns triangles that close a ring, if their area is at most that of a strip of this width,
 /// half as long as the ring. Cuts off the corner with the smallest area until none is left.
+///
+/// Invariant: the edges that are cut off cancel, so the triangles have the ring's edges, whatever
+/// its shape. Rounding opens a ring where it moves the vertices of two neighbours differently: as
+/// wide as it moves them, along their common edges, which turn. A wider ring is a hole of the
+/// surface. It stays open, so that the surface is refused: a face over it would be a guess.
 fn bent_faces(mut ring: Vec<[i32; 3]>, width: u8) -> Option<Vec<Vec<[i32; 3]>>> {
     /// Maximum number of vertices; the time is quadratic.
     const MOST: usize = 1 << 8;
